@@ -24,8 +24,8 @@ import numpy as np
 import tactemu as tt
 from benchmarks import ridges
 from tactemu.base.errors import TactemuError
+from tactemu.fit.estimates import least_squares
 from tactemu.fit.sets import eflesh
-from tactemu.fit.solver import least_squares
 from tactemu.transducers.laws import conditioning
 
 SIDE, PITCH, FACE, DEEPEST = 16, 1.5e-3, 0.02, 0.012

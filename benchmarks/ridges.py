@@ -22,9 +22,9 @@ from typing import Any
 import numpy as np
 
 import tactemu as tt
+from tactemu.fit.estimates import least_squares
 from tactemu.fit.sets import cpm_finger
 from tactemu.fit.sets.cpm_finger import Slide
-from tactemu.fit.solver import least_squares
 
 POINTS, PITCH, BLOCK = (8, 16), 1.5e-3, (4, 2)
 BARS, DEPTH, STEPS = 5, 1e-3, 320

@@ -1,1 +1,1 @@
-"""From recordings of a real sensor to the parameters of its laws, and how well those predict. Needs scipy."""
+"""Fits of a sensor's laws to recordings of a real one, and tests of their predictions. Needs scipy."""

@@ -1,36 +1,37 @@
-"""Numbers with their 95 % intervals, and what a recording cannot tell."""
+"""Estimates with 95 % intervals, and the least squares that find them."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
-from tactemu.fit.solver import least_squares
+from tactemu.base.errors import TactemuError
 
-SURE = 1.96
-"""Standard errors of a 95 % interval."""
+Z_95 = 1.96
+"""Half width of a 95 % interval in standard errors."""
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """One parameter."""
+    """An estimated parameter."""
 
     name: str
     value: float
     error: float
-    """Standard error; 0: exact."""
+    """The standard error; 0 for an exact value."""
     unit: str = ""
     about: str = ""
 
     @property
     def interval(self) -> tuple[float, float]:
-        """Of 95 %."""
-        return self.value - SURE * self.error, self.value + SURE * self.error
+        """The limits of the 95 % interval."""
+        return self.value - Z_95 * self.error, self.value + Z_95 * self.error
 
-    def holds(self, value: float) -> bool:
-        """Is a value inside the interval?"""
+    def contains(self, value: float) -> bool:
+        """Return True if a value lies inside the 95 % interval."""
         low, high = self.interval
         return low <= value <= high
 
@@ -42,31 +43,45 @@ class Estimate:
 
 @dataclass
 class Findings:
-    """All that was found of one recording."""
+    """The estimates and notes of one recording."""
 
     estimates: dict[str, Estimate] = field(default_factory=dict)
     unknown: list[str] = field(default_factory=list)
-    """What cannot be told, and what to record to tell it."""
+    """The parameters that the recording does not determine, each with what to record to determine it."""
     notes: list[str] = field(default_factory=list)
+    """Irregularities of the recording, and what was done about them."""
 
     def add(self, name: str, value: float, error: float, unit: str = "", about: str = "") -> None:
-        """Add an estimate; one that is not finite cannot be told."""
+        """Add an estimate; one that is not finite is listed as unknown."""
         if np.isfinite([value, error]).all():
             self.estimates[name] = Estimate(name, float(value), float(error), unit, about)
         else:
             self.unknown.append(f"{name}: the recording does not determine it")
 
     def value(self, name: str, otherwise: float = 0.0) -> float:
-        """Return a parameter's value."""
+        """Return a parameter's value, or ``otherwise`` if it was not estimated."""
         return self.estimates[name].value if name in self.estimates else otherwise
 
-    def told(self, name: str) -> bool:
-        """Is a parameter known to differ from 0?"""
-        return name in self.estimates and not self.estimates[name].holds(0.0)
+    def is_nonzero(self, name: str) -> bool:
+        """Return True if a parameter was estimated and differs from 0 with 95 % confidence."""
+        return name in self.estimates and not self.estimates[name].contains(0.0)
+
+
+def least_squares(residuals: Any, begin: Any, **options: Any) -> Any:
+    """Call ``scipy.optimize.least_squares``; scipy is imported here, when something is fitted.
+
+    Raises:
+        TactemuError: scipy is not installed.
+    """
+    try:
+        from scipy import optimize
+    except ImportError:
+        raise TactemuError("fitting needs scipy: pip install 'tactemu[fit]'") from None
+    return optimize.least_squares(residuals, np.asarray(begin, float), **options)
 
 
 def inflation(residuals: np.ndarray) -> float:
-    """How many times larger standard errors are because residuals follow one another, from their correlations."""
+    """Return the factor on standard errors that accounts for correlated residuals."""
     x = residuals - residuals.mean()
     power = float(x @ x)
     if not power or len(x) < 50:
@@ -80,9 +95,9 @@ def inflation(residuals: np.ndarray) -> float:
 
 
 def linear(bases: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Least squares of ``y`` (n,) on ``bases`` (n, k): coefficients, their covariance, residuals.
+    """Fit ``y`` (n,) by ``bases`` (n, k), and return coefficients, their covariance, and the residuals.
 
-    Outliers beyond six standard deviations are left out; errors are larger where residuals follow one another.
+    Outliers beyond six standard deviations are left out; correlated residuals enlarge the covariance.
     """
     keep = np.ones(len(y), bool)
     found, apart = np.zeros(bases.shape[1]), y
@@ -91,14 +106,15 @@ def linear(bases: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np
         apart = y - bases @ found
         spread = 1.4826 * np.median(np.abs(apart[keep] - np.median(apart[keep]))) or apart[keep].std()
         near = np.abs(apart) <= 6.0 * spread
-        keep = near if near.sum() > 0.5 * len(y) else np.ones(len(y), bool)  # else what is usual is no noise
+        # if most rows are far, the spread is no measure of noise: keep all
+        keep = near if near.sum() > 0.5 * len(y) else np.ones(len(y), bool)
     inside = apart[keep]
     variance = inside @ inside / max(1, len(inside) - bases.shape[1]) * inflation(inside) ** 2
     return found, variance * np.linalg.pinv(bases[keep].T @ bases[keep]), apart
 
 
 def ratio(a: float, b: float, covariance: np.ndarray) -> tuple[float, float]:
-    """``a/b`` and its standard error, from the covariance of the two."""
+    """Return ``a/b`` and its standard error, from the covariance of the two."""
     value = a / b
     gradient = np.array([1.0 / b, -value / b])
     return value, float(np.sqrt(max(0.0, gradient @ covariance @ gradient)))
@@ -109,7 +125,7 @@ def nonlinear(
     begin: Sequence[float] | np.ndarray,
     bounds: tuple[Sequence, Sequence],
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return parameters that make residuals small, and their standard errors."""
+    """Return the parameters with the least squares of the residuals, and their standard errors."""
     found = least_squares(residuals, begin, bounds=bounds, x_scale="jac")
     apart = found.fun
     variance = apart @ apart / max(1, len(apart) - len(found.x)) * inflation(apart) ** 2

@@ -16,14 +16,14 @@ from tactemu.fit.places import find_places
 from tactemu.fit.press import PRESSED, bases_of, drive_of, find_presses, presses_of
 from tactemu.fit.recording import Recorded
 from tactemu.fit.report import Score, page
-from tactemu.fit.rest import find_rest, resting
+from tactemu.fit.untouched import find_untouched, untouched_rows
 
 
 def find(recorded: Recorded, device: Device | None = None) -> Findings:
-    """Return all that one recording tells; of the places of taxels and magnets, if it is known which device it is of.
+    """Return the findings of one recording; with a device, the places of its taxels and magnets are estimated, too.
 
     Raises:
-        TactemuError: nothing can be told of it.
+        TactemuError: the recording cannot be used.
     """
     found = Findings(notes=list(recorded.notes))
     check_units(recorded)
@@ -32,19 +32,19 @@ def find(recorded: Recorded, device: Device | None = None) -> Findings:
         find_places(recorded, device, found)
         find_magnets(recorded, device, found)
     own = np.isfinite(gains)
-    if own.any():  # what does not follow the load is not judged at rest either
+    if own.any():  # channels that do not follow the load are left out of the noise, too
         recorded = replace(
             recorded, readings=recorded.readings[:, own], names=tuple(np.array(recorded.names)[own].tolist())
         )
-    find_rest(recorded, resting(recorded), found)
+    find_untouched(recorded, untouched_rows(recorded), found)
     return found
 
 
 def check_units(recorded: Recorded) -> None:
-    """Refuse numbers that no sensor gives: mistakes of units, in a sentence.
+    """Check that the numbers are possible in their units.
 
     Raises:
-        TactemuError: it is one.
+        TactemuError: the unit of a column must be wrong.
     """
     limits = {
         "field": (1e-9, 0.5, "--unit field=uT"),
@@ -75,8 +75,10 @@ def check_units(recorded: Recorded) -> None:
 def fit(
     recordings: Sequence[Recorded], progress: Callable | None = None, device: Device | None = None
 ) -> tuple[Findings, list[Score]]:
-    """What recordings of one sensor tell together, and how well each is predicted by the others (or, of one, its last
-    third by what is before)."""
+    """Return the combined findings of recordings of one sensor, and the scores of predicting each by another.
+
+    Of a single recording the first two thirds predict the last one.
+    """
     progress = progress or (lambda items, _title, _total: items)
     each = [find(one, device) for one in progress(recordings, "fit", len(recordings))]
     together = each[0] if len(each) == 1 else combined(each)
@@ -84,8 +86,8 @@ def fit(
 
 
 def combined(each: Sequence[Findings]) -> Findings:
-    """Weighted means; intervals are as wide as the recordings differ."""
-    whole = Findings()
+    """Combine findings into weighted means; intervals are at least as wide as the recordings differ."""
+    merged = Findings()
     for name in dict.fromkeys(name for one in each for name in one.estimates):
         own = [one.estimates[name] for one in each if name in one.estimates]
         values, errors = np.array([e.value for e in own]), np.array([e.error for e in own])
@@ -93,15 +95,16 @@ def combined(each: Sequence[Findings]) -> Findings:
         mean = float(values @ weights / weights.sum())
         own_error = 0.0 if (errors == 0).any() else float(weights.sum() ** -0.5)
         apart = float(values.std(ddof=1) / np.sqrt(len(own))) if len(own) > 1 else 0.0
-        whole.add(name, mean, max(own_error, apart), own[0].unit, own[0].about)
-    whole.unknown = list(dict.fromkeys(text for one in each for text in one.unknown))
-    whole.unknown = [text for text in whole.unknown if text.split(":")[0] not in whole.estimates]
-    whole.notes = list(dict.fromkeys(text for one in each for text in one.notes))
-    return whole
+        merged.add(name, mean, max(own_error, apart), own[0].unit, own[0].about)
+    merged.unknown = list(dict.fromkeys(text for one in each for text in one.unknown))
+    merged.unknown = [text for text in merged.unknown if text.split(":")[0] not in merged.estimates]
+    merged.notes = list(dict.fromkeys(text for one in each for text in one.notes))
+    return merged
 
 
 def scores(recordings: Sequence[Recorded]) -> list[Score]:
-    """Return each recording of presses predicted by another; of one alone its last third by the rest."""
+    """Return the score of each recording of presses predicted by another; of a single one, of its last third by the
+    other two."""
     timed = [one for one in recordings if one.load is not None and one.t is not None]
     if len(timed) > 1:
         return [score for k, one in enumerate(timed) if (score := _score(timed[k - 1], one, one.path.name))]
@@ -131,7 +134,7 @@ def _score(known: Recorded, other: Recorded, name: str, *, before: bool = False)
     signal, measured = (one.readings @ gains / (gains @ gains) for one in (known, other))
     (drive, degree), (of_other, _) = drive_of(known, load), drive_of(other, held)
     presses, following = presses_of(drive, known.t), presses_of(of_other, other.t)
-    if before:  # they go on from those that were fitted
+    if before:  # the presses follow those that were fitted
         following = replace(following, count=following.count + presses.count[-1])
     fitted = bases_of(following, degree) @ linear(bases_of(presses, degree), signal)[0]
     line = linear(np.column_stack([np.ones(len(drive)), drive]), signal)[0]
@@ -161,17 +164,17 @@ def run_fit(
     """Fit recordings of one sensor, write a scene file, and a report.
 
     Raises:
-        TactemuError: a recording cannot be used, or a file not be written.
+        TactemuError: a recording cannot be used, or a file cannot be written.
     """
     from tactemu.fit.recording import read
-    from tactemu.fit.writing import scene_text, seeing
+    from tactemu.fit.writing import device_for, scene_text
     from tactemu.scene.file import device_class, parse
 
     kind = device_class(device)
     read_ones = [read(path, columns, units, rate_hz) for path in recordings]
-    found, scored = fit(read_ones, progress, seeing(kind, read_ones[0]))
+    found, scored = fit(read_ones, progress, device_for(kind, read_ones[0]))
     text = scene_text(device, kind, read_ones, found)
-    parse(text, source=str(out))  # it loads
+    parse(text, source=str(out))  # checks that the scene file is valid
     try:
         out.write_text(text, encoding="utf-8")
         if report is not None:
@@ -180,7 +183,7 @@ def run_fit(
         raise TactemuError(f"{error.filename}: cannot be written: {error.strerror}") from None
     for estimate in found.estimates.values():
         say(f"  {estimate}")
-    for title, lines in (("noticed", found.notes), ("not told", found.unknown)):
+    for title, lines in (("noticed", found.notes), ("not determined", found.unknown)):
         for line in lines:
             say(f"  {title}: {line}")
     for score in scored:

@@ -1,8 +1,8 @@
-"""What presses at known places tell: where each taxel is, which is whose, and how the skin was turned.
+"""Estimates from presses at known places: the position of each taxel, their order, and how the skin was turned.
 
-A taxel at ``c`` reads of a load ``F`` at ``p``: ``a F exp(−|p − c|²/2w²)``, with a width of its own. The places found
-are laid over the device's own, in every order, turned and moved: of those that fit alike the one with the device's own
-order is told, and of these the least turn.
+A taxel at ``c`` with its own width ``w`` reads ``a F exp(−|p − c|²/2w²)`` of a load ``F`` at ``p``. The places found
+are matched with the device's own in every order, turned and moved: among equal fits the device's own order comes first,
+then the smallest turn.
 """
 
 from __future__ import annotations
@@ -10,26 +10,30 @@ from __future__ import annotations
 import numpy as np
 
 from firmware_protocols import Device
-from tactemu.fit.estimates import SURE, Findings, nonlinear
+from tactemu.fit.estimates import Z_95, Findings, nonlinear
 from tactemu.fit.recording import Recorded
 
-LEAST_PLACES = 3
-ROWS = 1200
+MIN_PLACES = 3
+"""Minimum number of taxels whose places must be found."""
+MAX_ROWS = 1200
+"""Maximum number of rows in the fit of a taxel's place."""
 TURNS = np.radians(np.arange(0.0, 360.0, 5.0))
-MOST_TAXELS = 300
+"""The turns from which matching begins [rad]."""
+MAX_TAXELS = 300
+"""Maximum number of taxels; of more, places are not estimated."""
 
 
 def find_places(recorded: Recorded, device: Device, found: Findings) -> None:
-    """Places of taxels against the device's: order and turn."""
+    """Add order and turn of the taxels, by the places of the recording and of the device."""
     if "x" not in recorded.truth or "y" not in recorded.truth:
         found.unknown.append(
-            "order and turn of the taxels: record where the probe is (`x`, `y`) in presses all over it"
+            "order and turn of the taxels: record the probe's position (`x`, `y`) in presses all over the skin"
         )
         return
     load = recorded.load if recorded.load is not None else recorded.truth.get("depth")
     layout = device.layout
     n, axes = len(layout), 3 if recorded.kind == "field" else 1
-    if load is None or not 2 < n <= MOST_TAXELS or recorded.readings.shape[1] != axes * n or np.ptp(load) == 0:
+    if load is None or not 2 < n <= MAX_TAXELS or recorded.readings.shape[1] != axes * n or np.ptp(load) == 0:
         found.unknown.append(f"order and turn of the taxels: they need a load, and {axes * n} columns of {n} taxels")
         return
     across = layout.positions - layout.positions.mean(axis=0)
@@ -41,7 +45,7 @@ def find_places(recorded: Recorded, device: Device, found: Findings) -> None:
     own = np.column_stack([across @ x_axis, across @ np.cross(w if w[2] >= 0 else -w, x_axis)])
     centres, errors = _centres(recorded, load, n, axes)
     seen = np.isfinite(centres).all(axis=1) & (errors < 0.5 * _pitch(own))
-    if seen.sum() < max(LEAST_PLACES, 0.8 * n):
+    if seen.sum() < max(MIN_PLACES, 0.8 * n):
         found.unknown.append(
             f"order and turn of taxels: {int(seen.sum())} of {n} were pressed well; press beside each from all sides"
         )
@@ -55,12 +59,12 @@ def _pitch(own: np.ndarray) -> float:
 
 
 def _centres(recorded: Recorded, load: np.ndarray, n: int, axes: int) -> tuple[np.ndarray, np.ndarray]:
-    """Where each taxel reads most [m], ``(n, 2)``, and how sure that is; NaN where nothing tells."""
+    """Return the place where each taxel reads most [m], ``(n, 2)``, and its standard error; NaN if undetermined."""
     free = load <= load.min() + 0.02 * np.ptp(load)
     rest = np.median(recorded.readings[free], axis=0) if free.any() else recorded.readings.min(axis=0)
     signal = np.linalg.norm((recorded.readings - rest).reshape(len(load), n, axes), axis=-1)
     pressed = np.flatnonzero(load > 0.3 * load.max())
-    rows = pressed[np.unique(np.linspace(0, len(pressed) - 1, ROWS).astype(int))]
+    rows = pressed[np.unique(np.linspace(0, len(pressed) - 1, MAX_ROWS).astype(int))]
     places = np.column_stack([recorded.truth["x"], recorded.truth["y"]])[rows]
     drive, width = load[rows] / load.max(), 0.25 * float(np.ptp(places, axis=0).max())
     centres, errors = np.full((n, 2), np.nan), np.full(n, np.inf)
@@ -84,7 +88,7 @@ def _centres(recorded: Recorded, load: np.ndarray, n: int, axes: int) -> tuple[n
 
 
 def _lay(centres: np.ndarray, errors: np.ndarray, seen: np.ndarray, own: np.ndarray, found: Findings) -> None:
-    """Lay the places found over the device's: note the order, and the turn."""
+    """Match the places found with the device's, and add order and turn."""
     from scipy.optimize import linear_sum_assignment
 
     here, sure = centres[seen], errors[seen]
@@ -115,11 +119,11 @@ def _lay(centres: np.ndarray, errors: np.ndarray, seen: np.ndarray, own: np.ndar
     found.add("turn", np.degrees(angle), np.degrees(error), "deg", "of the device's frame against the probe's x and y")
     found.add("places", rms, 0.0, "m", "rms distance of the taxels found from the device's")
     swapped = [f"{i} is the device's {j}" for i, j in zip(index.tolist(), to.tolist()) if i != j]
-    said = f"not as the device's: {', '.join(swapped[:12])}" + (" ..." if len(swapped) > 12 else "")
-    found.notes.append(f"order of the taxels: {said if swapped else 'as of the device'}")
+    order = f"not as the device's: {', '.join(swapped[:12])}" + (" ..." if len(swapped) > 12 else "")
+    found.notes.append(f"order of the taxels: {order if swapped else 'as of the device'}")
     if mirrored:
         found.notes.append("the taxels lie mirrored: is an axis of the probe's places turned round?")
-    if abs(np.degrees(angle)) > SURE * np.degrees(error) + 2.0:
+    if abs(np.degrees(angle)) > Z_95 * np.degrees(error) + 2.0:
         found.notes.append(f"the skin was turned by {np.degrees(angle):.0f} degrees")
 
 
@@ -128,7 +132,7 @@ def _turned(angle: float) -> np.ndarray:
 
 
 def _rigid(face: np.ndarray, here: np.ndarray) -> tuple[float, np.ndarray]:
-    """Turn and shift that lay ``face`` over ``here``."""
+    """Return the turn and the shift that move ``face`` onto ``here``."""
     a, b = face - face.mean(axis=0), here - here.mean(axis=0)
     angle = float(np.arctan2((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum(), (a * b).sum()))
     return angle, here.mean(axis=0) - face.mean(axis=0) @ _turned(angle).T

@@ -1,4 +1,4 @@
-"""What presses of known force tell: gains, curve, loop, creep, wear, lag; and columns that are not the sensor's."""
+"""Estimates from presses of known force: gains, curve, loop, creep, wear, lag; and columns that do not follow it."""
 
 from __future__ import annotations
 
@@ -10,25 +10,27 @@ from tactemu.fit.estimates import Findings, linear, nonlinear, ratio
 from tactemu.fit.recording import Recorded
 from tactemu.transducers.laws import LogMemory
 
-LEAST_PRESSES = 3
-MOST_GAPS = 12
+MIN_PRESSES = 3
+"""Minimum number of presses for estimates."""
+MAX_GAPS = 12
+"""Maximum number of gaps, the longest, after which the material's memory is fitted anew."""
 PRESSED = 0.05
-"""As in :mod:`tactemu.transducers.material`."""
+"""Share of the highest load above which a press begins, as in :mod:`tactemu.transducers.material`."""
 
 
 @dataclass(frozen=True)
 class Presses:
-    """What the load did."""
+    """The presses of a load (or of another drive) over time."""
 
     load: np.ndarray
     count: np.ndarray
-    """Presses that have ended, at each row."""
+    """The number of presses that have ended, at each row."""
     last: np.ndarray
-    """Peak of the last that has ended [N]."""
+    """The peak of the last press that has ended [N]."""
     loop: np.ndarray
-    """``P 4 s (1 − s)`` while it unloads, else 0 [N]."""
+    """``P 4 s (1 − s)`` while the load falls, else 0 [N]."""
     holds: list[tuple[int, int]]
-    """First and last row of each time for which the load stayed."""
+    """The first row and the row after the last of each time of constant load."""
 
 
 def presses_of(load: np.ndarray, t: np.ndarray) -> Presses:
@@ -67,7 +69,7 @@ def _holds(load: np.ndarray, t: np.ndarray, edges: np.ndarray) -> list[tuple[int
 
 
 def find_presses(recorded: Recorded, found: Findings) -> np.ndarray:
-    """Everything that a known load tells; returns the gain of each channel, NaN where it is not the sensor's."""
+    """Add all estimates from a known load, and return the gain of each channel; NaN if it does not follow the load."""
     none = np.full(recorded.readings.shape[1], np.nan)
     load = recorded.load
     if load is None:
@@ -80,8 +82,10 @@ def find_presses(recorded: Recorded, found: Findings) -> np.ndarray:
     t = recorded.t if recorded.t is not None else np.arange(len(load), dtype=float)
     presses = presses_of(load, t)
     n_presses = int(presses.count[-1]) + int(load[-1] > PRESSED * load.max())
-    if n_presses < LEAST_PRESSES or np.ptp(load) == 0:
-        found.unknown.append(f"gains and laws: {n_presses} presses, {LEAST_PRESSES} are needed; ten tell wear as well")
+    if n_presses < MIN_PRESSES or np.ptp(load) == 0:
+        found.unknown.append(
+            f"gains and laws: {n_presses} presses, {MIN_PRESSES} are needed; ten determine wear as well"
+        )
         return none
     gains = find_gains(recorded, presses, found)
     own = np.isfinite(gains)
@@ -103,8 +107,8 @@ def find_presses(recorded: Recorded, found: Findings) -> np.ndarray:
 
 
 def drive_of(recorded: Recorded, load: np.ndarray) -> tuple[np.ndarray, int]:
-    """What a reading is a function of, and the degree of that function: the depth of a probe where it is known, which a
-    robot says without delay, else the force."""
+    """Return the drive of a reading and the degree of its polynomial: the depth of a probe if known, because a robot
+    reports it without delay, else the force."""
     place = recorded.truth.get("depth", recorded.truth.get("z"))
     if place is None or np.ptp(place) == 0:
         return load, 1
@@ -113,14 +117,14 @@ def drive_of(recorded: Recorded, load: np.ndarray) -> tuple[np.ndarray, int]:
 
 
 def bases_of(presses: Presses, degree: int) -> np.ndarray:
-    """Of a reading without creep: a constant, powers of the drive, loop, wear, what is left behind."""
+    """Return the bases of a reading without creep: a constant, powers of the drive, loop, wear, remaining baseline."""
     worked = np.log1p(presses.count)
     powers = [presses.load**k for k in range(degree + 1)]
     return np.column_stack([*powers, presses.loop, -presses.load * worked, presses.last * worked])
 
 
 def find_gains(recorded: Recorded, presses: Presses, found: Findings) -> np.ndarray:
-    """Return gain of each channel per newton; those that do not follow the load as most do are not the sensor's."""
+    """Return the gain of each channel per newton; NaN for channels that do not follow the load."""
     load = presses.load
     bases = np.column_stack([np.ones(len(load)), load])
     x = recorded.readings
@@ -143,28 +147,27 @@ def find_gains(recorded: Recorded, presses: Presses, found: Findings) -> np.ndar
 def find_material(
     signal: np.ndarray, presses: Presses, t: np.ndarray, found: Findings, *, degree: int, timed: bool
 ) -> None:
-    """Loop, wear and what is left behind, and creep where load was held: one linear fit of their bases.
+    """Add loop, wear, remaining baseline, and creep if load was held, from one linear fit of their bases.
 
-    They are shares of the reading at the highest drive, as far as that is a power of the drive: of a force
-    that is the load.
+    They are shares of the polynomial part of the reading at the highest drive; if the drive is the force, of the load.
     """
     load = presses.load
-    whole = bases_of(presses, degree)
+    all_bases = bases_of(presses, degree)
     names, kept = [], list(range(degree + 1))
     if np.abs(presses.loop).max() > 0.2 * load.max() and (presses.loop > 0).mean() > 0.05:
         names.append("loop")
         kept.append(degree + 1)
-    if presses.count[-1] >= LEAST_PRESSES:
+    if presses.count[-1] >= MIN_PRESSES:
         names += ["softening", "baseline"]
         kept += [degree + 2, degree + 3]
-    bases = [*whole[:, kept].T]
+    bases = [*all_bases[:, kept].T]
     if timed and presses.holds:
         names.append("creep per decade")
         bases += [_creep_basis(load, t), *_after_gaps(t)]
     law, covariance, _ = linear(np.column_stack(bases), signal)
     top = np.zeros(len(law))
     top[1 : degree + 1] = load.max() ** np.arange(degree)  # the reading at the highest drive, per drive
-    for k, name in enumerate(names, degree + 1):  # bases behind the last name are of no interest
+    for k, name in enumerate(names, degree + 1):  # bases after the last name have no parameter
         both = np.stack([np.eye(len(law))[k], top])
         pair = both @ covariance @ both.T
         value, error = ratio(law[k], float(top @ law), pair)
@@ -176,27 +179,27 @@ def find_material(
 
 
 def _after_gaps(t: np.ndarray) -> list[np.ndarray]:
-    """What was felt in a gap is unknown, and so is what the memory holds after it: a decay for each of its terms."""
+    """Return a decay for each term of the memory after each long gap, because its state there is unknown."""
     steps = np.diff(t)
     usual = np.median(steps)
     gaps = np.flatnonzero(steps > 3 * usual)
     taus = [tau for tau in LogMemory.over(0.1, 1000.0).taus if tau > 3 * usual]
-    longest = gaps[np.argsort(steps[gaps])[::-1][:MOST_GAPS]]
+    longest = gaps[np.argsort(steps[gaps])[::-1][:MAX_GAPS]]
     after = [np.where(t >= t[gap + 1], t - t[gap + 1], np.inf) for gap in longest]
     return [np.exp(-since / tau) for since in after for tau in taus]
 
 
 def _creep_basis(load: np.ndarray, t: np.ndarray) -> np.ndarray:
-    """What the material's memory makes of the load, per unit of creep: its exponentials, exact for held loads."""
+    """Return the response of the material's memory to the load, per unit of creep; exact for constant loads."""
     memory = LogMemory.over(0.1, 1000.0)
     total = np.zeros(len(load))
     steps = np.diff(t, prepend=t[0])
     gap = steps > 3 * np.median(steps)
-    felt = np.where(gap, 0.5 * (load + np.roll(load, 1)), load).tolist()  # in a gap: half way
+    drive = np.where(gap, 0.5 * (load + np.roll(load, 1)), load).tolist()  # the mean over a gap
     for tau, weight in zip(memory.taus, memory.weights):
         kept = np.exp(-steps / tau)
         z, out = 0.0, np.empty(len(load))
-        for row, (v, k) in enumerate(zip(felt, kept.tolist())):
+        for row, (v, k) in enumerate(zip(drive, kept.tolist())):
             z = v + (z - v) * k
             out[row] = z
         total += weight * out
@@ -204,7 +207,7 @@ def _creep_basis(load: np.ndarray, t: np.ndarray) -> np.ndarray:
 
 
 def find_resistance(recorded: Recorded, load: np.ndarray, own: np.ndarray, found: Findings) -> None:
-    """``R = R1 F^-n``, by logarithms, of the channel that falls most."""
+    """Fit ``R = R1 F^-n`` by logarithms to the channel that falls most."""
     x = recorded.readings[:, own]
     k = int(np.argmin(np.median(x[load > 0.5 * load.max()], axis=0)))
     pressed = (load > PRESSED * load.max()) & (x[:, k] > 0)
@@ -216,7 +219,7 @@ def find_resistance(recorded: Recorded, load: np.ndarray, own: np.ndarray, found
 
 
 def find_capacitance(recorded: Recorded, load: np.ndarray, own: np.ndarray, found: Findings) -> None:
-    """``C = C0 + k max(0, F − F0)``: growth per newton and the dead band, of all channels that follow."""
+    """Fit ``C = C0 + k max(0, F − F0)``, growth per newton and the dead band, to all channels that follow the load."""
     y = recorded.readings[:, own].mean(axis=1)
     scale = y.std()
     begin = [0.05 * load.max(), np.min(y) / scale, np.ptp(y) / scale / load.max()]
@@ -231,7 +234,7 @@ def find_capacitance(recorded: Recorded, load: np.ndarray, own: np.ndarray, foun
 
 
 def find_lag(recorded: Recorded, load: np.ndarray, t: np.ndarray, own: np.ndarray, found: Findings) -> None:
-    """``dy/dt = (k F − y)/τ``: the medium's lag, of the mean of all channels that follow."""
+    """Fit ``dy/dt = (k F − y)/τ``, the medium's lag, to the mean of all channels that follow the load."""
     if recorded.t is None:
         found.unknown.append("lag of the medium: it needs times; give --rate")
         return
@@ -250,7 +253,7 @@ def find_lag(recorded: Recorded, load: np.ndarray, t: np.ndarray, own: np.ndarra
 
     ends = ([np.log(0.1 * step), -np.inf, -np.inf], [np.log(t[-1]), np.inf, np.inf])
     law, errors = nonlinear(apart, [np.log(5 * step), y[0] / scale, np.ptp(y) / scale / load.max()], ends)
-    for gap in np.flatnonzero(np.diff(t) > 3 * step):  # what was felt in a gap is unknown, and remembered for a while
+    for gap in np.flatnonzero(np.diff(t) > 3 * step):  # the load in a gap is unknown, and affects the readings after it
         use &= (even < t[gap]) | (even > t[gap + 1] + 6 * np.exp(law[0]))
     law, errors = nonlinear(apart, law, ends)
     tau = float(np.exp(law[0]))

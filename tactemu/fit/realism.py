@@ -1,10 +1,10 @@
-"""How well the laws of real sensors predict recordings that they were not fitted on: docs/realism.md.
+"""The errors with which the laws of real sensors predict recordings that were not fitted: docs/realism.md.
 
     tactemu bench realism DATA --page docs/realism.md --parameters tactemu/fit/parameters.json
     tactemu bench realism --held OTHER
 
-The first fits each set's laws and leaves recordings out in turn (:mod:`tactemu.fit.sets`); the second predicts other
-recordings of the same sensors with the parameters that ship with the package.
+The first command fits each set's laws and leaves recordings out in turn (:mod:`tactemu.fit.sets`); the second predicts
+other recordings of the same sensors with the parameters of the package.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from tactemu.fit import sets
 from tactemu.fit.sets.aims import Aim, Recordings
 
 PARAMETERS = Path(__file__).with_name("parameters.json")
-"""Fitted on all the given recordings."""
+"""The parameters of the package, fitted on all recordings."""
 
 
 @dataclass(frozen=True)
@@ -34,24 +34,28 @@ class Line:
     most: float
     unit: str
     error: float
-    """By the aim's own sum over all predictions."""
+    """The error of all predictions, summed as the aim states."""
     by: str
     worst: float
     count: int
-    """Predictions."""
+    """The number of predictions."""
 
     @property
     def reached(self) -> bool:
-        """Is the aim reached?"""
+        """True if the error is within the aim."""
         return self.error <= self.most
 
 
 def left_out(name: str, folder: Path) -> tuple[list[Line], dict[str, Any]]:
-    """Return lines of a set, every prediction of something left out, and parameters fitted on all of it."""
-    module = sets.load(name)
+    """Return the lines of a set, whose predictions are all of left-out recordings, and parameters fitted on all of it.
+
+    Raises:
+        TactemuError: the folder has no recordings of the set.
+    """
+    module = sets.set_module(name)
     recordings = module.read(folder)
     if not recordings:
-        raise TactemuError(f"{folder}: no recordings such as {module.__name__} reads")
+        raise TactemuError(f"{folder}: no recordings of this set; {module.__name__} describes its files")
     found: dict[str, list[np.ndarray]] = {}
     for given, out in module.folds(recordings):
         known = {each: recordings[each] for each in given}
@@ -61,8 +65,8 @@ def left_out(name: str, folder: Path) -> tuple[list[Line], dict[str, Any]]:
 
 
 def predicted(name: str, folder: Path, parameters: dict[str, Any]) -> list[Line]:
-    """Return lines of other recordings of a set's sensor, none of which was fitted."""
-    module = sets.load(name)
+    """Return the lines of other recordings of a set's sensor, none of which was fitted."""
+    module = sets.set_module(name)
     recordings: Recordings = module.read(folder)
     found: dict[str, list[np.ndarray]] = {}
     _gather(found, module.errors(parameters, recordings))
@@ -92,33 +96,33 @@ def run(
     page: Path | None = None,
     parameters: Path | None = None,
 ) -> dict[str, Any]:
-    """Judge laws on recordings, and write the page and the parameters where asked to.
+    """Measure the errors of laws on recordings, and write the page and the parameters to the files given.
 
     Args:
-        report: gets lines of text.
-        data: folder with a folder for each set: laws are fitted on them, each left out in turn.
-        held: likewise, other recordings: predicted with what was fitted on ``data``, else with :data:`PARAMETERS`.
-        page: markdown to write.
-        parameters: JSON to write.
+        report: receives lines of text.
+        data: a folder with a folder for each set: laws are fitted on them, each recording left out in turn.
+        held: such a folder with other recordings: predicted by the laws fitted on ``data``, else by :data:`PARAMETERS`.
+        page: the Markdown file to write.
+        parameters: the JSON file to write.
 
     Raises:
         TactemuError: neither folder is given, or a folder has no set.
     """
     if data is None and held is None:
-        raise TactemuError("realism: name a folder of recordings, or --held with one")
+        raise TactemuError("realism: name a folder of recordings, or give one with --held")
     lines: list[Line] = []
     fitted = json.loads(PARAMETERS.read_text(encoding="utf-8")) if data is None else {}
     for name, folder in _sets_in(data):
         own, fitted[name] = left_out(name, folder)
         lines += own
-        _tell(report, own)
+        _report_lines(report, own)
     others: list[Line] = []
     for name, folder in _sets_in(held):
         if name in fitted:
             others += predicted(name, folder, fitted[name])
     if others:
-        report(f"predicted of {held}, which was not fitted:")
-        _tell(report, others)
+        report(f"predictions of {held}, which was not fitted:")
+        _report_lines(report, others)
     if parameters is not None:
         parameters.write_text(json.dumps(_rounded(fitted), indent=1) + "\n", encoding="utf-8")
     if page is not None:
@@ -127,7 +131,7 @@ def run(
 
 
 def _sets_in(folder: Path | None) -> list[tuple[str, Path]]:
-    """Return names and folders of the sets that are there."""
+    """Return names and folders of the sets in a folder."""
     if folder is None:
         return []
     found = [(name, folder / name) for name in sets.SETS if (folder / name).is_dir()]
@@ -136,14 +140,14 @@ def _sets_in(folder: Path | None) -> list[tuple[str, Path]]:
     return found
 
 
-def _tell(report: Callable[[str], Any], lines: Sequence[Line]) -> None:
+def _report_lines(report: Callable[[str], Any], lines: Sequence[Line]) -> None:
     for line in lines:
         mark = "reached" if line.reached else "NOT reached"
         report(f"{line.set:20} {line.law:80} {line.error:8.3g} {line.unit} (aim {line.most:g}, {line.by}): {mark}")
 
 
 def _rounded(value: Any) -> Any:
-    """Five digits are more than any of them means."""
+    """Return parameters rounded to five digits, which exceeds the accuracy of each."""
     if isinstance(value, float):
         return float(f"{value:.5g}")
     if isinstance(value, dict):
@@ -197,7 +201,7 @@ from tactemu.fit import sets
 from tactemu.fit.realism import PARAMETERS
 
 parameters = json.loads(PARAMETERS.read_text())["weiss_sdh2"]
-sets.load("weiss_sdh2").predicted_sum(parameters, mass_g=450, temperature_c=35)
+sets.set_module("weiss_sdh2").predicted_sum(parameters, mass_g=450, temperature_c=35)
 ```
 
 ## Parameters, fitted on all of them
@@ -216,5 +220,5 @@ def _page(lines: Sequence[Line], fitted: dict[str, Any]) -> str:
 
 
 def _short(fitted: dict[str, Any]) -> dict[str, Any]:
-    """Without the pattern of sixty taxels."""
+    """Return the parameters without the baseline of sixty taxels."""
     return {name: {key: each for key, each in values.items() if key != "rest"} for name, values in fitted.items()}

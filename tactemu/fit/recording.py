@@ -1,10 +1,10 @@
-"""A recording of a real sensor as columns: from CSV, NPZ, Parquet, or a truth log of ours.
+"""A recording of a real sensor as columns: from CSV, NPZ, Parquet, or a truth log.
 
-Columns are given roles: ``t=t_sensor_s,z=z_mm,field=b0x:b4z``. A role is ``t``, ``z`` (place of a probe along the
-push), ``depth``, ``force`` (that presses), ``mass`` (likewise), ``temperature``, ``untouched`` (not 0: nothing touches
-it), or what the sensor reads: ``field``, ``counts``, ``pressure``, ``resistance``, ``capacitance`` or ``reading``.
-``a:b`` is all columns from a to b; several stand with ``+``. An array of an NPZ file with
-several columns is one range: its name.
+You give columns their roles: ``t=t_sensor_s,z=z_mm,field=b0x:b4z``. A role is ``t``, ``z`` (position of a probe along
+the push), ``depth``, ``force`` (that presses), ``mass`` (that presses), ``temperature``, ``untouched`` (not 0: nothing
+touches the sensor), or the sensor's reading: ``field``, ``counts``, ``pressure``, ``resistance``, ``capacitance`` or
+``reading``. ``a:b`` means all columns from a to b; ``+`` joins several. An array of an NPZ file with several columns is
+one range, named like the array.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ UNITS = {
     "g": 1e-3, "degC": 1.0, "T": 1.0, "mT": 1e-3, "uT": 1e-6, "G": 1e-4, "mG": 1e-7, "Pa": 1.0, "kPa": 1e3, "F": 1.0,
     "pF": 1e-12, "fF": 1e-15, "Ohm": 1.0, "kOhm": 1e3, "counts": 1.0, "1": 1.0,
 }  # fmt: skip
-"""What one of each is in SI."""
+"""The value of each unit in SI."""
 KIND_OF = {
     "t": ("s", "ms", "us", "ns"), **dict.fromkeys(("x", "y", "z", "depth"), ("m", "mm", "um")), "force": ("N", "mN"),
     "mass": ("kg", "g"), "temperature": ("degC",), "untouched": ("1",), "field": ("T", "mT", "uT", "G", "mG"),
@@ -34,8 +34,10 @@ KIND_OF = {
     "counts": ("counts", "1"),
     "reading": tuple(UNITS),
 }  # fmt: skip
-LARGEST_BYTES = 1 << 31
+MAX_FILE_BYTES = 1 << 31
+"""Maximum size of a recording, which is read into memory completely."""
 G = 9.80665
+"""Standard gravity [m/s²]."""
 
 
 @dataclass(frozen=True)
@@ -45,22 +47,22 @@ class Recorded:
     path: Path
     sha256: str
     t: np.ndarray | None
-    """[s], rising; ``None``: it has no clock and no rate."""
+    """The times of the rows [s], rising; None without a clock and a rate."""
     readings: np.ndarray
-    """``(n, m)``: T, Pa, F, Ohm or counts."""
+    """The readings ``(n, m)`` in T, Pa, F, Ohm or counts."""
     names: tuple[str, ...]
-    """Of the channels."""
+    """The names of the channels."""
     kind: str
-    """One of :data:`READINGS`."""
+    """The quantity of the readings, one of :data:`READINGS`."""
     unit: str
-    """As the recording has it."""
+    """The unit of the readings in the file."""
     truth: Mapping[str, np.ndarray] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
-    """What was found odd, and what was done about it."""
+    """Irregularities of the recording, and what was done about them."""
 
     @property
     def load(self) -> np.ndarray | None:
-        """Force that presses [N]; ``None``: it is not known."""
+        """The force that presses [N], or None if unknown."""
         if "force" in self.truth:
             return np.abs(self.truth["force"])
         return self.truth["mass"] * G if "mass" in self.truth else None
@@ -75,15 +77,17 @@ def read(
     """Return a recording with its columns in their roles.
 
     Raises:
-        TactemuError: it cannot be read, or a role, column or unit is wrong; the message says which there are.
+        TactemuError: the file cannot be read, or a role, column or unit does not exist; the message lists the others.
     """
     try:
         size = path.stat().st_size
-        digest = hashlib.sha256(path.read_bytes()).hexdigest() if size <= LARGEST_BYTES else ""
+        digest = hashlib.sha256(path.read_bytes()).hexdigest() if size <= MAX_FILE_BYTES else ""
     except OSError as error:
         raise TactemuError(f"{path}: cannot read the recording: {error.strerror}") from None
     if not digest:
-        raise TactemuError(f"{path}: {size / 1e9:.1f} GB; a recording may have {LARGEST_BYTES / 1e9:.1f} GB: cut it")
+        raise TactemuError(
+            f"{path}: {size / 1e9:.1f} GB; a recording may have {MAX_FILE_BYTES / 1e9:.1f} GB: cut it into parts"
+        )
     table = _columns_of(path)
     roles = {role: _chosen(table, words, role, path) for role, words in (columns or _guessed(table, path)).items()}
     return _made(path, digest, table, roles, units or {}, rate_hz)
@@ -115,7 +119,7 @@ def _made(
 
 
 def _cleaned(made: Recorded) -> Recorded:
-    """Without rows that are not numbers or go back in time; with what was found odd."""
+    """Return a recording without rows that are not finite or go back in time, with notes of them."""
     notes: list[str] = []
     keep = np.isfinite(made.readings).all(axis=1)
     for values in made.truth.values():
@@ -127,17 +131,15 @@ def _cleaned(made: Recorded) -> Recorded:
             notes.append(f"{int(back.sum())} rows go back in time or repeat one: left out")
         keep &= ~back
     if (lost := int((~keep).sum())) and not notes:
-        notes.append(f"{lost} rows have a number that is none: left out")
+        notes.append(f"{lost} rows have a value that is not a finite number: left out")
     if keep.sum() < 20:
-        raise TactemuError(
-            f"{made.path}: {int(keep.sum())} rows with numbers in all columns; nothing can be told of them"
-        )
+        raise TactemuError(f"{made.path}: {int(keep.sum())} rows with numbers in all columns; a fit needs at least 20")
     t = None if made.t is None else made.t[keep] - made.t[keep][0]
     if t is not None:
         step = float(np.median(np.diff(t)))
         if not 1e-5 <= step <= 100:
             raise TactemuError(
-                f"{made.path}: rows are {step:g} s apart; that is no sensor: is the unit of t right? (--unit t=ms)"
+                f"{made.path}: rows are {step:g} s apart, which no sensor does: is the unit of t right? (--unit t=ms)"
             )
         gaps = int((np.diff(t) > 5 * step).sum())
         if gaps:
@@ -148,7 +150,7 @@ def _cleaned(made: Recorded) -> Recorded:
 
 
 def _held(values: np.ndarray) -> np.ndarray:
-    """Where a slower instrument has no new reading, the one before."""
+    """Return values with each NaN replaced by the last value before it, as a slower instrument holds its reading."""
     known = np.flatnonzero(np.isfinite(values))
     if not len(known):
         return values
@@ -175,19 +177,19 @@ def _chosen(table: dict[str, np.ndarray], words: str, role: str, path: Path) -> 
                 raise TactemuError(f"{path}: no column {end!r} for {role}{hint}")
         a, b = known.index(ranges[0][0]), known.index(ranges[-1][-1])
         if b < a:
-            raise TactemuError(f"{path}: {role}={part}: {last!r} stands before {first!r}")
+            raise TactemuError(f"{path}: {role}={part}: the column {last!r} is before {first!r}; swap them")
         found += known[a : b + 1]
     if role in TRUTHS and len(found) != 1:
-        raise TactemuError(f"{path}: {role} is one column, got {len(found)}")
+        raise TactemuError(f"{path}: {role} must be one column, got {len(found)}")
     return found
 
 
 def _guessed(table: dict[str, np.ndarray], path: Path) -> dict[str, str]:
-    """Roles of a table whose columns bear the roles' names."""
+    """Return the roles of a table whose columns have the roles' names."""
     named = {role: role for role in (*READINGS, *TRUTHS) if any(name.split(".")[0] == role for name in table)}
     if not any(role in READINGS for role in named):
         raise TactemuError(
-            f"{path}: which columns does the sensor read? --columns field=b0x:b4z "
+            f"{path}: name the columns that are the sensor's readings: --columns field=b0x:b4z "
             f"(columns: {', '.join(list(table)[:40])})"
         )
     return named
@@ -259,9 +261,12 @@ def _of_log(path: Path) -> dict[str, np.ndarray]:
 
     log = read_log(path)
     if len(log.skins) != 1:
-        raise TactemuError(f"{path}: a log of {len(log.skins)} skins ({', '.join(log.skins)}); fit one at a time")
+        raise TactemuError(
+            f"{path}: a log of {len(log.skins)} skins ({', '.join(log.skins)}); write one of them with "
+            "`tactemu truth LOG --skin NAME --to one.mcap`, and fit that file"
+        )
     skin = next(iter(log.skins.values()))
     flat = skin.counts.reshape(len(skin.t_ns), -1)
-    felt = np.asarray(skin.ideal, float)
-    force = np.linalg.norm(felt.sum(axis=1), axis=-1) if felt.ndim == 3 else felt.sum(axis=1)
+    ideal = np.asarray(skin.ideal, float)
+    force = np.linalg.norm(ideal.sum(axis=1), axis=-1) if ideal.ndim == 3 else ideal.sum(axis=1)
     return {"t": skin.t_ns * 1e-9, "force": force} | {f"counts.{k}": each for k, each in enumerate(flat.T)}

@@ -1,4 +1,4 @@
-"""The report of a fit: one HTML file, with its pictures in it."""
+"""The report of a fit: one HTML file that contains its pictures."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ import numpy as np
 from tactemu.fit.estimates import Findings
 from tactemu.fit.recording import Recorded
 
-POINTS = 1500
-"""Of a curve in a picture."""
+MAX_POINTS = 1500
+"""Maximum number of points of a curve in a picture."""
 STYLE = """body{font:16px/1.5 system-ui,sans-serif;max-width:60rem;margin:2rem auto;padding:0 1rem;
 color:#1b1b1b;background:#fff}
 table{border-collapse:collapse}td,th{text-align:left;padding:.2rem 1rem .2rem 0;border-bottom:1px solid #ddd}
@@ -21,20 +21,20 @@ svg{width:100%;height:auto}code{overflow-wrap:anywhere}"""
 
 @dataclass(frozen=True)
 class Score:
-    """How well what was found predicts a recording, or a part of one, that was not used for it; rms, in newtons."""
+    """The rms errors [N] with which fitted laws predict a recording, or a part of one, that was not fitted."""
 
     name: str
     ours: float
     linear: float
     repeated: float
-    """Zero skill: what the other recording read at the same load, first time."""
+    """The error of the simplest prediction: the other recording's reading at the same load, at first loading."""
     load: np.ndarray
     measured: np.ndarray
     fitted: np.ndarray
 
 
 def page(device: str, recorded: Sequence[Recorded], found: Findings, scores: Sequence[Score]) -> str:
-    """Return the whole page."""
+    """Return the complete page."""
     rows = "".join(
         f"<tr><td>{escape(e.name)}</td><td>{e.value:.5g} {escape(e.unit)}</td>"
         f"<td>{'exact' if not e.error else f'{e.interval[0]:.4g} … {e.interval[1]:.4g}'}</td>"
@@ -52,7 +52,7 @@ def page(device: str, recorded: Sequence[Recorded], found: Findings, scores: Seq
         f"<h1>{escape(device)}, fitted</h1><ul>{files}</ul>",
         f"<h2>Found</h2><table><tr><th>parameter<th>value<th>95 % interval<th></tr>{rows}</table>",
         _listed("Noticed", found.notes),
-        _listed("Not told by these recordings, and what to record", found.unknown),
+        _listed("Not determined by these recordings, and what to record", found.unknown),
         *(_scored(score) for score in scores),
     ]
     return "\n".join(part for part in parts if part) + "</html>\n"
@@ -81,7 +81,7 @@ def _picture(curves: Sequence[tuple[str, np.ndarray, str]]) -> str:
     span = (high - low) or 1.0
     drawn = []
     for k, (name, values, colour) in enumerate(curves):
-        at = np.unique(np.linspace(0, len(values) - 1, POINTS).astype(int))
+        at = np.unique(np.linspace(0, len(values) - 1, MAX_POINTS).astype(int))
         x, y = 60 + 830 * at / max(len(values) - 1, 1), 250 - 230 * (values[at] - low) / span
         points = " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(x, y))
         drawn.append(f"<polyline fill=none stroke='{colour}' stroke-width=1.2 points='{points}'/>")

@@ -1,4 +1,4 @@
-"""What was found as a scene file: loaded by ``tactemu run``, with intervals and the recording's digest as comments."""
+"""The findings of a fit as a scene file for ``tactemu run``, with intervals and the recording's digest as comments."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from tactemu.scene.default import tables_for
 
 
 def scene_text(name: str, device: type[Device], recorded: Sequence[Recorded], found: Findings) -> str:
-    """Return a scene file of a device with what was found of recordings of one."""
+    """Return a scene file of a device with the findings from its recordings."""
     tables = tables_for(name, device)
     skin = tables["skin"][0]
     transducers = transducers_of(device, recorded[0], found)
@@ -42,39 +42,42 @@ def _head(recorded: Sequence[Recorded], found: Findings) -> list[str]:
     lines += [
         f"#   {estimate}{'; ' + estimate.about if estimate.about else ''}" for estimate in found.estimates.values()
     ]
-    lines += [f"# not told: {each}" for each in found.unknown]
+    lines += [f"# not determined: {each}" for each in found.unknown]
     return [*lines, ""]
 
 
 def sees(device: type[Device], recorded: Recorded) -> str | None:
-    """What the device sees through a transducer, where the recording is of that; ``None``: force."""
+    """Return the quantity of the transducer if the device has one and the recording is of it; None: force."""
     from firmware_protocols.options import declared
 
     return recorded.kind if recorded.kind == "field" and "sees" in declared(device) else None
 
 
 def clock_of(found: Findings) -> dict[str, Any]:
-    """When it samples: two delays that are uniform up to a jitter differ by its square root of six, in std."""
+    """Return the clock table of the skin.
+
+    The standard deviation of the difference of two delays, each uniform up to a jitter, is jitter/√6.
+    """
     clock = {"missed": found.value("missed"), "refresh_s": found.value("refresh")}
-    if found.told("period spread"):
+    if found.is_nonzero("period spread"):
         clock["jitter_s"] = min(np.sqrt(6) * found.value("period spread"), 1.0)
     return {name: float(f"{value:.3g}") for name, value in clock.items() if value}
 
 
 def transducers_of(device: type[Device], recorded: Recorded, found: Findings) -> list[dict[str, Any]]:
-    """Return tables of the transducers that were found, in their order."""
+    """Return the tables of the transducers that were found, in their order."""
     made = device()
     area = float(np.mean(made.layout.areas)) if len(made.layout) else 1e-4
     tables: list[dict[str, Any]] = []
     names = {"loop": "loop", "softening": "softening", "baseline": "baseline", "creep per decade": "creep_per_decade"}
-    material = {key: _short(found.value(name)) for name, key in names.items() if found.told(name)}
+    material = {key: _short(found.value(name)) for name, key in names.items() if found.is_nonzero(name)}
     if material:
         tables.append({"kind": "material", **material})
     load = recorded.load
     if "exponent" in found.estimates and load is not None:
         n, at_one = found.value("exponent"), found.value("resistance at 1 N")
         rated = float(load.max())
-        half = (at_one / 1e4) ** (1.0 / n) / area  # where it equals a divider of 10 kOhm
+        half = (at_one / 1e4) ** (1.0 / n) / area  # the pressure at which it equals a fixed resistor of 10 kOhm
         tables.append({"kind": "piezoresistive", "exponent": _short(n), "half": _short(half), "rated_n": _short(rated)})
     if "capacitance per N" in found.estimates:
         modulus = found.value("capacitance at rest") / max(found.value("capacitance per N"), 1e-30) / area
@@ -90,15 +93,15 @@ def transducers_of(device: type[Device], recorded: Recorded, found: Findings) ->
     return tables
 
 
-def seeing(device: type[Device], recorded: Recorded) -> Device:
-    """Return one that sees what was recorded, where it can."""
+def device_for(device: type[Device], recorded: Recorded) -> Device:
+    """Return a device whose transducer has the recorded quantity, if it has that option."""
     seen = sees(device, recorded)
     options: dict[str, Any] = {} if seen is None else {"sees": seen}
     return device(**options)
 
 
 def magnets_of(device: Device, found: Findings) -> dict[str, Any]:
-    """Return a magnet over each chip, on the skin, which moves with the taxel there; nothing where none was found."""
+    """Return the options of one magnet over each chip, which moves with the taxel there; none if none was found."""
     if "magnet height" not in found.estimates:
         return {}
     n = len(device.layout)
@@ -112,7 +115,7 @@ def magnets_of(device: Device, found: Findings) -> dict[str, Any]:
 
 
 def options_of(device: Device, recorded: Recorded, found: Findings, *, sees: str | None) -> dict[str, Any]:
-    """Imperfections: noise and its slow part, in the unit that the electronics sees."""
+    """Return the imperfections: noise and its slow part, in the unit of the electronics' input."""
     axes = [axis for axis in (" x", " y", " z") if f"white noise{axis}" in found.estimates] or [""]
     white = [found.value(f"white noise{axis}") for axis in axes]
     if not any(white):
@@ -120,23 +123,23 @@ def options_of(device: Device, recorded: Recorded, found: Findings, *, sees: str
     shares = [min(max(found.value(f"slow share{axis}"), 0.0), 0.98) for axis in axes]
     slow = [w * np.sqrt(share / (1.0 - share)) for w, share in zip(white, shares)]
     each = 1.0 if sees is not None else 1.0 / counts_per_newton(device, recorded)
-    options: dict[str, Any] = {"noise": _per_column(device, white, each, whole=sees is not None)}
+    options: dict[str, Any] = {"noise": _per_column(device, white, each, by_axis=sees is not None)}
     tau = found.value(f"slow rows{axes[0]}") / found.value("rate", 100.0)
     if any(slow) and tau > 0:
         density = [s * np.sqrt(2.0 / tau) for s in slow]
-        options |= {"random_walk_density": _per_column(device, density, each, whole=sees is not None)}
+        options |= {"random_walk_density": _per_column(device, density, each, by_axis=sees is not None)}
         options["random_walk_tau"] = _short(tau)
     return options
 
 
-def _per_column(device: Device, values: Sequence[float], factor: float, *, whole: bool) -> Any:
-    if whole and len(values) == 3:
+def _per_column(device: Device, values: Sequence[float], factor: float, *, by_axis: bool) -> Any:
+    if by_axis and len(values) == 3:
         return [[_short(factor * value) for value in values] for _ in range(len(device.layout))]
     return _short(factor * float(np.mean(values)))
 
 
 def counts_per_newton(device: Device, recorded: Recorded) -> float:
-    """How much a device's readings of this kind move per newton on each taxel: its own converter is asked."""
+    """Return the change of a device's readings per newton on each taxel, by its own conversion."""
     n = len(device.layout)
     if device.contact[0] != "force" or not n:
         return 1.0
@@ -155,11 +158,11 @@ def counts_per_newton(device: Device, recorded: Recorded) -> float:
 
 
 DEFAULT_STEP_SCALE = 2
-"""The option `step_scale` of a device that was given none."""
+"""The default of a device's option `step_scale`."""
 
 
 def step_scale(recorded: Recorded, found: Findings) -> int | None:
-    """Which register setting of a MLX90393 the steps are of."""
+    """Return the register setting of a MLX90393 that the steps of the readings match, or None for the default."""
     seen = found.value("resolution x")
     scales = [1, 2, 4, 8, 16]
     near = [scale for scale in scales if abs(seen / (0.150e-6 * scale) - 1) < 0.05]

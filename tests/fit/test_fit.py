@@ -13,7 +13,7 @@ from tactemu.cli.app import app
 from tactemu.fit import fitting
 from tactemu.fit.estimates import Findings, inflation
 from tactemu.fit.recording import Recorded, read
-from tactemu.fit.rest import find_clock, step_of
+from tactemu.fit.untouched import find_clock, step_of
 from tactemu.scene.file import parse
 from tests.fit import synthetic
 
@@ -31,7 +31,7 @@ def hits(kind, seeds):
         assert any("wrong does not follow" in note for note in told.notes), "a column that is not the sensor's"
         for name, value in truth.items():
             each = told.estimates.get(name) or told.estimates[f"{name} x"]
-            found.setdefault(name, []).append(each.holds(value))
+            found.setdefault(name, []).append(each.contains(value))
     return found
 
 
@@ -72,7 +72,7 @@ def test_two_days_of_a_real_skin_give_a_scene_that_loads_and_predict_one_another
     assert digest in text and digest in html and "<svg" in html and "http" not in html.replace("http-equiv", "")
     scored = fitting.scores([read(EFLESH / f"normal_{k}.csv.gz", COLUMNS, UNITS) for k in (1, 2)])
     assert all(score.ours < score.linear for score in scored)
-    assert any("not told: temperature terms" in line for line in said)
+    assert any("not determined: temperature terms" in line for line in said)
 
 
 def test_a_fitted_scene_runs(tmp_path):
@@ -127,11 +127,11 @@ def table(tmp_path, **columns):
 def test_what_is_missing_is_said_and_what_is_wrong_is_refused(tmp_path):
     n = np.arange(300)
     noise = np.random.default_rng(0).normal(0, 1, 300)
-    rest = fitting.find(read(table(tmp_path, t=n / 50, counts=np.rint(5 * noise))))
-    assert rest.estimates["resolution"].value == 1.0
-    assert rest.estimates["white noise"].holds(5.0)
-    assert any(text.startswith("gains, curve, loop, creep") for text in rest.unknown)
-    assert any("temperature terms" in text for text in rest.unknown)
+    untouched = fitting.find(read(table(tmp_path, t=n / 50, counts=np.rint(5 * noise))))
+    assert untouched.estimates["resolution"].value == 1.0
+    assert untouched.estimates["white noise"].contains(5.0)
+    assert any(text.startswith("gains, curve, loop, creep") for text in untouched.unknown)
+    assert any("temperature terms" in text for text in untouched.unknown)
     few = fitting.find(read(table(tmp_path, t=n[:60] / 50, counts=noise[:60])))
     assert any("rows at rest, 100 are needed" in text for text in few.unknown)
     bare = fitting.find(read(table(tmp_path, counts=noise)))
@@ -146,7 +146,7 @@ def test_what_is_missing_is_said_and_what_is_wrong_is_refused(tmp_path):
         read(table(tmp_path, t=n / 50, counts=noise), {"t": "t", "counts": "count"})
     with pytest.raises(TactemuError, match="field cannot be in 'uV'"):
         read(table(tmp_path, t=n / 50, field=noise), units={"field": "uV"})
-    with pytest.raises(TactemuError, match="which columns does the sensor read"):
+    with pytest.raises(TactemuError, match=r"name the columns .*--columns .*t, b"):
         read(table(tmp_path, t=n / 50, b=noise))
 
 
@@ -192,7 +192,7 @@ def test_the_command_teaches_and_writes(tmp_path):
     out = tmp_path / "skin.toml"
     shown = CliRunner().invoke(app, ["fit", str(path), "--device", "robotiq_tsf85", "--out", str(out)])
     assert shown.exit_code == 0, shown.output
-    assert "not told: gains" in shown.output and out.is_file() and out.with_suffix(".html").is_file()
+    assert "not determined: gains" in shown.output and out.is_file() and out.with_suffix(".html").is_file()
     assert tomllib.loads(out.read_text())["skin"][0]["options"]["noise"] > 0
 
 

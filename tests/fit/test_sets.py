@@ -16,7 +16,7 @@ WHOLE = os.environ.get("TACTEMU_RECORDINGS", "")
 
 
 def test_presses_of_a_lattice_predict_those_of_another_day():
-    eflesh = sets.load("eflesh")
+    eflesh = sets.set_module("eflesh")
     recordings = eflesh.read(EXCERPTS / "eflesh")
     first = {"normal_1": recordings["normal_1"]}
     other = {"normal_2": recordings["normal_2"]}
@@ -39,7 +39,7 @@ def test_skins_at_rest_predict_one_another():
 
 
 def test_a_pad_in_air_predicts_its_relaxation_under_water():
-    fluid = sets.load("fluid_channel")
+    fluid = sets.set_module("fluid_channel")
     recordings = fluid.read(EXCERPTS / "fluid_channel")
     law = fluid.fit({"small_dry": recordings["small_dry"]})
     found = fluid.errors(law, {"small_under_10mm": recordings["small_under_10mm"]})

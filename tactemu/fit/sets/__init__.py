@@ -1,8 +1,8 @@
-"""Sets of real recordings, one file each: how they are read, which law their sensor follows, how well it predicts.
+"""Sets of real recordings, one file each: their reader, the law of their sensor, and the errors of its predictions.
 
 A module has ``AIMS``, ``read(folder)``, ``fit(recordings)``, ``errors(parameters, recordings)`` and
-``folds(recordings)``: :mod:`tactemu.fit.realism` does the rest. Errors are of predictions, in the unit of the aim;
-what a law may look at of a recording that it predicts stands in its docstring.
+``folds(recordings)``, which :mod:`tactemu.fit.realism` calls. Errors are those of predictions, in the unit of the aim;
+the docstring names the parts of a predicted recording that a law may use.
 """
 
 from __future__ import annotations
@@ -22,6 +22,6 @@ SETS: dict[str, str] = {
 }
 
 
-def load(name: str) -> ModuleType:
+def set_module(name: str) -> ModuleType:
     """Return the module of a set, by its folder's name."""
     return importlib.import_module(SETS[name])

@@ -1,4 +1,4 @@
-"""What a law is asked to reach."""
+"""The aims of the laws: the errors that their predictions may have."""
 
 from __future__ import annotations
 
@@ -11,24 +11,24 @@ from typing import Any, Literal
 import numpy as np
 
 Recordings = Mapping[str, Any]
-"""By name; what each is stands in the set's module."""
+"""The recordings of a set by name; their type is that of the set's module."""
 Fold = tuple[Sequence[str], Sequence[str]]
 """Names of the recordings that a law is fitted on, and of those that it then predicts."""
 
 
 @dataclass(frozen=True)
 class Aim:
-    """One figure of the table: an error of a prediction, and what it may be at most."""
+    """A figure of the table: an error of predictions, and its maximum."""
 
     key: str
     law: str
-    """In words, with what is found from the recording that is predicted."""
+    """The description of the law, with the parameters that it takes from the predicted recording."""
     most: float
     unit: str
     by: Literal["rms", "mean", "worst"] = "rms"
 
     def summed(self, errors: np.ndarray) -> float:
-        """Return one number of many errors."""
+        """Return the sum of many errors as one number, by the aim's rule."""
         errors = np.abs(np.asarray(errors, float).ravel())
         return float(_SUMS[self.by](errors)) if len(errors) else float("nan")
 
@@ -41,12 +41,12 @@ _SUMS: dict[str, Callable[[np.ndarray], float]] = {
 
 
 def each_left_out(names: Sequence[str]) -> list[Fold]:
-    """Return every recording left out in turn."""
+    """Return the folds in which each recording is left out in turn."""
     return [([other for other in names if other != name], [name]) for name in names]
 
 
 def table_of(path: Path) -> dict[str, np.ndarray]:
-    """Return columns of a CSV file, gzipped or not, by their names."""
+    """Return the columns of a CSV file, gzipped or not, by their names."""
     opened = gzip.open(path, "rt") if path.suffix == ".gz" else path.open(encoding="utf-8")
     with opened as file:
         names = file.readline().strip().split(",")
@@ -55,5 +55,5 @@ def table_of(path: Path) -> dict[str, np.ndarray]:
 
 
 def stem(path: Path) -> str:
-    """Return a file's name without any of its endings."""
+    """Return a file's name without its suffixes."""
     return path.name.split(".")[0]

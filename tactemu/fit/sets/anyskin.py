@@ -1,10 +1,10 @@
 """AnySkin on a LEAP hand: magnetometers with nothing touching, at rest and while fingers move.
 
-A recording is :class:`Untouched`. At rest the field of a channel is white noise and a walk that is bounded::
+A recording is an :class:`Untouched`. At rest the field of a channel is white noise and a bounded random walk::
 
     std = sqrt(white² + slow²)       correlation after k rows = slow²/(white² + slow²) exp(−k/τ)
 
-While fingers move a skin's baseline follows pose and neighbours: there std and correlation say how much.
+While fingers move, a skin's baseline follows pose and neighbours; std and correlation describe how much.
 """
 
 from __future__ import annotations
@@ -24,32 +24,32 @@ AIMS = (
     Aim("correlation moving", "lag-1 correlation, fingers that move with nothing touching", 10.0, "%"),
 )
 LSB_UT = (0.300, 0.300, 0.484)
-"""Step of x, y and z."""
+"""The resolution of x, y and z [µT]."""
 
 
 @dataclass(frozen=True)
 class Untouched:
-    """What a recording without touch has, by axis."""
+    """The noise of a recording without touch, by axis."""
 
     condition: str
-    """``still``: two skins at rest; ``moving``: four, of which two move; ``else``: two that move, not judged."""
+    """``still``: two skins at rest; ``moving``: four, of which two move; ``else``: two that move, not evaluated."""
     white: np.ndarray
-    """Std of the difference / √2 [µT], x, y and z."""
+    """White noise: std of the difference / √2 [µT], x, y and z."""
     std: np.ndarray
-    """[µT], x, y and z."""
+    """Std of the field [µT], x, y and z."""
     correlation: float
-    """After one row, mean over the channels."""
+    """The correlation after one row, mean over the channels."""
     later: float
-    """After twenty rows."""
+    """The correlation after twenty rows."""
 
 
 def read(folder: Path) -> Recordings:
-    """Return recordings without touch."""
+    """Return the recordings without touch."""
     return {path.stem: untouched(np.load(path)) for path in sorted(folder.glob("*.npz"))}
 
 
 def untouched(archive: Any) -> Untouched:
-    """Return noise of a recording."""
+    """Return the noise of a recording."""
     field = archive["b_minus_baseline"].astype(float)
     x = field - field.mean(axis=0)
 
@@ -63,7 +63,7 @@ def untouched(archive: Any) -> Untouched:
 
 
 def fit(recordings: Recordings) -> dict[str, Any]:
-    """Return noise of each condition."""
+    """Return the noise of each condition."""
     found = {}
     for condition in ("still", "moving"):
         several = [each for each in recordings.values() if each.condition == condition]
@@ -83,7 +83,7 @@ def fit(recordings: Recordings) -> dict[str, Any]:
 
 
 def errors(parameters: dict[str, Any], recordings: Recordings, known: Recordings | None = None) -> dict[str, Any]:
-    """Return errors of each recording of a condition that was fitted [%]."""
+    """Return the errors of each recording of a condition that was fitted [%]."""
     found: dict[str, list] = {aim.key: [] for aim in AIMS}
     for each in recordings.values():
         if each.condition in parameters:
@@ -94,7 +94,7 @@ def errors(parameters: dict[str, Any], recordings: Recordings, known: Recordings
 
 
 def folds(recordings: Recordings) -> list[Fold]:
-    """Return each recording of a condition that has several."""
+    """Return the folds of each condition with several recordings."""
     found = []
     for condition in ("still", "moving"):
         names = [name for name, each in recordings.items() if each.condition == condition]

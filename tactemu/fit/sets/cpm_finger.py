@@ -17,8 +17,8 @@ from typing import Any
 
 import numpy as np
 
+from tactemu.fit.estimates import least_squares
 from tactemu.fit.sets.aims import Aim, Fold, Recordings
-from tactemu.fit.solver import least_squares
 from tactemu.transducers.laws import sliding_noise
 
 AIMS = (
@@ -30,12 +30,12 @@ AIMS = (
 
 
 LEAST_PERIODS = 5000
-"""So many give their spread within 1 %."""
+"""Minimum number of periods that determine their spread within 1 %."""
 
 
 @dataclass(frozen=True)
 class Slide:
-    """What a slide is, and what was measured in it."""
+    """The condition of a slide and the quantities measured in it."""
 
     material: str
     grip: float
@@ -43,13 +43,13 @@ class Slide:
     speed_mm_s: float
     periods_ms: np.ndarray
     noise: float
-    """Median over the taxels of the std of the difference / √2 [counts]."""
+    """Noise from sample to sample: median over the taxels of the std of the difference / √2 [counts]."""
     line_hz: float | None
-    """Strongest line of a board with ridges."""
+    """The frequency of the strongest line, for a board with ridges; else None."""
 
     @property
     def ridged(self) -> bool:
-        """Is it a board?"""
+        """True for a board with ridges."""
         return self.material.startswith("Board")
 
 
@@ -72,7 +72,7 @@ def slide(name: str, rows: np.ndarray) -> Slide:
 
 
 def strongest_line(taxels: np.ndarray, period_s: float) -> float:
-    """Frequency of the strongest line, from a spectrum sixteen times as fine as the recording is long."""
+    """Return the frequency of the strongest line, from a spectrum padded to sixteen times the recording's length."""
     n = len(taxels)
     fine = 16 * n
     window = np.hanning(n)[:, None]
@@ -86,9 +86,7 @@ def strongest_line(taxels: np.ndarray, period_s: float) -> float:
 
 
 def predicted_noise(parameters: dict[str, Any], slide: Slide) -> float:
-    """Return noise from sample to sample of a slide [counts]; of a material that was not seen as on the one that
-    was.
-    """
+    """Return the noise from sample to sample of a slide [counts]; for an unknown material, that of the fitted one."""
     if not slide.ridged:
         return parameters["white"] + parameters["white_grip"] * max(0.0, slide.grip - parameters["grip_from"]) ** 2
     line = slide.speed_mm_s / parameters["pitch_mm"]
@@ -97,7 +95,7 @@ def predicted_noise(parameters: dict[str, Any], slide: Slide) -> float:
 
 
 def fit(recordings: Recordings) -> dict[str, Any]:
-    """Return parameters of all materials together."""
+    """Return the parameters of all materials together."""
     every = list(recordings.values())
     periods = np.concatenate([each.periods_ms for each in every])
     found: dict[str, Any] = {"period_ms": float(periods.mean()), "period_std_ms": float(periods.std())}
@@ -129,8 +127,8 @@ def _apart(p: np.ndarray, found: dict[str, Any], slides: list[Slide], names: tup
 
 
 def errors(parameters: dict[str, Any], recordings: Recordings, known: Recordings | None = None) -> dict[str, Any]:
-    """Return errors of the slides [%]; of noise as logarithms of ratios. Of a material that was not ``known``
-    periods only."""
+    """Return the errors of the slides [%], of noise as logarithms of ratios; for a material not ``known``, of periods
+    only."""
     every = list(recordings.values())
     periods = np.concatenate([each.periods_ms for each in every])
     found = {"period": np.array([100 * (parameters["period_ms"] / periods.mean() - 1)])}
@@ -144,9 +142,8 @@ def errors(parameters: dict[str, Any], recordings: Recordings, known: Recordings
 
 
 def folds(recordings: Recordings) -> list[Fold]:
-    """Return each condition (material, grip, speed) left out with all its repeats; then each material, for the
-    periods.
-    """
+    """Return the folds that leave out each condition (material, grip, speed) with all its repeats, then each material
+    for the periods."""
     names, found = list(recordings), []
     groups: dict[str, list[str]] = {}
     for name in names:

@@ -1,13 +1,13 @@
 """eFlesh: a printed lattice with magnets over five magnetometers, pressed in a sine by a probe on a scale.
 
-A recording is :class:`Presses`. The laws, after ``n`` presses, with the conditioning ``l = ln(1 + n)``::
+A recording is a :class:`Presses`. The laws, after ``n`` presses, with the conditioning ``l = ln(1 + n)``::
 
-    F(d) = (1 − s l) curve(d − w l)            d: depth below where the probe first touches
+    F(d) = (1 − s l) curve(d − w l)            d: depth below the first contact of the probe
     gap(n) = g∞ + (g0 − g∞) / (1 + n)          of the field between loading and unloading, of its peak
     baseline after press k = A (1 + b ln k)    A: of this recording
 
-Of a recording that is predicted, the first press alone gives the height of contact, the presses ``n`` that the lattice
-had seen before, and ``A``; the loading curves, gaps and baselines of the others are predicted.
+The first press of a predicted recording gives the height of contact, the number ``n`` of presses before it, and ``A``;
+the loading curves, gaps and baselines of the other presses are predicted.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ from typing import Any
 
 import numpy as np
 
+from tactemu.fit.estimates import least_squares
 from tactemu.fit.sets.aims import Aim, Fold, Recordings, each_left_out, stem, table_of
-from tactemu.fit.solver import least_squares
 from tactemu.transducers.laws import conditioning, curve
 
 DEPTHS = np.array([0.0, 0.5, 1.0, 2.0, 3.5, 5.5, 7.5, 9.0, 10.5, 12.0])
-"""Of the points of the loading curve, of the deepest point [12 mm]."""
+"""The depths of the points of the loading curve, for a deepest point of 12 mm."""
 SCALE_DELAY_S = 0.3
-"""The scale's reading is so old: half of its refresh of 205 ms, and its filter."""
+"""The delay of the scale's reading: half of its refresh of 205 ms, and its filter."""
 G_TO_N = 9.80665e-3
 
 AIMS = (
@@ -38,20 +38,20 @@ AIMS = (
 
 @dataclass(frozen=True)
 class Presses:
-    """Presses of a probe: loading branches, gaps, baselines."""
+    """The loading branches, gaps and baselines of a recording's presses."""
 
     loading: list[tuple[np.ndarray, np.ndarray]]
-    """Depth below the highest place [mm] and force [N] of each press."""
+    """The depth below the highest position [mm] and the force [N] of each press."""
     gaps: np.ndarray
-    """Of peak, each press."""
+    """The gap of each press, as a share of its peak."""
     baselines: np.ndarray
-    """Change of the field before each press but the first, against before the first, over its channels [µT]."""
+    """The change of the field from before the first press to before each other press, norm over channels [µT]."""
     condition: str
-    """Recordings of one condition follow one law."""
+    """The name of the condition; recordings of one condition follow one law."""
 
 
 def read(folder: Path) -> Recordings:
-    """Return recordings of presses in a sine."""
+    """Return the recordings of presses in a sine."""
     paths = [path for path in sorted(folder.glob("*.csv.gz")) if not stem(path).startswith("spatial")]
     return {stem(path): presses(table_of(path), stem(path).rpartition("_")[0]) for path in paths}
 
@@ -74,7 +74,7 @@ def presses(table: dict[str, np.ndarray], condition: str) -> Presses:
 
 
 def _turns(t: np.ndarray, z: np.ndarray) -> list[int]:
-    """Return rows at the lowest places."""
+    """Return the rows at the lowest positions."""
     smooth = np.convolve(z, np.ones(9) / 9, "same")
     found: list[int] = []
     for i in range(20, len(z) - 20):
@@ -96,7 +96,7 @@ def _gap(z: np.ndarray, change: np.ndarray, top: int, low: int, end: int) -> flo
 
 
 def force(parameters: dict[str, Any], depth_mm: np.ndarray, touch_mm: float, presses_before: float) -> np.ndarray:
-    """Return force [N] at a depth of the probe [mm] while loading; ``touch_mm``: where it first touched."""
+    """Return the force [N] at a depth of the probe [mm] while loading; ``touch_mm`` is the depth of first contact."""
     worked_in = conditioning(np.asarray(presses_before))
     inside = depth_mm - touch_mm - parameters["set_mm"] * worked_in
     softer = 1.0 - parameters["softening"] * worked_in
@@ -104,13 +104,13 @@ def force(parameters: dict[str, Any], depth_mm: np.ndarray, touch_mm: float, pre
 
 
 def gap(parameters: dict[str, Any], presses_before: np.ndarray) -> np.ndarray:
-    """Widest gap of the field between loading and unloading, of its peak."""
+    """Return the widest gap of the field between loading and unloading, as a share of its peak."""
     last, first = parameters["gap_in_the_end"], parameters["gap_at_first"]
     return last + (first - last) / (1.0 + np.asarray(presses_before))
 
 
 def fit(recordings: Recordings) -> dict[str, Any]:
-    """Return parameters of each condition, by its name."""
+    """Return the parameters of each condition, by its name."""
     conditions = dict.fromkeys(each.condition for each in recordings.values())
     return {name: _fit([each for each in recordings.values() if each.condition == name]) for name in conditions}
 
@@ -153,7 +153,7 @@ def _fit(several: list[Presses]) -> dict[str, Any]:
 
 
 def state(parameters: dict[str, Any], first: tuple[np.ndarray, np.ndarray]) -> tuple[float, float]:
-    """Return height of contact [mm] and presses before, from the loading curve of a first press."""
+    """Return the depth of contact [mm] and the number of presses before, from the loading curve of a first press."""
     depth, felt = first
     tries = [
         least_squares(
@@ -169,7 +169,7 @@ def state(parameters: dict[str, Any], first: tuple[np.ndarray, np.ndarray]) -> t
 
 
 def errors(parameters: dict[str, Any], recordings: Recordings, known: Recordings | None = None) -> dict[str, Any]:
-    """Return errors of the presses after the first: of force [% of peak], gap [points] and baseline [%]."""
+    """Return the errors of the presses after the first: of force [% of peak], gap [points] and baseline [%]."""
     found: dict[str, list] = {"loading": [], "gap": [], "baseline": []}
     for each in recordings.values():
         if each.condition not in parameters:
@@ -188,7 +188,7 @@ def errors(parameters: dict[str, Any], recordings: Recordings, known: Recordings
 
 
 def folds(recordings: Recordings) -> list[Fold]:
-    """Return each recording of a condition that has several."""
+    """Return the folds of each condition with several recordings."""
     several = {}
     for name, each in recordings.items():
         several.setdefault(each.condition, []).append(name)

@@ -1,9 +1,9 @@
 """A silicone finger pad with a channel of air or oil, poked: force, and pressure at both ends of the channel.
 
-A recording is :class:`Pokes`. The laws of a hold of 2.4 s under a load ``F``::
+A recording is a :class:`Pokes`. The laws of a hold of 2.4 s under a load ``F``::
 
-    force at its end / early peak = 1 − k F         of the silicone, whatever the medium in its channel
-    pressure behind force         = lag             of the medium, which nothing but the medium tells
+    force at its end / early peak = 1 − k F         a property of the silicone, not of the medium in its channel
+    pressure behind force         = lag             a property of the medium, which only its own recording gives
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
+from tactemu.fit.estimates import least_squares
 from tactemu.fit.sets.aims import Aim, Fold, Recordings
-from tactemu.fit.solver import least_squares
 
 RATE_HZ = 100.0
 LEAST_N = 1.0
@@ -30,20 +30,20 @@ AIMS = (
 
 @dataclass(frozen=True)
 class Pokes:
-    """Of each poke, in order."""
+    """The measured values of each poke of a recording, in order."""
 
     medium: str
     load_n: np.ndarray
     relaxation: np.ndarray
-    """Force at the end of the hold, of its early peak."""
+    """The force at the end of the hold, as a share of its early peak."""
     lag_s: np.ndarray
-    """How far pressure is behind force at 90 % of their steps."""
+    """The delay of pressure behind force at 90 % of their steps."""
     half: int = 0
-    """1 or 2, of a recording; 0 the whole."""
+    """The half of a recording, 1 or 2; 0 for the complete one."""
 
 
 def read(folder: Path) -> Recordings:
-    """Whole recordings, and the halves of long ones."""
+    """Return the complete recordings, and the halves of long ones."""
     found: dict[str, Any] = {}
     for path in sorted(folder.glob("*.npz")):
         each = pokes(np.load(path)["force_p_left_p_right"].astype(float), path.stem)
@@ -58,7 +58,7 @@ def read(folder: Path) -> Recordings:
 
 
 def pokes(rows: np.ndarray, medium: str) -> Pokes:
-    """Cut a recording into its holds; those below :data:`LEAST_N` are left out, where noise makes the peak."""
+    """Cut a recording into its holds, without those below :data:`LEAST_N`, whose peak is noise."""
     force = (rows[:, 0] - np.median(rows[:200, 0])) * N_PER_STEP
     pressure = rows[:, 1:] * UNIT_PER_STEP
     smooth = np.convolve(force, np.ones(10) / 10, "same")
@@ -74,7 +74,8 @@ def pokes(rows: np.ndarray, medium: str) -> Pokes:
 
 
 def _lag(force: np.ndarray, pressure: np.ndarray, first: int, last: int) -> float:
-    """Of the end that answers more: time between 90 % of the steps of force and of pressure [s]."""
+    """Return the time between 90 % of the steps of force and of pressure [s], at the end of the channel with the larger
+    step."""
     before = slice(first - 40, first - 10)
     steps = pressure[last - 35 : last - 10].mean(axis=0) - pressure[before].mean(axis=0)
     own = pressure[:, int(np.argmax(np.abs(steps)))]
@@ -89,7 +90,7 @@ def _lag(force: np.ndarray, pressure: np.ndarray, first: int, last: int) -> floa
 
 
 def fit(recordings: Recordings) -> dict[str, Any]:
-    """Relaxation of all; lag of each medium."""
+    """Return the relaxation of all recordings, and the lag of each medium."""
     every = list(recordings.values())
     media = dict.fromkeys(each.medium for each in every)
     load, lost = (np.concatenate([getattr(each, name) for each in every]) for name in ("load_n", "relaxation"))
@@ -104,7 +105,7 @@ def fit(recordings: Recordings) -> dict[str, Any]:
 
 
 def errors(parameters: dict[str, Any], recordings: Recordings, known: Recordings | None = None) -> dict[str, Any]:
-    """Return errors of medians [points, s]; of a medium that was not fitted there is no lag."""
+    """Return the errors of medians [points, s]; a medium that was not fitted has no lag."""
     found: dict[str, list] = {aim.key: [] for aim in AIMS}
     for each in recordings.values():
         same = each.medium in parameters["lag_s"]
@@ -117,11 +118,11 @@ def errors(parameters: dict[str, Any], recordings: Recordings, known: Recordings
 
 
 def folds(recordings: Recordings) -> list[Fold]:
-    """First halves for second ones; then each long recording for the media of all others."""
+    """Return the folds: the first half predicts the second; then each long recording predicts the other media."""
     halves = {each.medium for each in recordings.values() if each.half}
     found: list[Fold] = [([f"{medium}, half 1"], [f"{medium}, half 2"]) for medium in sorted(halves)]
-    whole = [name for name, each in recordings.items() if not each.half]
-    for name in whole:
+    complete = [name for name, each in recordings.items() if not each.half]
+    for name in complete:
         if name in halves:
-            found.append(([name], [other for other in whole if other != name]))
+            found.append(([name], [other for other in complete if other != name]))
     return found

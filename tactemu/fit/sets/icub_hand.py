@@ -1,8 +1,8 @@
 """iCub hand: sixty capacitive taxels of one byte, 255 less the load, grasping objects.
 
-A recording is :class:`Grasp`. The law is a resting pattern, and a dead band: what some grasps showed of both is what
-others show. How hard an object is held is the hand's doing, not the sensor's: the median of the smallest values is that
-object's own where it was seen, and that of all objects together where it was not.
+A recording is a :class:`Grasp`. The law is a baseline pattern and a dead band, both equal for all grasps. The hand, not
+the sensor, decides how hard an object is held: the median of the smallest values is the object's own if it was fitted,
+else that of all objects together.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ AIMS = (
 
 @dataclass(frozen=True)
 class Grasp:
-    """One grasp, in counts."""
+    """The counts of one grasp."""
 
     thing: str
     first: np.ndarray
-    """Its first row, before contact, shape (60,)."""
+    """The first row, before contact, shape (60,)."""
     smallest: float
     unchanged: float
-    """Share of readings that are those of the row before."""
+    """The share of readings that repeat those of the row before."""
 
 
 def read(folder: Path) -> Recordings:
@@ -49,7 +49,7 @@ def read(folder: Path) -> Recordings:
 
 
 def fit(recordings: Recordings) -> dict[str, Any]:
-    """Resting pattern, its spread from trial to trial, share of repeats, and the median of smallest values."""
+    """Return the baseline, its spread from trial to trial, the share of repeats, and the median of smallest values."""
     every = list(recordings.values())
     first = np.array([each.first for each in every])
     return {
@@ -65,7 +65,7 @@ def fit(recordings: Recordings) -> dict[str, Any]:
 
 
 def errors(parameters: dict[str, Any], recordings: Recordings, known: Recordings | None = None) -> dict[str, Any]:
-    """Return errors of all the grasps given together [counts, points]."""
+    """Return the errors of all given grasps together [counts, points]."""
     other, rest = fit(recordings), np.array(parameters["rest"])
     own, seen = other["smallest_by_object"], parameters["smallest_by_object"]
     found = {
@@ -80,7 +80,8 @@ def errors(parameters: dict[str, Any], recordings: Recordings, known: Recordings
 
 
 def folds(recordings: Recordings) -> list[Fold]:
-    """Return every third trial of all objects held out, three times; then half of the objects, ten times."""
+    """Return the folds that leave out every third trial of all objects, three times; then half of the objects, ten
+    times."""
     names = list(recordings)
     found: list[Fold] = []
     for k in range(3):

@@ -1,13 +1,13 @@
-"""Inspire RH56DFX: a finger closes at a speed until its force register passes a limit; how far does the force go?
+"""Inspire RH56DFX: the peak force of a finger that closes at a speed until its force register passes a limit.
 
-A recording is :class:`Stops`. The law is the motion of a motor against a contact, in units of its angle register::
+A recording is a :class:`Stops`. The law is the motion of a motor against a contact, in units of its angle register::
 
     G(θ) = s softplus(θ1 − θ, w)                       contact: force [g] at the angle θ
-    dθ/dt = −v (1 − (G/stall)²) / (1 + G/(d v))        v = 2.83 speed, at most 2400 per second; it yields to load
+    dθ/dt = −v (1 − (G/stall)²) / (1 + G/(d v))        v = 2.83 speed, at most 2400 per second, less under load
     stop: when r G passes the limit, and latency later; then it gives back up to b, less near the stall
 
-``peak`` is G where it stands then. The contact is read from the motion at the slowest speed and from where fingers came
-to rest; the rest from the peaks. All peaks are means over the trials of a recording.
+``peak`` is G at the final angle. The contact is fitted to the motion at the slowest speed and to the final angles; the
+other parameters are fitted to the peaks. All peaks are means over the trials of a recording.
 """
 
 from __future__ import annotations
@@ -19,17 +19,20 @@ from typing import Any
 
 import numpy as np
 
+from tactemu.fit.estimates import least_squares
 from tactemu.fit.sets.aims import Aim, Fold, Recordings, stem, table_of
-from tactemu.fit.solver import least_squares
 from tactemu.transducers.laws import softplus
 
 ANGLES = np.arange(705.0, 600.0, -0.05)
-"""From before contact on."""
-PER_SPEED, FASTEST = 2.83, 2400.0
+"""The angles of the simulated motion, from before contact on."""
+ANGLE_PER_S_PER_SPEED = 2.83
+"""The motion of the angle register per second and unit of speed."""
+MAX_ANGLE_PER_S = 2400.0
+"""The maximum motion of the angle register per second."""
 NAMES = ("latency_s", "yield_g_s", "stall_g", "register_share", "gives_back")
 USUAL = np.log([0.02, 6.0, 1720.0, 0.9, 3.0])
-SURE = 0.3 * np.array([0.5, 0.5, 4.0, 3.0, 1.0])
-"""How strongly each parameter is held near its usual value: eight peaks do not tell five parameters."""
+PRIOR_WEIGHTS = 0.3 * np.array([0.5, 0.5, 4.0, 3.0, 1.0])
+"""The weight that keeps each parameter near its usual value, because eight peaks do not determine five parameters."""
 
 AIMS = (
     *(
@@ -47,11 +50,11 @@ class Stops:
     speed: float
     limit_g: float
     peak_g: float
-    """Mean over the trials."""
+    """The peak force, mean over the trials."""
     motion: tuple[np.ndarray, np.ndarray]
-    """Angles and forces from before contact to the stop."""
-    rest: tuple[np.ndarray, np.ndarray]
-    """Angles and forces in the end."""
+    """The angles and forces from before contact to the stop."""
+    final: tuple[np.ndarray, np.ndarray]
+    """The final angle and the peak force of each trial."""
 
 
 def read(folder: Path) -> Recordings:
@@ -67,7 +70,7 @@ def read(folder: Path) -> Recordings:
 def stops(table: dict[str, np.ndarray], speed: float, limit_g: float) -> Stops:
     """Cut a recording into its trials."""
     stage = next(values for name, values in table.items() if name.startswith("stage"))
-    angles, forces, rests, peaks = [], [], [], []
+    angles, forces, finals, peaks = [], [], [], []
     for trial in np.unique(table["trial"]):
         own = (table["trial"] == trial) & (stage == 0)
         force, angle = table["force_g"][own], table["angle_raw"][own]
@@ -77,20 +80,20 @@ def stops(table: dict[str, np.ndarray], speed: float, limit_g: float) -> Stops:
         angles.append(angle[:until][near])
         forces.append(force[:until][near])
         peaks.append(force.max())
-        rests.append((angle[-1], force.max()))
+        finals.append((angle[-1], force.max()))
     motion = np.concatenate(angles), np.concatenate(forces)
-    return Stops(speed, limit_g, float(np.mean(peaks)), motion, tuple(np.array(rests).T))
+    return Stops(speed, limit_g, float(np.mean(peaks)), motion, tuple(np.array(finals).T))
 
 
 def contact(parameters: dict[str, Any], angle: np.ndarray) -> np.ndarray:
-    """Return force of the contact [g] at an angle."""
+    """Return the force of the contact [g] at an angle."""
     return parameters["per_angle_g"] * softplus(parameters["touch_angle"] - angle, parameters["bend"])
 
 
 def peak(parameters: dict[str, Any], speed: np.ndarray, limit_g: np.ndarray) -> np.ndarray:
-    """Peak force [g] by speed and limit (registers), arrays of one shape."""
+    """Return the peak force [g] for arrays of speed and limit (registers) of one shape."""
     latency, yields, stall, share, back = (parameters[name] for name in NAMES)
-    v = np.minimum(PER_SPEED * np.atleast_1d(np.asarray(speed, float)), FASTEST)[:, None]
+    v = np.minimum(ANGLE_PER_S_PER_SPEED * np.atleast_1d(np.asarray(speed, float)), MAX_ANGLE_PER_S)[:, None]
     limit = np.broadcast_to(np.asarray(limit_g, float), v.shape[:1])[:, None]
     g = contact(parameters, ANGLES)
     free = 1.0 - np.minimum(g / stall, 1.0) ** 2
@@ -106,12 +109,12 @@ def peak(parameters: dict[str, Any], speed: np.ndarray, limit_g: np.ndarray) -> 
 
 
 def fit(recordings: Recordings) -> dict[str, Any]:
-    """Return the contact, and then the motor."""
+    """Return the parameters of the contact and of the motor."""
     every = list(recordings.values())
     slowest = min(each.speed for each in every)
     moving = [each.motion for each in every if each.speed == slowest]
-    angle = np.concatenate([each[0] for each in (*moving, *(one.rest for one in every))])
-    force = np.concatenate([each[1] for each in (*moving, *(one.rest for one in every))])
+    angle = np.concatenate([each[0] for each in (*moving, *(one.final for one in every))])
+    force = np.concatenate([each[1] for each in (*moving, *(one.final for one in every))])
     sure = np.where(np.arange(len(angle)) < sum(len(each[0]) for each in moving), 0.3, 1.0)
 
     def named(p: np.ndarray) -> dict[str, float]:
@@ -123,11 +126,12 @@ def fit(recordings: Recordings) -> dict[str, Any]:
         loss="soft_l1",
     )
     found = named(law.x)
-    speed, limit, felt = (np.array([getattr(each, name) for each in every]) for name in ("speed", "limit_g", "peak_g"))
+    names = ("speed", "limit_g", "peak_g")
+    speed, limit, measured = (np.array([getattr(each, name) for each in every]) for name in names)
 
     def apart(p: np.ndarray) -> np.ndarray:
         expected = peak(found | dict(zip(NAMES, np.exp(p))), speed, limit)
-        return np.concatenate([np.log(np.maximum(expected, 1.0) / felt), SURE * (p - USUAL)])
+        return np.concatenate([np.log(np.maximum(expected, 1.0) / measured), PRIOR_WEIGHTS * (p - USUAL)])
 
     tries = [least_squares(apart, USUAL + away, diff_step=2e-2) for away in (0.0, [0.4, 0.3, 0.0, -0.2, 0.5])]
     best = min(tries, key=lambda one: one.cost)
@@ -135,7 +139,7 @@ def fit(recordings: Recordings) -> dict[str, Any]:
 
 
 def errors(parameters: dict[str, Any], recordings: Recordings, known: Recordings | None = None) -> dict[str, Any]:
-    """Return errors of each recording's mean peak [%], by speed."""
+    """Return the errors of each recording's mean peak [%], by speed."""
     found: dict[str, list] = {}
     for each in recordings.values():
         expected = peak(parameters, np.array([each.speed]), np.array([each.limit_g]))[0]
@@ -147,7 +151,7 @@ def errors(parameters: dict[str, Any], recordings: Recordings, known: Recordings
 
 
 def folds(recordings: Recordings) -> list[Fold]:
-    """Return each limit left out at all speeds."""
+    """Return the folds that leave out each limit at all speeds."""
     limits = sorted({each.limit_g for each in recordings.values()})
     return [
         (

@@ -1,13 +1,13 @@
 """Weiss DSA on a Schunk SDH-2 hand: dead weights on a piezoresistive matrix, cold and warm.
 
-Recordings ``weight_*_*g`` are :class:`Weights`, ``sensitivity*`` a :class:`GainSeries`. The law of the sum over one
+Recordings ``weight_*_*g`` are a :class:`Weights`, ``sensitivity*`` a :class:`GainSeries`. The law of the sum over one
 matrix, ``t`` after a weight of ``m`` [g] was put down at ``T`` [°C], on its k-th imprint::
 
     sum(5 s) = full u/(1 + u) (1 + k-th imprint: i ln k) exp(g (T − 40)),   u = (m/half)² exp(a (T − 40))
     sum(t) = sum(1 s) (1 + c log10 t),   c = c500 (m/500)^-p
 
-The first is a piezoresistor ``R ∝ p^-2`` whose resistance falls as it warms, below a fixed resistor. The gain register
-multiplies: ``sum = sum(1.0) (offset + slope register)``.
+The first is a divider of a fixed resistor and a piezoresistor ``R ∝ p^-2`` whose resistance falls as it warms. The gain
+register multiplies: ``sum = sum(1.0) (offset + slope register)``.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from typing import Any
 
 import numpy as np
 
+from tactemu.fit.estimates import least_squares
 from tactemu.fit.sets.aims import Aim, Fold, Recordings, each_left_out
-from tactemu.fit.solver import least_squares
 from tactemu.transducers.laws import divider, falling_with_load
 
 MATRIX = 1
-"""That the weights stand on."""
+"""The index of the matrix under the weights."""
 EXPONENT = 2.0
-"""Of the resistance over the pressure; free it is 1.9 and predicts no better."""
+"""The exponent of resistance over pressure; a fit gives 1.9 and predicts no better."""
 REFERENCE_C = 40.0
 REFERENCE_G = 500.0
 
@@ -42,25 +42,25 @@ AIMS = (
 
 @dataclass(frozen=True)
 class Weights:
-    """Imprints of one weight: rows of first order, second, third."""
+    """The imprints of one weight, in order."""
 
     mass_g: float
     temperature_c: np.ndarray
     sum_5s: np.ndarray
     creep: np.ndarray
-    """Per decade, of 0.5 to 10 s."""
+    """The creep per decade, from 0.5 to 10 s."""
 
 
 @dataclass(frozen=True)
 class GainSeries:
-    """Sums of one weight by the gain register."""
+    """The sums of one weight at settings of the gain register."""
 
     register: np.ndarray
     sums: np.ndarray
 
 
 def read(folder: Path) -> Recordings:
-    """Return recordings of weights and of gain registers."""
+    """Return the recordings of weights and of gain registers."""
     found: dict[str, Any] = {}
     for path in sorted(folder.glob("*.npz")):
         weight = re.search(r"weight.*?_(\d+)g", path.stem)
@@ -72,7 +72,7 @@ def read(folder: Path) -> Recordings:
 
 
 def weights(archive: Any, mass_g: float) -> Weights:
-    """What the imprints of a file are."""
+    """Return the imprints of a file."""
     t, total = sums_of(archive)
     seconds, degrees = archive["temp_t_ms"] / 1e3, archive["temp_c"][:, MATRIX]
     rows = []
@@ -86,21 +86,21 @@ def weights(archive: Any, mass_g: float) -> Weights:
 
 
 def gains(archive: Any) -> GainSeries:
-    """Sums of the imprints of a file, 5 s after each; the register goes from 0.1 to 1.0 in their order."""
+    """Return the sums of a file's imprints, 5 s after each; the register rises from 0.1 to 1.0 in their order."""
     t, total = sums_of(archive)
     sums = [np.interp(t[first] + 5.0, t, total) for first, last in imprints(t, total, at_least_s=6.0, share=0.02)]
     return GainSeries(np.linspace(0.1, 1.0, len(sums)), np.array(sums))
 
 
 def sums_of(archive: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Times [s], and the sum of the counts of one matrix."""
+    """Return the times [s], and the sum of the counts of one matrix."""
     ends = np.cumsum(archive["rows_cols"].prod(axis=1))
     own = archive["frames"][:, ends[MATRIX - 1] : ends[MATRIX]]
     return archive["t_ms"] / 1e3, own.sum(axis=1, dtype=float)
 
 
 def imprints(t: np.ndarray, total: np.ndarray, *, at_least_s: float, share: float = 0.25) -> list[tuple[int, int]]:
-    """First and last frame of each: from where half of its load is there, for the time that it stays."""
+    """Return the first and the last frame of each imprint: from half of its load until the weight is lifted."""
     pressed = total > share * np.percentile(total, 95)
     edges = np.flatnonzero(np.diff(np.concatenate([[False], pressed, [False]]).astype(int)))
     found = []
@@ -112,7 +112,7 @@ def imprints(t: np.ndarray, total: np.ndarray, *, at_least_s: float, share: floa
 
 
 def fit(recordings: Recordings) -> dict[str, Any]:
-    """Return parameters of the laws: five of the sum, two of its creep, two of the register."""
+    """Return the parameters of the laws: five of the sum, two of its creep, two of the register."""
     rows = _rows(recordings)
     found = least_squares(lambda p: np.log(_sum(p, rows) / rows["sum"]), [11.0, np.log(750.0), 0.05, -0.01, 0.1])
     spread = np.sqrt(np.mean(found.fun**2))
@@ -136,7 +136,7 @@ def fit(recordings: Recordings) -> dict[str, Any]:
 
 
 def predicted_sum(parameters: dict[str, Any], mass_g: Any, temperature_c: Any, imprint: Any = 0) -> np.ndarray:
-    """Return counts, 5 s after a weight [g] was put down at a temperature [°C]; ``imprint`` counts from 0."""
+    """Return the sum [counts] 5 s after a weight [g] was put down at a temperature [°C]; ``imprint`` counts from 0."""
     p = [parameters[name] for name in ("full_counts", "half_g", "half_per_k", "gain_per_k", "per_imprint")]
     rows = {"mass": np.asarray(mass_g), "warm": np.asarray(temperature_c) - REFERENCE_C, "imprint": np.asarray(imprint)}
     return _sum([np.log(p[0]), np.log(p[1]), *p[2:]], rows)
@@ -170,9 +170,8 @@ def _shares(series: GainSeries) -> tuple[np.ndarray, np.ndarray]:
 
 
 def errors(parameters: dict[str, Any], recordings: Recordings, known: Recordings | None = None) -> dict[str, Any]:
-    """Return errors of imprints: sums as logarithms of ratios [%]. ``known`` were fitted: between their weights is
-    inside.
-    """
+    """Return the errors of imprints: of sums as logarithms of ratios [%]. Weights between those of the fitted
+    recordings (``known``) count as inside."""
     found: dict[str, Any] = {}
     masses = [each.mass_g for each in (known or recordings).values() if isinstance(each, Weights)]
     if any(isinstance(each, Weights) for each in recordings.values()):
@@ -197,5 +196,5 @@ def errors(parameters: dict[str, Any], recordings: Recordings, known: Recordings
 
 
 def folds(recordings: Recordings) -> list[Fold]:
-    """Return each recording of weights in turn; a gain series leaves its imprints out by itself."""
+    """Return the folds that leave out each recording in turn; a gain series leaves out its own imprints."""
     return each_left_out(list(recordings))

@@ -1,4 +1,4 @@
-"""What a sensor does while nothing touches it: noise, its slow part, resolution, rate, stuck taxels, drift, warmth."""
+"""Estimates from an untouched sensor: noise, its slow part, resolution, rate, stuck taxels, drift, temperature."""
 
 from __future__ import annotations
 
@@ -7,16 +7,16 @@ import numpy as np
 from tactemu.fit.estimates import Findings, linear
 from tactemu.fit.recording import Recorded
 
-LEAST_ROWS = 100
-LEAST_WARMTH_K = 2.0
-LEAST_TOGETHER = 4
-"""Channels that tell whether rows repeat because a register stands still."""
+MIN_ROWS = 100
+"""Minimum number of pairs of untouched rows for an estimate of noise."""
+MIN_WARMING_K = 2.0
+"""Minimum range of temperature for an estimate of its effect."""
+MIN_CHANNELS = 4
+"""Minimum number of channels that distinguish a slow register from noise below a step."""
 
 
-def resting(recorded: Recorded) -> np.ndarray:
-    """Return rows at which nothing touches it: those said to be so, else those without load, else all; bool,
-    ``(n,)``.
-    """
+def untouched_rows(recorded: Recorded) -> np.ndarray:
+    """Return the mask of untouched rows ``(n,)``: by the column `untouched`, else those without load, else all."""
     if "untouched" in recorded.truth:
         return recorded.truth["untouched"] != 0
     load = recorded.load
@@ -26,26 +26,26 @@ def resting(recorded: Recorded) -> np.ndarray:
     return np.ones(len(recorded.readings), bool)
 
 
-def find_rest(recorded: Recorded, rest: np.ndarray, found: Findings) -> None:
-    """Everything that rest tells."""
+def find_untouched(recorded: Recorded, untouched: np.ndarray, found: Findings) -> None:
+    """Add all estimates from untouched rows."""
     find_clock(recorded, found)
     find_stuck(recorded, found)
     x = recorded.readings
-    pairs = rest[1:] & rest[:-1]
+    pairs = untouched[1:] & untouched[:-1]
     if recorded.t is not None:
         periods = np.diff(recorded.t)
         pairs &= periods < 3 * np.median(periods)
-    if pairs.sum() < LEAST_ROWS:
+    if pairs.sum() < MIN_ROWS:
         found.unknown.append(
-            f"noise: {int(pairs.sum())} rows at rest, {LEAST_ROWS} are needed: record ten seconds without touching it"
+            f"noise: {int(pairs.sum())} rows at rest, {MIN_ROWS} are needed: record ten seconds without touching it"
         )
         return
-    find_noise(x, rest, pairs, recorded, found)
-    find_drift(recorded, rest, found)
+    find_noise(x, untouched, pairs, recorded, found)
+    find_drift(recorded, untouched, found)
 
 
 def find_clock(recorded: Recorded, found: Findings) -> None:
-    """Rate, jitter, a second mode of periods, repeated rows."""
+    """Add rate, jitter, the share of doubled periods, and repeated rows."""
     if recorded.t is None:
         found.unknown.append("rate and jitter: the recording has no clock; give --rate, and spectra are per row")
     else:
@@ -66,16 +66,19 @@ def find_clock(recorded: Recorded, found: Findings) -> None:
 
 
 def find_repeats(recorded: Recorded, found: Findings) -> None:
-    """Rows like the one before: where all channels stand still together, a register is renewed more slowly than it is
-    read; where each does by itself, noise is below a step."""
+    """Add the share of repeated rows and its cause.
+
+    If all channels repeat together, a register is renewed more slowly than it is read; if each repeats by itself, noise
+    is below a step.
+    """
     changed = np.diff(recorded.readings, axis=0) != 0
     same = ~changed.any(axis=1)
     share = float(same.mean())
     if share <= 0.02 or same.all():
         return
     found.add("repeated", share, np.sqrt(share * (1 - share) / len(same)), "", "share of rows like the one before")
-    alike = float(np.prod(1.0 - changed[~same].mean(axis=0)))  # if each stood still by itself
-    if changed.shape[1] < LEAST_TOGETHER:
+    alike = float(np.prod(1.0 - changed[~same].mean(axis=0)))  # the share if channels repeated independently
+    if changed.shape[1] < MIN_CHANNELS:
         found.notes.append("rows repeat: a register that is renewed slowly, or noise below a step: too few channels")
     elif share < 3.0 * alike + 0.02:
         found.notes.append("rows repeat: noise is below a step")
@@ -88,7 +91,7 @@ def find_repeats(recorded: Recorded, found: Findings) -> None:
 
 
 def find_stuck(recorded: Recorded, found: Findings) -> None:
-    """Channels that never change, or hardly ever while others do."""
+    """Note the channels that never change, or hardly ever while others do."""
     changes = (np.diff(recorded.readings, axis=0) != 0).mean(axis=0)
     usual = np.median(changes)
     stuck = [name for name, share in zip(recorded.names, changes) if share == 0 or share < 0.01 * usual]
@@ -97,7 +100,7 @@ def find_stuck(recorded: Recorded, found: Findings) -> None:
 
 
 def step_of(values: np.ndarray) -> float:
-    """Step of a quantiser that all values are multiples of; 0: none is seen."""
+    """Return the step of a quantiser that all values are multiples of, or 0 if there is none."""
     levels = np.unique(values)
     if len(levels) < 3:
         return 0.0
@@ -109,8 +112,8 @@ def step_of(values: np.ndarray) -> float:
     return float(np.ptp(levels) / np.rint(np.ptp(levels) / step))
 
 
-def find_noise(x: np.ndarray, rest: np.ndarray, pairs: np.ndarray, recorded: Recorded, found: Findings) -> None:
-    """White noise and its slow part, mean over the channels, by axis where there are three; and the resolution."""
+def find_noise(x: np.ndarray, untouched: np.ndarray, pairs: np.ndarray, recorded: Recorded, found: Findings) -> None:
+    """Add white noise and its slow part, mean over the channels (by axis if there are three), and the resolution."""
     unit = "" if recorded.kind == "counts" else _si(recorded.kind)
     alive = (np.diff(x, axis=0) != 0).any(axis=0)
     steps = np.array([step_of(x[:, k]) if alive[k] else 0.0 for k in range(x.shape[1])])
@@ -131,7 +134,7 @@ def find_noise(x: np.ndarray, rest: np.ndarray, pairs: np.ndarray, recorded: Rec
         n, m = jumps.shape
         error = np.sqrt(np.mean(white**2) * 3.0 / (4.0 * n) / m + white.var() / max(m - 1, 1) / m)
         found.add(f"white noise{label}", white.mean(), error, unit, "std, mean over the channels")
-        calm = x[rest][:, own][:, here]
+        calm = x[untouched][:, own][:, here]
         lags = np.unique(np.geomspace(1, max(2, n // 10), 12).astype(int))
         centred = calm - calm.mean(axis=0)
         power = centred.var(axis=0)
@@ -146,23 +149,23 @@ def _si(kind: str) -> str:
     return {"field": "T", "pressure": "Pa", "capacitance": "F", "resistance": "Ohm"}.get(kind, "")
 
 
-def find_drift(recorded: Recorded, rest: np.ndarray, found: Findings) -> None:
-    """Drift over time, and what follows the temperature, mean over the channels."""
-    y = recorded.readings[rest].mean(axis=1)
+def find_drift(recorded: Recorded, untouched: np.ndarray, found: Findings) -> None:
+    """Add the drift over time, or the dependence on temperature, mean over the channels."""
+    y = recorded.readings[untouched].mean(axis=1)
     unit = _si(recorded.kind)
     warm = recorded.truth.get("temperature")
-    if warm is not None and np.ptp(warm[rest]) >= LEAST_WARMTH_K:
-        degrees = warm[rest] - warm[rest].mean()
+    if warm is not None and np.ptp(warm[untouched]) >= MIN_WARMING_K:
+        degrees = warm[untouched] - warm[untouched].mean()
         law, covariance, _ = linear(np.column_stack([np.ones(len(y)), degrees]), y)
         found.add("offset per K", law[1], np.sqrt(covariance[1, 1]), f"{unit}/K", "mean over the channels")
         return
     if warm is None:
         found.unknown.append(
-            "temperature terms: record a rest while it warms by ten degrees, with a thermometer's column"
+            "temperature terms: record the untouched sensor while it warms by ten degrees, with a thermometer's column"
         )
     else:
-        found.unknown.append(f"temperature terms: it warmed by {np.ptp(warm[rest]):.1f} K only; ten tell them")
-    if recorded.t is not None and np.ptp(recorded.t[rest]) > 60:
-        hours = (recorded.t[rest] - recorded.t[rest].mean()) / 3600
+        found.unknown.append(f"temperature terms: it warmed by {np.ptp(warm[untouched]):.1f} K only; record ten")
+    if recorded.t is not None and np.ptp(recorded.t[untouched]) > 60:
+        hours = (recorded.t[untouched] - recorded.t[untouched].mean()) / 3600
         law, covariance, _ = linear(np.column_stack([np.ones(len(y)), hours]), y)
         found.add("drift", law[1], np.sqrt(covariance[1, 1]), f"{unit}/h".lstrip("/"), "mean over the channels")
