@@ -20,6 +20,8 @@ from tactemu.cli.datasheet import datasheet  # noqa: E402
 from tactemu.scene.file import json_schema  # noqa: E402
 from tactemu.wire.faults import DIRECTIONS, KINDS  # noqa: E402
 
+_INHERITED = ("Sensor", "Simulation")
+"""Classes whose methods are spread over base classes that have no entry of their own."""
 _ABOUT: dict[str, tuple[str, str]] = {}
 """Title and first sentence of each page, by its URL."""
 
@@ -89,7 +91,8 @@ def _api() -> str:
             found = getattr(package, name)
             module, qualified = getattr(found, "__module__", None), getattr(found, "__qualname__", None)
             if module and qualified and module.split(".")[0] in ("tactemu", "firmware_protocols"):
-                lines += [f"::: {module}.{qualified}", "    options:", "      heading_level: 3", ""]
+                lines += [f"::: {module}.{qualified}", "    options:", "      heading_level: 3"]
+                lines += ["      inherited_members: true", ""] if name in _INHERITED else [""]
     return "\n".join(lines)
 
 

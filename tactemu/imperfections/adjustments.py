@@ -47,7 +47,7 @@ class Adjustments(ABC):
         self.set("saturation_range", (low, high), envs_idx)
 
     def set_jitter(self, jitter, envs_idx=None) -> None:
-        """Further delay, uniform in [0, jitter] [s]: one number, or one for each environment named."""
+        """Further delay, uniform between 0 and ``jitter`` [s]: one number, or one for each environment named."""
         self.set("jitter", jitter, envs_idx)
 
     def set_probe_gain(self, gain, envs_idx=None) -> None:

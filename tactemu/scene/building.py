@@ -252,7 +252,7 @@ def taxels(part: SkinPart, skin: SkinTable, model: type[SensorModel], known: lis
     layout = part.layout
     turn = rotation.normalised(part.quaternion)
     radius = numbers(model.__name__, "probe_radius", skin.options.get("probe_radius", layout.pitches / 2))
-    below = skin.embed if skin.embed is not None else radius if model.feels_at_radius else 0.0
+    below = skin.embed if skin.embed is not None else radius if model.senses_within_radius else 0.0
     inside = layout.positions - np.reshape(np.broadcast_to(below, (len(layout),)), (-1, 1)) * layout.normals
     positions = rotation.rotate(turn, inside) + np.asarray(part.position)
     normals = rotation.rotate(turn, layout.normals)

@@ -1,1 +1,1 @@
-"""Contact physics and sensor models as Warp kernels. Knows no device, no byte and no wall clock."""
+"""Contact physics and sensor models as Warp kernels; independent of devices, bytes and wall clocks."""

@@ -1,4 +1,4 @@
-"""Poses from arrays that another simulator writes on the device: declared once, converted by one launch a step."""
+"""Poses from arrays that another simulator writes on the device: checked once, converted by one launch per step."""
 
 # pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
 # pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
@@ -20,13 +20,14 @@ from tactemu.sensors.poses import POSE_WIDTH
 ORDERS = ("wxyz", "xyzw")
 FLOATS = (wp.float32, wp.float64)
 PARTS = {"position": 3, "quaternion": 4, "linear_velocity": 3, "angular_velocity": 3}
-"""What may be bound, and its width."""
+"""The parts of a pose that may be bound, and their widths."""
 
 
 @functools.cache
 def convert_kernel(types: tuple, scalar_last: bool, at_com: bool, at_points: bool, offset: bool):
-    """Copies what is given into the world's poses. ``types``: of the four parts and of the places of the velocities,
-    ``None`` for what is not given. ``offset``: our bodies are elsewhere in the frames that are given."""
+    """Return the kernel that copies the given arrays into the world's poses. ``types`` are those of the four parts and
+    of the places of the velocities, ``None`` for parts not given; with ``offset`` our bodies are displaced in the given
+    frames."""
     has_position, has_quaternion, has_velocity, has_spin, _ = (kind is not None for kind in types)
     position_t, quaternion_t, velocity_t, spin_t, place_t = (kind or wp.float32 for kind in types)
     f64 = wp.float64
@@ -77,7 +78,7 @@ def convert_kernel(types: tuple, scalar_last: bool, at_com: bool, at_points: boo
                 world[e, b, 10 + i] = f64(spin[e, c, i])
         if wp.static(has_velocity):
             v = wp.vec3d(f64(velocity[e, c, 0]), f64(velocity[e, c, 1]), f64(velocity[e, c, 2]))
-            if wp.static(at_com or at_points or offset):  # of the body, at another place than its origin
+            if wp.static(at_com or at_points or offset):  # the velocity of the body at another place than its origin
                 there = frame
                 if wp.static(at_com or at_points):
                     p = place_columns[k]
@@ -94,24 +95,24 @@ def convert_kernel(types: tuple, scalar_last: bool, at_com: bool, at_points: boo
 
 @dataclass(kw_only=True)
 class BoundPoses:
-    """What :meth:`Simulation.bind_poses` was told, checked."""
+    """The checked arguments of :meth:`Simulation.bind_poses`."""
 
     bodies: tuple[Body, ...]
     columns: tuple[int, ...]
     arrays: dict[str, wp.array]
     """``(n_envs, n, width)`` each, by the name of the part."""
     places: wp.array | None
-    """Where velocities are taken: ``(n_envs, n, 3)``, in the frame that is given (``com``) or in the world."""
+    """Places where velocities are taken: ``(n_envs, n, 3)``, in the given frame (``com``) or in the world."""
     place_columns: tuple[int, ...]
-    """Which of them is whose."""
+    """Index of the place of each body."""
     offsets: tuple[tuple[np.ndarray, np.ndarray], ...]
-    """Where bodies are in the frames that are given, position and quaternion (w, x, y, z); empty: at their origins."""
+    """Positions and quaternions (w, x, y, z) of the bodies in the given frames; empty: at their origins."""
     order: str
     at: str
-    """``origin``, ``com`` or ``points``."""
+    """Kind of place: ``origin``, ``com`` or ``points``."""
 
     def stage(self, context: Context, world: wp.array) -> Stage:
-        """What converts them, before all else."""
+        """Return the stage that converts the arrays, the first of each step."""
         given = [self.arrays.get(name) for name in PARTS] + [self.places]
         types = tuple(None if array is None else array.dtype for array in given)
         none = {kind: wp.zeros((0, 0, 0), dtype=kind, device=context.device) for kind in FLOATS}
@@ -133,7 +134,7 @@ class BoundPoses:
         return Stage(name="bound poses", reason=reason, launch=launch)
 
 
-def declared(
+def make_bound_poses(
     bodies: Sequence[Body],
     context: Context,
     *,
@@ -146,30 +147,30 @@ def declared(
     index: Mapping[Any, int] | None,
     offsets: Mapping[Any, tuple[Any, Any]] | None,
 ) -> BoundPoses:
-    """Check what :meth:`Simulation.bind_poses` is told.
+    """Check the arguments of :meth:`Simulation.bind_poses`, and return them as :class:`BoundPoses`.
 
     Raises:
-        SceneError: in words, before anything is launched.
+        SceneError: an argument is wrong; nothing has been launched then.
     """
     given = {name: value for name, value in parts.items() if value is not None}
     if poses is not None:
         if given or order != "wxyz" or not (isinstance(velocity_at, str) and velocity_at == "origin"):
             raise SceneError(
                 "bind_poses: one array of poses has position, quaternion (w, x, y, z), velocity of the origin and "
-                "angular velocity, 13 numbers; what lies otherwise is given as position=, quaternion=, ..."
+                "angular velocity, 13 numbers; give other layouts as position=, quaternion=, ..."
             )
         starts = dict(zip(PARTS, (0, 3, 7, 10)))
-        whole = _columns(poses, "poses", context, POSE_WIDTH)
-        given = {name: (whole, starts[name]) for name in PARTS}
+        array = _columns(poses, "poses", context, POSE_WIDTH)
+        given = {name: (array, starts[name]) for name in PARTS}
     if not given:
-        raise SceneError(f"bind_poses: nothing is bound; give poses, or any of {', '.join(PARTS)}")
+        raise SceneError(f"bind_poses: you gave no array; give poses, or any of {', '.join(PARTS)}")
     if order not in ORDERS:
         raise SceneError(f"bind_poses: order must be one of {', '.join(ORDERS)}, got {order!r}")
     arrays = {name: _columns(value, name, context, PARTS[name]) for name, value in given.items()}
     widths = {name: array.shape[1] for name, array in arrays.items()}
     if len(set(widths.values())) > 1:
-        said = ", ".join(f"{name} {n}" for name, n in widths.items())
-        raise SceneError(f"bind_poses: the arrays are of different numbers of bodies: {said}")
+        counts = ", ".join(f"{name} {n}" for name, n in widths.items())
+        raise SceneError(f"bind_poses: the arrays must be of the same number of bodies, got {counts}")
     n = next(iter(widths.values()))
     at, places = _places(velocity_at, com, arrays, None if velocity_at_index is not None else n, context)
     chosen, columns = _chosen(bodies, index, n)
@@ -211,7 +212,8 @@ def _columns(value: Any, name: str, context: Context, width: int, n_envs: int | 
 
 
 def _places(velocity_at: Any, com: Any, arrays: Mapping[str, wp.array], n: int | None, context: Context):
-    """Where velocities are taken, ``(word, array)``. ``n``: how many there must be."""
+    """Return the kind of place where velocities are taken and its array, ``(word, array)``; ``n`` is the required
+    number of places."""
     if isinstance(velocity_at, str):
         if velocity_at not in ("origin", "com"):
             raise SceneError(
@@ -245,12 +247,12 @@ def _one_for_all(places: Any, n: int | None) -> bool:
 def _place_columns(
     index: Sequence[int] | np.ndarray | None, columns: tuple[int, ...], n: int, places: wp.array | None
 ) -> tuple[int, ...]:
-    """Whose place is taken for each body."""
+    """Return the index of the place of each body."""
     if index is None:
         return columns
     chosen = np.asarray(index)
     if places is None:
-        raise SceneError("bind_poses: velocity_at_index= says which point of velocity_at= is whose; give that too")
+        raise SceneError("bind_poses: velocity_at_index= selects points of velocity_at=; give that too")
     if chosen.shape != (n,) or chosen.dtype.kind not in "iu" or not ((chosen >= 0) & (chosen < places.shape[1])).all():
         raise SceneError(
             f"bind_poses: velocity_at_index must be {n} whole numbers in 0..{places.shape[1] - 1}, got {index!r}"
@@ -264,13 +266,13 @@ def _offsets(
     offsets: Mapping[Any, tuple[Any, Any]] | None,
     arrays: Mapping[str, wp.array],
 ) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
-    """Where each body is in the frame that is given for it."""
+    """Return each body's position and quaternion in the frame that is given for it."""
     if not offsets:
         return ()
     if not {"position", "quaternion"} <= arrays.keys():
         raise SceneError("bind_poses: offsets= are in frames, which need position= and quaternion=")
     if "linear_velocity" in arrays and "angular_velocity" not in arrays:
-        raise SceneError("bind_poses: the velocity of what is off the origin needs angular_velocity= too")
+        raise SceneError("bind_poses: with offsets= a linear_velocity= needs angular_velocity= too")
     found = {}
     for which, (position, quaternion) in offsets.items():
         body = find_body(bodies, which)
@@ -282,7 +284,7 @@ def _offsets(
                 f"(w, x, y, z), got {position!r} and {quaternion!r}"
             )
         if body not in chosen:
-            raise SceneError(f"bind_poses: offset of body {body.name!r}: it is not bound")
+            raise SceneError(f"bind_poses: offset of body {body.name!r}: this body is not bound; add it to index=")
         found[body] = place, turn / length
     nowhere = np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])
     return tuple(found.get(body, nowhere) for body in chosen)
@@ -291,12 +293,12 @@ def _offsets(
 def _chosen(
     bodies: Sequence[Body], index: Mapping[Any, int] | None, n: int
 ) -> tuple[tuple[Body, ...], tuple[int, ...]]:
-    """Return bodies that are posed, and where each stands in the arrays."""
+    """Return the bodies whose poses are bound, and the index of each in the arrays."""
     if index is None:
         if n != len(bodies):
             raise SceneError(
-                f"bind_poses: the arrays are of {n} bodies, the scene has {len(bodies)}; say by index={{body: place}} "
-                "which of them are whose"
+                f"bind_poses: the arrays are of {n} bodies, the scene has {len(bodies)}; map bodies to rows with "
+                "index={body: place}"
             )
         pairs = [(body, k) for k, body in enumerate(bodies) if not body.fixed]
     else:
@@ -309,5 +311,5 @@ def _chosen(
         if isinstance(k, bool) or not isinstance(k, int) or not 0 <= k < n:
             raise SceneError(f"bind_poses: index of body {body.name!r} must be in 0..{n - 1}, got {k!r}")
     if not pairs:
-        raise SceneError("bind_poses: no body to pose; all are fixed, or index is empty")
+        raise SceneError("bind_poses: there is no body to bind: all are fixed, or index is empty")
     return tuple(body for body, _ in pairs), tuple(k for _, k in pairs)

@@ -1,4 +1,4 @@
-"""How viewers draw a sensor: options that change no reading."""
+"""Options of how viewers draw a sensor; they change no reading."""
 
 from __future__ import annotations
 
@@ -11,29 +11,29 @@ from tactemu.base.options import number, numbers
 
 @dataclass(frozen=True, kw_only=True)
 class DrawOptions:
-    """What a viewer shows of a sensor beside its readings. Names and defaults are those of Genesis."""
+    """Options for viewers of a sensor. Names and defaults are those of Genesis."""
 
     draw_debug: bool = False
     """Draw its probes as spheres that change their colour in contact, and the points that it samples."""
     debug_probe_color: Sequence[float] = (0.2, 0.4, 1.0)
-    """Of a probe that nothing touches: red, green, blue in 0..1."""
+    """Colour of a probe without contact: red, green, blue in 0..1."""
     debug_contact_color: Sequence[float] = (1.0, 0.2, 0.0)
-    """Of a probe in contact."""
+    """Colour of a probe in contact."""
     debug_probe_center_radius: float = 0.0008
-    """Of the opaque ball at a probe's position [m]."""
+    """Radius of the opaque ball at a probe's position [m]."""
     debug_probe_sphere_opacity: float = 0.3
-    """Of the ball around it as large as its sensing radius, 0..1; 0 leaves it out."""
+    """Opacity of the ball around it, as large as its sensing radius, 0..1; 0 leaves it out."""
     debug_point_cloud_color: Sequence[float] = (1.0, 0.8, 0.0, 1.0)
-    """Of the points sampled on bodies: red, green, blue and opacity in 0..1."""
+    """Colour of the points sampled on bodies: red, green, blue and opacity in 0..1."""
     debug_point_cloud_radius: float = 0.002
-    """Of the balls at these points [m]."""
+    """Radius of the balls at these points [m]."""
 
 
 def check_drawing(where: str, options: DrawOptions) -> None:
-    """Check them.
+    """Check the drawing options.
 
     Raises:
-        SceneError: a colour or a radius is none.
+        SceneError: a colour or a radius is not valid.
     """
     for name, length in (("debug_probe_color", 3), ("debug_contact_color", 3), ("debug_point_cloud_color", 4)):
         colour = numbers(where, name, getattr(options, name))

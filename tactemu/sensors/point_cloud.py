@@ -1,8 +1,8 @@
-"""Points spread over the surface of a body: what a ProximityTaxel senses, and what sticks to an elastomer in shear.
+"""Points spread over the surface of a body: a ProximityTaxel senses them, and they stick to an elastomer in shear.
 
-Candidates are drawn from the surface by area; of these, farthest-point selection keeps an even spread. Points given
-by the user are taken as they are. For the kernels a cloud is sorted into small clusters with bounding balls, so that a
-taxel skips what it cannot reach.
+Candidates are drawn from the surface by area; farthest-point selection keeps an even spread of these. Points given by
+the user are not changed. For the kernels a cloud is sorted into small clusters with bounding balls, so that a taxel
+skips those that it cannot reach.
 """
 
 from __future__ import annotations
@@ -11,10 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-CLUSTER = 8
-"""Points per cluster, at most."""
-FAR_AWAY = 1.0e17
-"""Coordinate of a point that is out of everything's reach [m]; its square still fits float32."""
+CLUSTER_SIZE = 8
+"""Maximum number of points per cluster."""
+FAR_AWAY_M = 1.0e17
+"""Coordinate of a point out of reach of every taxel [m]; its square still fits float32."""
 
 
 @dataclass(frozen=True)
@@ -24,15 +24,16 @@ class PointCloud:
     body: int
     """Index of the body in the scene."""
     positions: np.ndarray
-    """[m], float64, shape ``(n, 3)``."""
+    """Positions [m], float64, shape ``(n, 3)``."""
     areas: np.ndarray
     """Surface that each point stands for [m^2], shape ``(n,)``; NaN where unknown (points given without areas)."""
 
 
 def farthest_points(candidates: np.ndarray, count: int) -> np.ndarray:
-    """Indices of ``count`` candidates, each the one farthest from those chosen before; the first one comes first.
+    """Return the indices of ``count`` candidates, each the one farthest from those chosen before, starting with the
+    first.
 
-    Shape of ``candidates``: ``(n, 3)``. Returns fewer when there are fewer.
+    ``candidates`` has shape ``(n, 3)``; if it has fewer rows, all are returned.
     """
     x, y, z = np.ascontiguousarray(candidates.T)
     chosen = np.zeros(min(count, len(candidates)), dtype=np.int64)
@@ -46,25 +47,26 @@ def farthest_points(candidates: np.ndarray, count: int) -> np.ndarray:
 
 
 def split_evenly(total: int, parts: int) -> list[int]:
-    """``total`` points over ``parts`` links, at least one each; the first links get what is left over."""
+    """Return the numbers of points that split ``total`` over ``parts`` links, at least one each; the first links get
+    the remainder."""
     return [max(1, total // parts + (i < total % parts)) for i in range(parts)]
 
 
 @dataclass(frozen=True)
 class Clusters:
-    """Clouds of one sensor, sorted so that neighbours in space are neighbours in memory.
+    """The clouds of one sensor, sorted so that neighbours in space are neighbours in memory.
 
-    Cluster ``c`` has the places from ``c * CLUSTER``; those beyond its points are filled with points far away.
+    Cluster ``c`` has the places from ``c * CLUSTER_SIZE``; places beyond its points hold points far away.
     """
 
     order: np.ndarray
-    """Place -> index in the clouds one after another, -1 where there is none, shape ``(n_places,)``."""
+    """Index in the concatenated clouds of each place, -1 for an empty one, shape ``(n_places,)``."""
     positions: np.ndarray
-    """Body frame [m], shape ``(n_places, 3)``; ``FAR_AWAY`` where there is none."""
+    """Positions in the body frame [m], shape ``(n_places, 3)``; ``FAR_AWAY_M`` for an empty place."""
     areas: np.ndarray
-    """[m^2], shape ``(n_places,)``."""
+    """Surface that each place stands for [m^2], shape ``(n_places,)``."""
     counts: np.ndarray
-    """Points of each cluster, shape ``(n_clusters,)``."""
+    """Number of points of each cluster, shape ``(n_clusters,)``."""
     ball: np.ndarray
     """Centre and radius of each cluster, body frame [m], shape ``(n_clusters, 4)``."""
     bodies: np.ndarray
@@ -76,12 +78,12 @@ class Clusters:
 
     @property
     def n_points(self) -> int:
-        """Points in all clouds."""
+        """Number of points in all clouds."""
         return int(self.counts.sum())
 
 
 def _halves(indices: np.ndarray, positions: np.ndarray, size: int) -> list[np.ndarray]:
-    """Split at the median of the longest side until each part has at most ``size``."""
+    """Return the indices split at the median of the longest side until each part has at most ``size``."""
     if len(indices) <= size:
         return [indices] if len(indices) else []
     axis = int(np.argmax(np.ptp(positions[indices], axis=0)))
@@ -91,12 +93,12 @@ def _halves(indices: np.ndarray, positions: np.ndarray, size: int) -> list[np.nd
 
 
 def spatial_order(positions: np.ndarray, size: int) -> np.ndarray:
-    """Return an order of positions ``(n, 3)`` in which each ``size`` in a row are near each other."""
+    """Return an order of positions ``(n, 3)`` in which every ``size`` consecutive ones are near each other."""
     return np.concatenate(_halves(np.arange(len(positions)), positions, size))
 
 
 def bounding_ball(points: np.ndarray) -> np.ndarray:
-    """Centre and radius of a ball around points ``(n, 3)``; shape ``(4,)``."""
+    """Return the centre and radius of a ball around points ``(n, 3)``; shape ``(4,)``."""
     centre = 0.5 * (points.min(axis=0) + points.max(axis=0))
     return np.append(centre, np.linalg.norm(points - centre, axis=1).max())
 
@@ -109,15 +111,15 @@ def cluster(clouds: list[PointCloud]) -> Clusters:
     parts, cloud_start, offset = [], [0], 0
     for cloud in clouds:
         n = len(cloud.positions)
-        parts += _halves(np.arange(offset, offset + n), points, CLUSTER)
+        parts += _halves(np.arange(offset, offset + n), points, CLUSTER_SIZE)
         cloud_start.append(len(parts))
         offset += n
-    order = np.full((len(parts), CLUSTER), -1, dtype=np.int64)
+    order = np.full((len(parts), CLUSTER_SIZE), -1, dtype=np.int64)
     for row, part in zip(order, parts):
         row[: len(part)] = part
     order = order.reshape(-1)
     filled = order >= 0
-    positions = np.full((len(order), 3), FAR_AWAY)
+    positions = np.full((len(order), 3), FAR_AWAY_M)
     positions[filled] = points[order[filled]]
     return Clusters(
         order=order,

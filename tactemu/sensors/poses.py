@@ -1,8 +1,9 @@
-"""Where every body is, seen from the skin: the one stage in float64, so that a skin 100 km away feels as at home.
+"""The pose of every body relative to the skin: the one stage in float64, so that a skin 100 km away is as accurate as
+one at the origin.
 
-World poses come in as ``(n_envs, n_bodies, 13)`` float64: position [m], quaternion (w, x, y, z), velocity of the
-body's origin [m/s], angular velocity [rad/s]. For every link that carries a skin this stage forms each body's pose in
-the link's frame and, where a sensor asks for it, the relative twist, and rounds only these to the kernels' type.
+World poses are given as ``(n_envs, n_bodies, 13)`` float64: position [m], quaternion (w, x, y, z), velocity of the
+body's origin [m/s], angular velocity [rad/s]. For every link that carries a skin this stage computes each body's pose
+in the link's frame and, where a sensor needs it, the relative twist, and rounds only these to the kernels' type.
 """
 
 # pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
@@ -25,15 +26,16 @@ from tactemu.plan.plan import Context, Stage
 from tactemu.plan.scalars import is_finite
 
 POSE_WIDTH = 13
-LONGEST = 1.0e150
-"""Of a quaternion, whose square must be a number."""
+MAX_QUATERNION_NORM = 1.0e150
+"""Largest usable norm of a quaternion, so that its square stays finite."""
 
 
 @functools.cache
 def relative_pose_kernel(real, with_twist: bool, ticks: bool):
-    """Poses (and twists) of all bodies in the frame of each link; a pose that is not finite becomes NaN and a flag.
+    """Return the kernel that computes poses (and twists) of all bodies in the frame of each link. A pose that is not
+    finite becomes NaN and sets a flag.
 
-    ``ticks``: it also advances the step count and the time.
+    With ``ticks`` it also advances the step count and the time.
     """
     vec3, numbers = wp.types.vector(3, real), wp.types.vector(7, real)
     write_pose, write_vector = row_writer(real, 7), row_writer(real, 3)
@@ -50,7 +52,7 @@ def relative_pose_kernel(real, with_twist: bool, ticks: bool):
     def unit_quaternion(row: wp.array(dtype=wp.float64)):
         q = wp.quatd(row[4], row[5], row[6], row[3])
         length = wp.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
-        usable = length >= wp.float64(1.0e-6) and length <= wp.float64(LONGEST)
+        usable = length >= wp.float64(1.0e-6) and length <= wp.float64(MAX_QUATERNION_NORM)
         return q * (wp.float64(1.0) / wp.where(usable, length, wp.float64(wp.nan)))
 
     @wp.kernel(module="unique", enable_backward=False, grid_stride=False)
@@ -97,7 +99,7 @@ def relative_pose_kernel(real, with_twist: bool, ticks: bool):
             if not is_finite(total) or not is_finite(position[0] + position[1] + position[2]):
                 position = vec3(real(wp.nan))
                 bad_out[l, e, b] = wp.uint8(1)
-                near_out[l, e, b] = wp.uint8(1)  # so that it is felt as NaN
+                near_out[l, e, b] = wp.uint8(1)  # so that the taxels read NaN
             pose = numbers(position[0], position[1], position[2], real(q[0]), real(q[1]), real(q[2]), real(q[3]))
             write_pose(pose_out, l, place, pose, True)
             if wp.static(with_twist):
@@ -124,7 +126,8 @@ def tick(
 
 @dataclass(frozen=True, kw_only=True)
 class LinkView:
-    """All bodies as one link sees them, updated before any sensor runs. Arrays of shape ``(n_envs, n_bodies)``.
+    """The poses of all bodies relative to one link, updated before any sensor runs. Arrays of shape ``(n_envs,
+    n_bodies)``.
 
     A point ``r`` fixed to the link meets the material of body ``b`` there with the relative velocity
     ``velocity[e, b] + cross(spin[e, b], r)``.
@@ -134,15 +137,17 @@ class LinkView:
     pose: wp.array
     """Transforms (position, quaternion) of the bodies in the link's frame. NaN where a world pose is not finite."""
     velocity: wp.array
-    """Relative velocity of each body's material at the link's *origin* [m/s], link frame; empty unless asked for."""
+    """Relative velocity of each body's material at the link's *origin* [m/s], link frame; empty unless a sensor needs
+    it."""
     spin: wp.array
-    """Relative angular velocity [rad/s], link frame; empty unless asked for."""
+    """Relative angular velocity [rad/s], link frame; empty unless a sensor needs it."""
     link_spin: wp.array
     """Angular velocity of the link itself in the world [rad/s], link frame, shape ``(n_envs,)``; empty likewise."""
     near: wp.array
-    """May the body reach any probe of those that were told to :meth:`RelativePoses.watch`? uint8."""
+    """May the body reach any probe that :meth:`RelativePoses.watch` was given? uint8."""
     watch: Callable[[np.ndarray, np.ndarray, np.ndarray], None]
-    """``watch(positions, radii, bounds)``: probes on this link, and how far each body's shape goes from its origin."""
+    """``watch(positions, radii, bounds)``: add probes on this link, with a bounding radius of each body's shape about
+    its origin."""
 
 
 class RelativePoses:
@@ -151,8 +156,8 @@ class RelativePoses:
     Args:
         links: body indices of the links.
         n_bodies: bodies in the scene.
-        twist_reasons: why relative velocities are needed, one per sensor that asks; empty: they are not computed.
-        middles: of the skin on each link, ``(n_links, 3)``.
+        twist_reasons: why relative velocities are needed, one per sensor that needs them; empty: they are not computed.
+        middles: centre of the skin on each link, ``(n_links, 3)``.
     """
 
     def __init__(
@@ -180,7 +185,7 @@ class RelativePoses:
         self._reaches = wp.zeros(self._reach.shape, dtype=wp.float64, device=device)
 
     def view(self, link: int) -> LinkView:
-        """What the link sees."""
+        """Return the relative poses of one link."""
         l = self.links.index(link)
         if self.with_twist:
             arrays = {"velocity": self._velocity[l], "spin": self._spin[l], "link_spin": self._link_spin[l]}
@@ -190,27 +195,29 @@ class RelativePoses:
         return LinkView(link=link, pose=self._pose[l], near=self._near[l], watch=partial(self.watch, l), **arrays)
 
     def watch(self, l: int, positions: np.ndarray, radii: np.ndarray, bounds: np.ndarray) -> None:
-        """From now on say which bodies may reach these probes.
+        """Include these probes when ``near`` is computed from now on.
 
         Args:
             l: number of the link.
-            positions: of the probes in its frame [m], ``(n, 3)``.
-            radii: how far each probe feels [m], ``(n,)``.
-            bounds: radius of a ball around each body's origin that holds its shape [m], ``(n_bodies,)``.
+            positions: positions of the probes in the link's frame [m], ``(n, 3)``.
+            radii: sensing radius of each probe [m], ``(n,)``.
+            bounds: bounding radius of each body's shape about its origin [m], ``(n_bodies,)``.
         """
         away = np.linalg.norm(positions - self._middles.numpy()[l], axis=-1) + radii
-        reach = np.minimum(away.max(initial=0.0) + bounds, FAR) * (1 + 1e-4)  # kernels look again, rounded as they are
+        reach = np.minimum(away.max(initial=0.0) + bounds, FAR) * (
+            1 + 1e-4
+        )  # slack: kernels test again in their own precision
         self._reach[l] = np.maximum(self._reach[l], reach)
         self._reaches.assign(self._reach)
 
     def status(self, link: int) -> wp.array:
-        """Which poses a link could not use at the last step, uint8, ``(n_envs, n_bodies)``: 1 where one was not."""
+        """Return flags of the poses that a link could not use at the last step, uint8, ``(n_envs, n_bodies)``: 1 for
+        unusable."""
         return cast(wp.array, self.bad[self.links.index(link)])
 
     def stages(self) -> list[Stage]:
-        """Return the stage, which also advances the step count and the time; where threads share the step, one
-        before it.
-        """
+        """Return the stages: relative poses, which also advances the step count and the time unless threads share the
+        step; then a stage before it does."""
         context = self._context
         shared, before = context.threads > 1, []
         if shared:
@@ -223,7 +230,9 @@ class RelativePoses:
         if self.with_twist:
             reason += "; velocities for " + ", ".join(self._reasons)
         dim = self.world.shape[:2]
-        launch = context.record(kernel, dim, inputs, outputs, block_dim=32)  # float64: spread it
+        launch = context.record(
+            kernel, dim, inputs, outputs, block_dim=32
+        )  # float64 is slow on a GPU: spread it over more blocks
         return [*before, Stage(name="relative poses", reason=reason, launch=launch)]
 
     def _numbers(self, array: wp.array) -> wp.array:
@@ -235,19 +244,19 @@ class RelativePoses:
         return wp.array(ptr=array.ptr, shape=shape, dtype=self._context.real, device=array.device)
 
 
-def complaint(bodies: Sequence[Body], values: np.ndarray, bad: np.ndarray, step: int, real: type) -> str:
-    """What is wrong with poses of which some were not usable, in words.
+def pose_error_message(bodies: Sequence[Body], values: np.ndarray, bad: np.ndarray, step: int, real: type) -> str:
+    """Return the error message for poses of which some were not usable.
 
     Args:
-        bodies: of the scene.
+        bodies: the bodies of the scene.
         values: the world's poses, ``(n_envs, n_bodies, 13)``.
-        bad: which were not usable, ``(n_envs, n_bodies)``.
-        step: that they were for.
+        bad: True where a pose was not usable, ``(n_envs, n_bodies)``.
+        step: number of the step.
         real: type of the kernels' numbers.
     """
     with np.errstate(invalid="ignore", over="ignore"):
         length = np.linalg.norm(values[..., 3:7], axis=-1)
-        usable = np.isfinite(values).all(-1) & (length >= 1e-6) & (length <= LONGEST)
+        usable = np.isfinite(values).all(-1) & (length >= 1e-6) & (length <= MAX_QUATERNION_NORM)
     wrong = np.argwhere(~usable)
     if len(wrong):
         e, b = wrong[np.lexsort(wrong.T)[0]]  # the first body, then its first environment

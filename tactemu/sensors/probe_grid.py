@@ -1,4 +1,4 @@
-"""Whether taxels form a flat rectangular grid: rows and columns at right angles, evenly spaced, one normal."""
+"""The test whether taxels form a flat rectangular grid: rows and columns at right angles, evenly spaced, one normal."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ class Grid:
     normal: np.ndarray
     """Unit normal of all taxels."""
     corner: np.ndarray
-    """Where the taxel of row 0, column 0 is, link frame [m]."""
+    """Position of the taxel of row 0, column 0, link frame [m]."""
     deviation: float = 0.0
     """Largest deviation, in cosines of angles or as a part of the extent."""
 
     @property
     def is_exact(self) -> bool:
-        """Regular to rounding: places may be computed from rows and columns."""
+        """Is the grid regular to rounding, so that positions may be computed from rows and columns?"""
         return self.deviation < 1e-10
 
 

@@ -1,4 +1,4 @@
-"""Where a skin's probes are: positions, normals, radii and grid of a sensor model's options, checked once."""
+"""The probes of a skin: positions, normals, radii and grid from a sensor model's options, checked once."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ class Probes:
     layout: tuple[int, ...]
     """Shape of a reading without environments and channels: ``(n,)`` or ``(rows, cols)``."""
     positions: np.ndarray
-    """[m], shape ``(n, 3)``, float64."""
+    """Positions [m], shape ``(n, 3)``, float64."""
     normals: np.ndarray
-    """Unit, out of the skin, shape ``(n, 3)``."""
+    """Unit normals out of the skin, shape ``(n, 3)``."""
     radii: np.ndarray
-    """[m], shape ``(n,)``; 0 marks a filler."""
+    """Radii [m], shape ``(n,)``; 0 marks a filler."""
 
     @property
     def n(self) -> int:
@@ -37,7 +37,7 @@ class Probes:
 
     @property
     def mean_normal(self) -> tuple[float, float, float]:
-        """Unit normal of the whole layout: the grid's plane (columns x rows), else the mean of the normals."""
+        """Unit normal of the layout: the grid's plane (columns x rows), else the mean of the normals."""
         mean = self.normals.sum(0) if self.n else np.array([0.0, 0.0, 1.0])
         if self.is_grid:
             plane = np.cross(*self.steps())
@@ -82,7 +82,7 @@ def _vectors(given, name: str, sensor: str) -> np.ndarray:
 
 
 def rotation_xyz(degrees) -> np.ndarray:
-    """Rotation matrix of Euler angles [degrees] about the fixed axes x, then y, then z."""
+    """Return the rotation matrix of Euler angles [degrees] about the fixed axes x, then y, then z."""
     (sx, sy, sz), (cx, cy, cz) = np.sin(np.radians(degrees)), np.cos(np.radians(degrees))
     about_x = np.array([[1, 0, 0], [0, cx, -sx], [0, sx, cx]])
     about_y = np.array([[cy, 0, sy], [0, 1, 0], [-sy, 0, cy]])

@@ -1,4 +1,4 @@
-"""A skin on a link: the handle by which a sensor of a scene is read and changed."""
+"""A skin on a link: the handle through which users read and change a sensor of a scene."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ from tactemu.sensors.views import Views
 from tactemu.transducers.chain import Chain
 from tactemu.transducers.transducer import Transducer
 
-WORTH_STAGING = 2**24
-"""Bytes of a reading from which on a copy by pinned memory is faster than the driver's own, with a GPU."""
+MIN_STAGED_BYTES = 2**24
+"""Size of a GPU's reading from which on a copy through pinned memory is faster than the driver's own [bytes]."""
 
 
 class Built(Protocol):
-    """What a sensor's handle asks of the simulation that it belongs to."""
+    """The part of a simulation that a sensor's handle uses."""
 
     batched: bool
     """Do readings have an environment axis?"""
@@ -36,29 +36,29 @@ class Built(Protocol):
     plan: Plan
 
     def before_read(self) -> None:
-        """Raise what the last step found wrong."""
+        """Raise the error that the last step found, if any."""
         ...
 
     def pose(self, body: Body) -> Pose:
-        """Where a body is and how it moves, in the world of environment 0."""
+        """Return a body's pose and velocities in the world of environment 0."""
         ...
 
     def add_stage(self, stage: Stage) -> None:
-        """Run one more stage at the end of each step, and now."""
+        """Add a stage to the end of each step, and run it now."""
         ...
 
 
 @dataclass(eq=False)
 class Sensor(Views, Adjustments):
-    """A skin on a link, as :meth:`tactemu.Scene.add_sensor` returns it. Readable once the scene is built."""
+    """A skin on a link, as :meth:`tactemu.Scene.add_sensor` returns it. You can read it once the scene is built."""
 
     name: str
     model: SensorModel
     link: Body
     transducers: tuple[Transducer, ...] = ()
-    """What comes between the model and the electronics, in order."""
+    """The transducers between the model and the electronics, in order."""
     imperfections: Imperfections | None = field(default=None, repr=False)
-    """Its setters change imperfections while running; there once the scene is built."""
+    """The imperfections of a built scene; their setters change them at run time. ``None`` before the scene is built."""
     _sim: Built | None = field(default=None, repr=False)
     _truth: wp.array | None = field(default=None, repr=False)
     _measured: wp.array | None = field(default=None, repr=False)
@@ -69,7 +69,7 @@ class Sensor(Views, Adjustments):
     _staging: wp.array | None = field(default=None, repr=False)
 
     def clone(self) -> Sensor:
-        """Return a handle of its own on the same skin, for another simulation."""
+        """Return a separate handle on the same skin, for another simulation."""
         return Sensor(self.name, self.model, self.link, self.transducers)
 
     @cached_property
@@ -87,16 +87,16 @@ class Sensor(Views, Adjustments):
         derived: Mapping[str, Derive],
         status: wp.array,
     ) -> None:
-        """Connect the handle to the arrays of a built scene; a later build takes over."""
+        """Connect the handle to the arrays of a built scene; a later build replaces them."""
         self._sim, self.imperfections, self._truth, self._measured = sim, imperfections, truth, measured
         self._presented, self._derived, self._kept, self._status = present, derived, {}, status
         self._staging = None
 
     def read(self, out: wp.array | np.ndarray | None = None) -> Any:
-        """Return the measured reading of the last step, a numpy copy of shape ``([n_envs,] [history,] layout[, 3])``.
+        """Return the measured reading of the last step, a NumPy copy of shape ``([n_envs,] [history,] layout[, 3])``.
 
         Args:
-            out: memory of the host to copy into, as :meth:`host_array` makes it; what is returned lies in it.
+            out: memory of the host to copy into, as :meth:`host_array` makes it; the returned array then uses it.
 
         Raises:
             SceneError: the scene is not built; ``out`` has the wrong shape or type.
@@ -110,8 +110,7 @@ class Sensor(Views, Adjustments):
 
     def host_array(self, ground_truth: bool = False) -> wp.array:
         """Return memory of the host for ``read(out=)``; pinned for a GPU, which then copies at the full speed of its
-        bus.
-        """
+        bus."""
         array, device = self.array(ground_truth), self._simulation.device
         return wp.zeros(array.shape, dtype=array.dtype, device="cpu", pinned=device.is_cuda)
 
@@ -125,36 +124,37 @@ class Sensor(Views, Adjustments):
 
     def set(self, option: str, value, envs_idx=None, taxels=None) -> None:
         """Change an imperfection by its option's name (see :class:`~tactemu.imperfections.Adjustments`)."""
-        self._spoil.set(option, value, envs_idx, taxels)
+        self._required_imperfections.set(option, value, envs_idx, taxels)
 
     def set_dead(self, taxels, dead: bool = True, value: float | None = None, envs_idx=None) -> None:
-        """Kill taxels, or revive them; without a value they are stuck at their last reading."""
-        self._spoil.set_dead(taxels, dead, value, envs_idx)
+        """Make taxels dead, or revive them; a dead taxel reads ``value``, or its last reading where no value is
+        given."""
+        self._required_imperfections.set_dead(taxels, dead, value, envs_idx)
 
     @property
-    def _spoil(self) -> Imperfections:
+    def _required_imperfections(self) -> Imperfections:
         if self.imperfections is None:
-            raise SceneError(f"sensor {self.name!r} has nothing to set yet: build the scene (scene.build()) first")
+            raise SceneError(f"sensor {self.name!r} cannot be changed yet; build the scene first (scene.build())")
         return self.imperfections
 
     def link_pose(self) -> Pose:
-        """Where its link is and how it moves, as last set, in the world of environment 0."""
+        """Return the pose and velocities of its link as last set, in the world of environment 0."""
         return self.link.pose(0.0) if self._sim is None else self._sim.pose(self.link)
 
     @cached_property
     def chain(self) -> Chain | None:
-        """Its transducers, one after another; ``None``: it reads what its model gives."""
+        """The chain of its transducers; ``None``: the sensor reads the model's output."""
         where = f"sensor {self.name!r}"
         return Chain(where, self.transducers, self.model.layouts) if self.transducers else None
 
     @property
     def layouts(self) -> Mapping[str, slice]:
-        """The quantities that it reads, and which channels hold each."""
+        """The quantities that it reads, each with its channels."""
         return self.model.layouts if self.chain is None else {self.chain.output.quantity: slice(None)}
 
     @property
     def quantities(self) -> tuple[str, ...]:
-        """What :meth:`quantity` can give."""
+        """The names that :meth:`quantity` accepts."""
         return tuple(self.layouts)
 
     def quantity(self, name: str, ground_truth: bool = False) -> np.ndarray:
@@ -164,13 +164,13 @@ class Sensor(Views, Adjustments):
             SceneError: this model does not offer it.
         """
         array = self.array(ground_truth)
-        # on the CPU nothing is copied
+        # a slice saves copying all environments from a GPU; on a CPU numpy() copies nothing
         first = array[:1] if array.size and self._simulation.device.is_cuda else array
         return self.pick(name, self._numpy(first)[:1])[0].copy()
 
     def pick(self, name: str, values: np.ndarray) -> np.ndarray:
-        """Return one quantity of what :meth:`array` holds, copied to the host: a view, ``(n_envs, n_taxels)`` or
-        ``(n_envs, n_taxels, 3)``; of a history the latest.
+        """Return one quantity of a host copy of :meth:`array`: a view, ``(n_envs, n_taxels)`` or ``(n_envs, n_taxels,
+        3)``; of a history the latest entry.
 
         Raises:
             SceneError: this model does not offer it.
@@ -192,7 +192,7 @@ class Sensor(Views, Adjustments):
         return self._sim
 
     def _unread(self) -> SceneError:
-        return SceneError(f"sensor {self.name!r} has nothing to read yet: build the scene (scene.build()) first")
+        return SceneError(f"sensor {self.name!r} cannot be read yet; build the scene first (scene.build())")
 
     def _numpy(self, array: Any) -> np.ndarray:
         self._simulation.before_read()
@@ -202,11 +202,11 @@ class Sensor(Views, Adjustments):
         sim = self._simulation
         if out is not None:
             values = self._copied(array, out)
-        elif sim.device.is_cpu:  # the device's own memory
+        elif sim.device.is_cpu:  # numpy() is a view of the device's own memory
             values = sim.plan.copied(self._numpy(array))
-        elif array.capacity < WORTH_STAGING:
+        elif array.capacity < MIN_STAGED_BYTES:
             values = self._numpy(array)
-        else:  # by pinned memory: the driver's own way to new memory is ten times slower
+        else:  # through pinned memory: the driver's own copy to new memory is ten times slower
             if self._staging is None:
                 self._staging = self.host_array()
             values = sim.plan.copied(self._copied(array, self._staging))
@@ -215,7 +215,7 @@ class Sensor(Views, Adjustments):
         return present(values.reshape(shape if self._simulation.batched else shape[1:]))
 
     def _copied(self, array: wp.array, out: wp.array | np.ndarray) -> np.ndarray:
-        """Return a reading in the memory given."""
+        """Copy a reading into the host memory ``out``, and return it as an array."""
         host = as_warp_array(out, f"read of sensor {self.name!r}: out")
         assert host.device is not None and array.device is not None
         if host.shape != array.shape or host.dtype != array.dtype or not host.device.is_cpu or not host.is_contiguous:
@@ -237,10 +237,10 @@ def _plain(values: np.ndarray) -> np.ndarray:
 
 
 def check_query(sensor: Sensor) -> None:
-    """Check the options about how depth is found.
+    """Check the options that select the depth query.
 
     Raises:
-        SceneError: one is wrong.
+        SceneError: an option has a wrong value.
     """
     model, known = sensor.model, get_args(DepthQuery)
     if model.contact_depth_query is not None and model.contact_depth_query not in known:
@@ -253,11 +253,11 @@ def check_query(sensor: Sensor) -> None:
             number(f"sensor {sensor.name!r}", name, getattr(model, name), above=0, unit="m")
 
 
-def bodies_felt(sensor: Sensor, bodies: Sequence[Body]) -> tuple[Body, ...]:
-    """Return the bodies that a sensor asks for.
+def sensed_bodies(sensor: Sensor, bodies: Sequence[Body]) -> tuple[Body, ...]:
+    """Return the bodies that a sensor senses.
 
     Raises:
-        SceneError: it names a body that is not there, or its own link.
+        SceneError: an option names an unknown body, or the sensor's own link.
     """
     model = sensor.model
 

@@ -1,13 +1,13 @@
-"""What every tactile sensor model is, and how to write one.
+"""The base class of all tactile sensor models, and how to write one.
 
-A model is a dataclass of options, one file, derived from :class:`SensorModel`::
+A model is a dataclass of options in one file, derived from :class:`SensorModel`::
 
     @dataclass(frozen=True, kw_only=True, eq=False)
     class MyTaxel(SensorModel):
         stiffness: float = 1.0
         level = 2
         channels = ("force",)                                 # three numbers per taxel
-        layouts = {"force": slice(0, 3)}                      # what a device can sense of it
+        layouts = {"force": slice(0, 3)}                      # quantities for devices
         unit = "N"
 
         def compile(self, site: Site) -> Compiled:
@@ -18,27 +18,27 @@ A model is a dataclass of options, one file, derived from :class:`SensorModel`::
             stage = Stage(name=f"{site.name}: my taxel", reason="MyTaxel asks for it", launch=launch)
             return Compiled(truth=raw, raw=raw, stages=[stage])
 
-One line in :mod:`tactemu.sensors.models` makes it known to scene files, to ``tactemu tune``, to the benches and to
-``docs/sensors.md``; ``docs/adding-a-sensor-model.md`` shows all of it. What a model gets is a :class:`Site`:
+One line in :mod:`tactemu.sensors.models` registers it for scene files, ``tactemu tune``, the benches and
+``docs/sensors.md``; ``docs/adding-a-sensor-model.md`` shows all steps. A model's ``compile`` gets a :class:`Site`:
 
 * ``site.view``: poses ``(n_envs, n_bodies)`` of all bodies in the link's frame, and twists if
   :meth:`SensorModel.velocity_reason` returns one (:class:`tactemu.sensors.poses.LinkView`).
-* ``site.targets``: the bodies to feel, ``wp.array(int32)``; ``site.target_bodies`` the same on the host.
-* ``site.table``: their shapes. In a kernel factory ``f = shape_functions(real, kinds)`` gives
+* ``site.targets``: indices of the bodies to sense, ``wp.array(int32)``; ``site.target_bodies`` the same on the host.
+* ``site.table``: the shapes of these bodies. In a kernel factory ``f = shape_functions(real, kinds)`` gives
   ``f.distance_in_link(shapes, b, pose[e, b], r) -> (signed distance, normal)`` for any kind of shape
-  (:mod:`tactemu.geometry.shapes.distance`); ``site.own_table`` is the table of the link's own shape
-  (row ``site.link.index``, pose the identity).
-* ``site.positions``, ``site.normals``, ``site.radii``: the probes on the device; ``site.probes`` on the host.
+  (:mod:`tactemu.geometry.shapes.distance`); ``site.own_table`` is the table of the link's own shape (row
+  ``site.link.index``, pose the identity).
+* ``site.positions``, ``site.normals``, ``site.radii``: the probes on the device; ``site.probes`` the same on the host.
 * ``site.gain``, ``site.radius``: per-environment arrays ``(n_envs, n_taxels)`` of the measured branch, or ``None``
-  where no imperfection asks for them. If both are ``None`` the measured branch starts as the truth: return the same
-  array for both, it is never written to.
+  where no imperfection needs them. If both are ``None`` the measured branch starts as the truth: return the same array
+  for both, it is never written to.
 
 * ``site.zeros()``, and ``zeros``, ``full`` and ``array`` of ``site.context``: arrays that last from step to step. They
-  are what is saved of a simulation; scratch and what never changes need not be made by them.
+  are the saved state of a simulation; scratch and constants need not be made by them.
 
-``site.context.record`` gives the kernel one argument more, its first: the environment of its first thread. After
-``e, i = wp.tid()`` it says ``e += first_env``, and so threads can share a batch; a plain
-:func:`tactemu.plan.launches.record` does without, and is run by one.
+``site.context.record`` passes the kernel one more argument, its first: the environment of its first thread. After ``e,
+i = wp.tid()`` the kernel adds it, ``e += first_env``, so that threads can share a batch; a plain
+:func:`tactemu.plan.launches.record` does not pass it, and one thread runs the launch.
 
 A kernel comes from a cached factory per float type, with ``@wp.kernel(module="unique", enable_backward=False)``, in a
 file *without* ``from __future__ import annotations``. A NaN pose must come out as NaN, not as 'no contact':
@@ -68,12 +68,13 @@ from tactemu.sensors.shape_table import ShapeTable, ShapeTables
 
 DepthQuery = Literal["sdf", "raycast", "band", "voxel", "ray"]
 Derive = Callable[[wp.array, str], tuple[wp.array, Stage]]
-"""From a reading, of the branch ``truth`` or ``measured``, to what follows from it, and the stage that fills that."""
+"""A function of a reading and its branch, ``truth`` or ``measured``, that returns a derived array and the stage that
+fills it."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Site:
-    """Where a model is compiled: everything it may use of the scene. See the module's docstring."""
+    """The place where a model is compiled: everything that it may use of the scene. See the module's docstring."""
 
     name: str
     model: SensorModel
@@ -86,7 +87,7 @@ class Site:
     targets: wp.array
     shapes: ShapeTables
     clouds: dict[tuple[int, int], PointCloud]
-    """Points on bodies, by body and number: sensors that ask for as many on the same body share them."""
+    """Points on bodies, by body and number: sensors that ask for the same number on the same body share them."""
     positions: wp.array
     normals: wp.array
     radii: wp.array
@@ -95,7 +96,7 @@ class Site:
 
     @cached_property
     def table(self) -> ShapeTable:
-        """The shapes of the bodies felt."""
+        """The shapes of the bodies to sense."""
         model = self.model
         return self.shapes.table(self.target_bodies, model.contact_depth_query, model.voxel_size)
 
@@ -116,7 +117,7 @@ class Site:
 
     @property
     def along_normal(self) -> bool:
-        """Is depth asked for along the taxels' normals?"""
+        """Is depth measured along the taxels' normals?"""
         return self.model.contact_depth_query == "ray"
 
     @property
@@ -127,7 +128,7 @@ class Site:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Compiled:
-    """What a model's :meth:`SensorModel.compile` returns."""
+    """The result of a model's :meth:`SensorModel.compile`."""
 
     truth: wp.array
     """Ground truth, ``(n_envs, n_taxels, channels)``."""
@@ -135,16 +136,17 @@ class Compiled:
     """The measured branch before imperfections; the same array as ``truth`` unless ``site.separate``."""
     stages: list[Stage]
     finish: Callable[[wp.array, str], tuple[wp.array, list[Stage]]] | None = None
-    """Applied to each branch, ``finish(array, "truth" | "measured")``, after the imperfections and before the delay."""
+    """A function that is applied to each branch, ``finish(array, "truth" | "measured")``, after the imperfections and
+    before the delay."""
     present: Callable[[np.ndarray], Any] | None = None
-    """In place of :meth:`SensorModel.present`, where that must know what was compiled."""
+    """A function used instead of :meth:`SensorModel.present` where presenting needs the compiled arrays."""
     derived: Mapping[str, Derive] = field(default_factory=dict)
-    """What follows from a reading and may be asked for as an array on the device (:meth:`Sensor.view`), by name."""
+    """Quantities derived from a reading that users may view as arrays on the device (:meth:`Sensor.view`), by name."""
 
 
 @dataclass(frozen=True)
 class Trial:
-    """One setting of a model's dials."""
+    """One setting of a model's options."""
 
     name: str
     options: Mapping[str, Any] = field(default_factory=dict)
@@ -155,8 +157,8 @@ class Trial:
 class SensorModel(ImperfectionOptions, DrawOptions, ABC):
     """Options that all tactile sensors share. Positions, normals and readings are in the frame of the link.
 
-    They stay as they are: ``dataclasses.replace(model, stiffness=2.0)`` makes another model, and imperfections change
-    while running through :meth:`Sensor.set`.
+    They are frozen: ``dataclasses.replace(model, stiffness=2.0)`` makes another model, and :meth:`Sensor.set` changes
+    imperfections at run time.
     """
 
     probe_local_pos: Sequence | np.ndarray = ((0.0, 0.0, 0.0),)
@@ -164,84 +166,86 @@ class SensorModel(ImperfectionOptions, DrawOptions, ABC):
     probe_local_normal: Sequence | np.ndarray = (0.0, 0.0, 1.0)
     """Directions out of the skin: one, or one per probe. Need not be unit vectors."""
     probe_radius: float | Sequence | np.ndarray = 0.01
-    """Sensing radius [m]: one, or one per probe. 0 marks a filler, which reads 0 and takes part in nothing."""
+    """Sensing radius [m]: one, or one per probe. 0 marks a filler, which reads 0 and has no effect."""
     pos_offset: Sequence[float] = (0.0, 0.0, 0.0)
     """Shift of the probes in the link's frame [m]."""
     euler_offset: Sequence[float] = (0.0, 0.0, 0.0)
     """Rotation of the probes about the link's fixed axes x, y, z [degrees], before the shift."""
     track_link_idx: int | Sequence[int] | None = None
-    """The bodies to feel, by index, name or body; ``None``: all but the sensor's own."""
+    """The bodies to sense, by index, name or body; ``None``: all but the sensor's own."""
     filter_link_idx: int | Sequence[int] = ()
-    """Bodies not to feel."""
+    """Bodies to ignore."""
     contact_depth_query: DepthQuery | None = None
-    """How depth is found. ``sdf`` (default) and ``raycast``: exact distance to the nearest surface. ``band``: within
-    2 µm of it, from a grid beside the surface of meshes. ``voxel``: a grid of distances with cells of ``voxel_size``.
-    ``ray``: along the taxel's normal, right at any depth."""
+    """The query that finds depth. ``sdf`` (default) and ``raycast``: exact distance to the nearest surface. ``band``:
+    within 2 µm of it, from a grid beside the surface of meshes. ``voxel``: a grid of distances with cells of
+    ``voxel_size``. ``ray``: along the taxel's normal, exact at any depth."""
     voxel_size: float | None = None
-    """Cell of the voxel query [m], ``None``: the shape's largest extent / 64; of the band, ``None``: / 96."""
+    """Cell size of the voxel query [m], ``None``: the shape's largest extent / 64; of the band, ``None``: / 96."""
     ray_reach: float | None = None
-    """How far into the skin the ray query looks [m]; ``None``: to the far side of the sensor's own link."""
+    """Depth of the skin that the ray query covers [m]; ``None``: to the far side of the sensor's own link."""
 
-    # What a model is. Scene files, `tactemu tune`, the benches and docs/sensors.md read it here.
+    # These attributes describe a model. Scene files, `tactemu tune`, the benches and docs/sensors.md read them here.
     level: ClassVar[int]
-    """Of fidelity, 0 (a touch flag) to 4 (a solved contact)."""
+    """Level of fidelity, 0 (a touch flag) to 4 (a solved contact)."""
     work: ClassVar[float] = 1.0
-    """Roughly what a taxel costs on a CPU, in those of a depth probe that touches a ball (about 5 ns)."""
+    """Approximate cost of a taxel on a CPU, relative to a depth probe that touches a ball (about 5 ns)."""
     channels: ClassVar[tuple[Channels, ...]] = ("scalar",)
-    """What a taxel gives, in order: ``scalar`` is one number, ``force``, ``torque``, ``displacement`` three each."""
+    """The channels of a taxel, in order: ``scalar`` is one number, ``force``, ``torque``, ``displacement`` three
+    each."""
     unit: ClassVar[str] = ""
     gain_inside: ClassVar[bool] = True
-    """The model applies ``site.gain`` itself; else it multiplies the reading after hysteresis."""
+    """Does the model apply ``site.gain`` itself? If not, the gain multiplies the reading after hysteresis."""
     layouts: ClassVar[dict[str, slice]] = {}
-    """Quantities it offers (see :data:`firmware_protocols.device.Quantity`): which channels hold each."""
-    feels_at_radius: ClassVar[bool] = False
-    """Its probes feel what comes nearer than their radius: sunk by that radius, they feel from the first touch."""
+    """Quantities that the model offers (see :data:`firmware_protocols.device.Quantity`), each with its channels."""
+    senses_within_radius: ClassVar[bool] = False
+    """Do its probes sense bodies nearer than their radius? Sunk by that radius, they measure from the first contact."""
     strengths: ClassVar[tuple[str, ...]] = ()
-    """Options that scale the whole reading: a gain that was fitted is written into them."""
+    """Options that scale every channel of the reading: a fitted gain is written into them."""
     material: ClassVar[tuple[str, ...]] = ()
-    """Options that state what the skin is made of. Readings are then physical, and no gain is fitted."""
+    """Options that state the material of the skin. Readings are then physical, and no gain is fitted."""
     unbounded: ClassVar[tuple[str, ...]] = ()
-    """Numbers that may be larger than those of any skin, or infinite."""
+    """Options that may be larger than in any skin, or infinite."""
     examples: ClassVar[Mapping[str, Mapping[str, Any]]] = {"": {"probe_radius": 0.002}}
-    """What benches and tests run, on probes 2.5 mm apart: words behind the class's name, and options."""
+    """The examples that benches and tests run on probes 2.5 mm apart: words behind the class's name, and options."""
     valid: ClassVar[str] = ""
-    """Where its readings mean something, and where they do not."""
+    """The situations in which its readings are meaningful, and those in which they are not."""
     source: ClassVar[str] = ""
-    """Where its formula comes from. The formula itself stands in the docstring of the module."""
+    """The origin of its formula. The formula itself is in the docstring of the module."""
 
     @classmethod
     def trials(cls, quantity: str) -> Sequence[Trial]:
-        """Return the settings of its dials that ``tactemu tune`` tries for a device that senses ``quantity``."""
+        """Return the settings that ``tactemu tune`` tries for a device that senses ``quantity``."""
         return [Trial("defaults")]
 
     @classmethod
     def finest(cls, side: int) -> Trial | None:
-        """The best it can do for a skin of ``side`` taxels along its longer side, at any cost: others are judged by
-        it. ``None``: it is no reference."""
+        """Return the most accurate setting for a skin of ``side`` taxels along its longer side, at any cost, as a
+        reference for other models; ``None``: the model is no reference."""
         return None
 
     @abstractmethod
     def compile(self, site: Site) -> Compiled:
-        """Allocate, and return arrays and stages. Called once per build."""
+        """Allocate the arrays, and return them with the stages. Called once per build."""
 
     def velocity_reason(self) -> str | None:
-        """Why it needs relative velocities; ``None``: it does not."""
+        """Return the reason why the model needs relative velocities; ``None``: it does not need them."""
         return None
 
     def validate(self, probes: Probes) -> None:
-        """Check options against each other; raise :class:`SceneError`."""
+        """Check options against each other."""
 
     def present(self, values: np.ndarray) -> Any:
-        """Turn an array ``(..., n_channels)`` into what ``read()`` returns; it is a copy already, so views will do."""
+        """Turn an array ``(..., n_channels)`` into the result of ``read()``. The array is a copy already, so views
+        suffice."""
         return values[..., 0] if self.n_channels == 1 else values
 
     @property
     def n_channels(self) -> int:
-        """Numbers of one taxel."""
+        """Number of channel values of one taxel."""
         return sum(1 if kind == "scalar" else 3 for kind in self.channels)
 
     def probes(self, sensor: str) -> Probes:
-        """Return the probes, checked."""
+        """Return the probes that the options describe, checked; ``sensor`` is the name for messages."""
         return make_probes(
             self.probe_local_pos,
             self.probe_local_normal,
@@ -253,7 +257,7 @@ class SensorModel(ImperfectionOptions, DrawOptions, ABC):
 
 
 def upload_probes(probes: Probes, context: Context) -> dict[str, wp.array]:
-    """Return positions, normals and radii on the device, as :class:`Site` wants them."""
+    """Return positions, normals and radii on the device, by their names in :class:`Site`."""
     vec3 = wp.types.vector(3, context.real)
     device = context.device
     return {

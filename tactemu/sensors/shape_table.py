@@ -18,16 +18,17 @@ from tactemu.plan.plan import Context
 
 log = logging.getLogger(__name__)
 
-LARGE_M = 100.0
-"""Reach of a body from which on a scene in float32 warns: its resolution there is 8 µm."""
+LARGE_BODY_M = 100.0
+"""Reach of a body from which on a scene in float32 logs a warning [m]: the resolution there is 8 µm."""
 
 
 @dataclass
 class ShapeTable:
-    """What a kernel needs to ask for distances: the struct to pass, and the functions built for its kinds."""
+    """The table that a kernel needs for distances: the struct to pass, and the functions built for its kinds of
+    shape."""
 
     struct: object
-    """Pass it as the kernel's ``shapes`` argument; its type is ``table_type(real)``."""
+    """The kernel's ``shapes`` argument; its type is ``table_type(real)``."""
     kinds: frozenset
     functions: ShapeFunctions
     rows: list[Row] = field(repr=False, default_factory=list)
@@ -57,7 +58,7 @@ class ShapeTables:
         return self._tables[key]
 
     def _row(self, body: Body, gridded: str | None, cell: float | None) -> Row:
-        assert body.shape is not None  # of a body without geometry nothing is asked
+        assert body.shape is not None  # sensed bodies have geometry
         shape = id(body.shape)  # bodies may share one
         if shape not in self._rows:
             self._rows[shape] = body.shape.row(body.name, self._context.device)
@@ -77,8 +78,8 @@ class ShapeTables:
 
 
 def _warn_if_large(name: str, bound: float, context: Context) -> None:
-    """Say what float32 makes of a body that reaches so far."""
-    if context.real is wp.float32 and LARGE_M <= bound < FAR:
+    """Log a warning about the resolution of float32 if a body reaches beyond :data:`LARGE_BODY_M`."""
+    if context.real is wp.float32 and LARGE_BODY_M <= bound < FAR:
         step = float(np.spacing(np.float32(bound)))
         log.warning(
             "body %r reaches %g m from its origin, where float32 resolves %.1g m: contacts smaller than that are lost; "
@@ -87,7 +88,7 @@ def _warn_if_large(name: str, bound: float, context: Context) -> None:
 
 
 def pack(rows: list[Row], context: Context) -> ShapeTable:
-    """Upload rows as one table."""
+    """Upload rows to the device as one table."""
     real, device = context.real, context.device
     vec3 = wp.types.vector(3, real)
     grids = [row.grid for row in rows]

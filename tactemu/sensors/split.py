@@ -1,4 +1,4 @@
-"""One batch over several devices: each simulates a share of the environments, and they read as on one."""
+"""One batch over several devices: each simulates a share of the environments, and they read like one."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ POSE = ("position", "quaternion", "linear_velocity", "angular_velocity")
 
 
 class SplitSimulation:
-    """What :meth:`tactemu.Scene.build` returns for several devices.
+    """The simulation that :meth:`tactemu.Scene.build_split` returns for several devices.
 
-    Steps of all devices run at the same time: nothing waits for any of them until something is read. What is written
-    and read on the devices is of the parts, each a :class:`~tactemu.sensors.simulation.Simulation` of its own:
-    ``split.parts[k].pose_array``, ``split.sensor(skin, k).force_array``.
+    All devices step at the same time: a step does not wait, only a reading does. Arrays on a device belong to its part,
+    a :class:`~tactemu.sensors.simulation.Simulation` of its own: ``split.parts[k].pose_array``, ``split.sensor(skin,
+    k).force_array``.
     """
 
     def __init__(
@@ -33,7 +33,7 @@ class SplitSimulation:
                 f"build: {len(devices)} devices share the environments; n_envs must be as many or more, got {n_envs!r}"
             )
         self.n_envs = int(n_envs)
-        """Of all parts."""
+        """Number of environments of all parts."""
         self.starts = [self.n_envs * k // len(devices) for k in range(len(devices) + 1)]
         """Part k simulates environments ``starts[k]`` to ``starts[k + 1]``."""
         self._handles = [_handles(sensors) for _ in devices]
@@ -48,7 +48,7 @@ class SplitSimulation:
         """Return the handle of a skin on one device.
 
         Raises:
-            SceneError: there is no such skin.
+            SceneError: the simulation has no such skin.
         """
         name = which if isinstance(which, str) else which.name
         if name not in self._names:
@@ -56,12 +56,12 @@ class SplitSimulation:
         return self._handles[part][self._names.index(name)]
 
     def step(self, dt: float | None = None) -> None:
-        """One step of all (:meth:`Simulation.step`)."""
+        """Advance all parts by one step (:meth:`Simulation.step`)."""
         for part in self.parts:
             part.step(dt)
 
     def set_pose(self, body: Body | str | int, *, envs: Sequence[int] | np.ndarray | None = None, **pose: Any) -> None:
-        """Put a body somewhere (:meth:`Simulation.set_pose`): lists or NumPy arrays, rows of all environments."""
+        """Set a body's pose (:meth:`Simulation.set_pose`); lists and NumPy arrays hold rows for all environments."""
         if unknown := pose.keys() - set(POSE):
             raise SceneError(f"set_pose: unknown {', '.join(sorted(unknown))}; there are: {', '.join(POSE)}")
         chosen = self._chosen(envs)
@@ -73,7 +73,7 @@ class SplitSimulation:
             part.set_pose(body, envs=None if envs is None else chosen[mine] - a, **rows)
 
     def reset(self, envs: Sequence[int] | np.ndarray | None = None) -> None:
-        """Reset all, or the environments of these indices or this mask (:meth:`Simulation.reset`)."""
+        """Reset all environments, or those given by indices or a mask (:meth:`Simulation.reset`)."""
         if envs is None:
             for part in self.parts:
                 part.reset()
@@ -89,12 +89,12 @@ class SplitSimulation:
         return _joined([each.read_ground_truth() if ground_truth else each.read() for each in handles])
 
     def check(self) -> None:
-        """Wait for all devices, and raise if a pose was not usable (:meth:`Simulation.check`)."""
+        """Wait for all devices, and raise an error if a pose was not usable (:meth:`Simulation.check`)."""
         for part in self.parts:
             part.check()
 
     def close(self) -> None:
-        """End what threads there are."""
+        """End the threads of all parts."""
         for part in self.parts:
             part.close()
 
@@ -108,7 +108,7 @@ class SplitSimulation:
         return [(part, a, b) for part, (a, b) in zip(self.parts, pairwise(self.starts))]
 
     def _chosen(self, envs: Any) -> np.ndarray:
-        """Indices of environments."""
+        """Return the indices of the environments that ``envs`` selects."""
         if envs is None:
             return np.arange(self.n_envs)
         given = np.asarray(envs)
@@ -126,7 +126,7 @@ def _handles(sensors: Sequence[Sensor]) -> list[Sensor]:
 
 
 def _rows(values: Any, n: int, mine: np.ndarray) -> np.ndarray:
-    """What is for all, or the rows of some."""
+    """Return values for all environments as they are, or only the rows ``mine`` of one part."""
     values = np.asarray(values, np.float64)
     if values.ndim == 2 and len(values) != n:
         raise SceneError(f"set_pose: expected a row for each of {n} environments, got {len(values)}")
@@ -134,7 +134,7 @@ def _rows(values: Any, n: int, mine: np.ndarray) -> np.ndarray:
 
 
 def _joined(parts: list[Any]) -> Any:
-    """Return readings one after another: arrays, or the tuples of arrays that some models read."""
+    """Join the readings of all parts: arrays, or the tuples of arrays that some models read."""
     if isinstance(parts[0], tuple):
         return type(parts[0])(*(_joined(list(each)) for each in zip(*parts)))
     return np.concatenate(parts)

@@ -1,7 +1,7 @@
-"""Readings where they are: views of a sensor's arrays on the device, by the quantity's name.
+"""Views of a sensor's arrays on the device, by the quantity's name.
 
-Nothing is copied or waited for, and the next step writes into them. ``torch.from_dlpack(skin.force_array)``, or that of
-JAX, CuPy or NumPy: one conversion, kept for ever.
+A view copies nothing and does not wait, and the next step writes into it. One conversion by
+``torch.from_dlpack(skin.force_array)``, or that of JAX, CuPy or NumPy, stays valid for all steps.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from tactemu.sensors.sensor_model import Derive
 
 
 def columns_of(sensor: Any) -> dict[str, slice]:
-    """Which channels hold what, by name."""
+    """Return the channels of each quantity, by name."""
     found: dict[str, slice] = {}
     if sensor.chain is None:
         first = 0
@@ -30,9 +30,9 @@ def columns_of(sensor: Any) -> dict[str, slice]:
 
 
 def in_layout(array: wp.array, columns: slice, layout: tuple[int, ...], batched: bool) -> wp.array:
-    """Some channels of ``(n_envs, [history,] n_taxels, channels)``, taxels in their layout.
+    """Return a view of some channels of ``(n_envs, [history,] n_taxels, channels)``, taxels in their layout.
 
-    With a history taxels stay in one row: an array has four axes at most.
+    With a history the taxels stay in one row, since an array has at most four axes.
     """
     first, last, _ = columns.indices(array.shape[-1])
     *outer, n_taxels, _channels = zip(array.shape, array.strides)
@@ -47,7 +47,7 @@ def in_layout(array: wp.array, columns: slice, layout: tuple[int, ...], batched:
 
 
 class Views:
-    """What a :class:`~tactemu.sensors.sensor.Sensor` has of them."""
+    """The views of a :class:`~tactemu.sensors.sensor.Sensor`."""
 
     _derived: Mapping[str, Derive]
     _kept: dict[tuple[str, bool], wp.array]
@@ -57,10 +57,11 @@ class Views:
         """Return one quantity of the last step on the device, ``([n_envs,] layout[, 3])``, over the reading's own
         memory.
 
-        What is computed from a reading (the ``traction`` of an elastic layer) is from then on part of each step.
+        A quantity that is computed from a reading (the ``traction`` of an elastic layer) becomes part of each step once
+        you ask for it.
 
         Raises:
-            SceneError: this sensor does not have it, or the scene is not built.
+            SceneError: this sensor does not have the quantity, or the scene is not built.
         """
         array, columns = self.array(ground_truth), columns_of(self)
         key = (name, ground_truth and self._truth is not self._measured)
@@ -78,7 +79,7 @@ class Views:
 
     @property
     def force_array(self) -> wp.array:
-        """Force on each taxel [N], as measured; a view on the device (:meth:`view`)."""
+        """Measured force on each taxel [N]; a view on the device (:meth:`view`)."""
         return self.view("force")
 
     @property
@@ -103,13 +104,14 @@ class Views:
 
     @property
     def traction_array(self) -> wp.array:
-        """Force per area along the surface [Pa]; of an elastic layer, computed in each step once it was asked for."""
+        """Force per area along the surface [Pa]; an elastic layer computes it in each step once you have asked for
+        it."""
         return self.view("traction")
 
     @property
     def status_array(self: Any) -> wp.array:
-        """Which bodies' poses the skin could not use at the last step, uint8, ``([n_envs,] n_bodies)``: 1 where one was
-        not finite, or its quaternion 0. The environment reads NaN then; the others are right."""
+        """Bodies whose poses the skin could not use at the last step, uint8, ``([n_envs,] n_bodies)``: 1 where a pose
+        was not finite, or its quaternion 0. That environment reads NaN; the others are valid."""
         if self._status is None:
             raise self._unread()
         return self._status if self._simulation.batched else self._status[0]

@@ -24,26 +24,27 @@ PARTS = {
 
 
 def on_host(value) -> bool:
-    """Is it no array of a device, or a NumPy array?"""
+    """Return True for a NumPy array or any value that is not an array of a device."""
     return not (isinstance(value, wp.array) or hasattr(value, "__dlpack__")) or isinstance(value, np.ndarray)
 
 
 class World:
     """The array ``(n_envs, n_bodies, 13)`` behind :meth:`Simulation.set_pose`.
 
-    On the CPU host and device share it. On a GPU the host keeps a pinned copy; a body that was set from the host is
-    sent at the next step, one that was set from a device array never leaves the device.
+    On the CPU host and device share it. On a GPU the host keeps a pinned copy; a body set from the host is sent at the
+    next step, and one set from a device array never leaves the device.
     """
 
     def __init__(self, bodies: Sequence[Body], device_array: wp.array):
         self.n_envs, self.n_bodies = device_array.shape[:2]
         self._names = [body.name for body in bodies]
-        self._device_array = device_array
+        self.device_array = device_array
+        """The poses that a step reads, ``(n_envs, n_bodies, 13)``."""
         assert device_array.device is not None
         self._shared = device_array.device.is_cpu
         if self._shared:
             self._values = device_array.numpy().transpose(1, 0, 2)
-        else:  # a body's poses lie together, on the way to the device too
+        else:  # all poses of a body are contiguous, so that one copy sends them
             shape = (self.n_bodies, self.n_envs, POSE_WIDTH)
             self._staging = wp.zeros(shape, dtype=wp.float64, device="cpu", pinned=True)
             self._arrived = wp.zeros(shape, dtype=wp.float64, device=device_array.device)
@@ -60,10 +61,10 @@ class World:
         self.reset(None)
 
     def env_indices(self, envs) -> slice | np.ndarray:
-        """Environments as an index.
+        """Return the environments as an index of arrays.
 
         Raises:
-            SceneError: one is not there.
+            SceneError: an index is out of range.
         """
         if envs is None:
             return slice(None)
@@ -75,26 +76,28 @@ class World:
         return indices.astype(np.int64)
 
     def put(self, b: int, pose) -> None:
-        """Set the whole pose of a body in all environments: position, quaternion, two velocities."""
+        """Set the pose and both velocities of a body in all environments: position, quaternion, two velocities."""
         self._before_write(b)
         row = self._values[b]
         row[:, 0:3], row[:, 3:7], row[:, 7:10], row[:, 10:13] = pose
 
     def put_all(self, bodies: np.ndarray, rows: np.ndarray) -> None:
-        """Set the whole poses of bodies: shape ``(n, 1 or n_envs, 13)``."""
+        """Set the poses and velocities of several bodies: shape ``(n, 1 or n_envs, 13)``."""
         for b in () if self._shared else bodies.tolist():
             self._before_write(b)
         self._values[bodies] = rows
 
     def set(self, body: Body, given, envs) -> None:
-        """Set the parts given (``None``: as it is), in the environments given.
+        """Set the given parts of a body's pose (``None``: unchanged) in the given environments.
 
         Raises:
-            SceneError: a shape is wrong, or an environment is not there.
+            SceneError: a shape is wrong, or an environment is out of range.
         """
         b = body.index
         if b in self.bound:
-            raise SceneError(f"set_pose({body.name!r}): its poses come from the arrays given to bind_poses")
+            raise SceneError(
+                f"set_pose({body.name!r}): its poses come from the arrays that you gave to bind_poses; change those"
+            )
         where = self.env_indices(envs)
         rows = self.n_envs if envs is None else len(where)
         for (name, part), value in zip(PARTS.items(), given):
@@ -120,10 +123,11 @@ class World:
         return SceneError(f"set_pose({body!r}): {name} must be numbers of shape {expected}, got {got}")
 
     def _from_device(self, b: int, name: str, part: slice, value, envs):
-        """Copy an array on the simulation's device into the world; returns as numpy what has to go by the host."""
+        """Copy an array on the simulation's device into the world; an array that must go through the host is returned
+        as numpy."""
         array = value if isinstance(value, wp.array) else cast(wp.array, wp.from_dlpack(value))
         rows = _as_rows(array)
-        if array.device != self._device_array.device or envs is not None or rows is None:
+        if array.device != self.device_array.device or envs is not None or rows is None:
             return array.numpy()
         width = part.stop - part.start
         if rows.shape not in ((1, width), (self.n_envs, width)):
@@ -133,7 +137,7 @@ class World:
             self._dirty.discard(b)
         if not self._shared:
             self._device_newer.add(b)
-        target = self._device_array[:, b, part.start : part.stop]
+        target = self.device_array[:, b, part.start : part.stop]
         wp.launch(_spread_kernel(rows.dtype), dim=target.shape, inputs=[rows], outputs=[target], device=target.device)
         return None
 
@@ -144,74 +148,74 @@ class World:
             wp.synchronize_event(self._sent)
             self._in_flight = False
         if b in self._device_newer:
-            self._values[b] = self._device_array[:, b].numpy()
+            self._values[b] = self.device_array[:, b].numpy()
             if not self._exposed:
                 self._device_newer.discard(b)
         self._dirty.add(b)
 
     def upload(self) -> None:
-        """Send what the host has changed. Nothing to do on the CPU."""
+        """Send the poses that the host has changed to the device. On the CPU it does nothing."""
         if not self._dirty:
             return
         self._send(sorted(self._dirty))
         self._dirty.clear()
 
     def _send(self, bodies: Sequence[int]) -> None:
-        device = self._device_array.device
+        device = self.device_array.device
         for b in bodies:
             wp.copy(self._arrived[b], self._staging[b])
             dim = (self.n_envs, POSE_WIDTH)
-            wp.launch(_spread_kernel(wp.float64), dim, [self._arrived[b]], [self._device_array[:, b]], device=device)
+            wp.launch(_spread_kernel(wp.float64), dim, [self._arrived[b]], [self.device_array[:, b]], device=device)
         wp.get_stream(device).record_event(self._sent)
         self._in_flight = True
 
     def download(self) -> np.ndarray:
         """Return all poses as numpy, ``(n_envs, n_bodies, 13)``."""
-        return self._device_array.numpy()
+        return self.device_array.numpy()
 
     def pose(self, b: int) -> Pose:
         """Return the pose of a body in environment 0, as last set."""
-        row = (self._device_array[0, b].numpy() if b in self._device_newer else self._values[b, 0]).copy()
+        row = (self.device_array[0, b].numpy() if b in self._device_newer else self._values[b, 0]).copy()
         position, quaternion, velocity, turning = (row[part] for part in PARTS.values())
         return Pose(position, quaternion / np.linalg.norm(quaternion), velocity, turning)
 
     def poses(self) -> np.ndarray:
         """Return position and quaternion of each body in environment 0, as last set, shape ``(n_bodies, 7)``."""
-        values = self._device_array[0].numpy() if self._device_newer else self._values[:, 0]
+        values = self.device_array[0].numpy() if self._device_newer else self._values[:, 0]
         return values[:, :7].copy()
 
     @property
     def waiting(self) -> bool:
-        """Has the host set poses that are still to be sent?"""
+        """Has the host set poses that the next step must send?"""
         return bool(self._dirty)
 
     def exposed(self) -> wp.array:
-        """Return the poses ``(n_envs, n_bodies, 13)`` for anybody to write on the device, over the same memory."""
+        """Return the array of poses ``(n_envs, n_bodies, 13)`` itself, which the caller may write to on the device."""
         self.upload()
         self._exposed = True
         self.changed_on_device()
-        return self._device_array
+        return self.device_array
 
     def bind(self, bodies: frozenset[int]) -> None:
-        """From now on the device writes the poses of these bodies."""
+        """Let the device write the poses of these bodies from now on."""
         self.upload()
         self.bound = bodies
         if not self._shared:
             self._device_newer |= bodies
 
     def reset_rows(self, mask: wp.array) -> None:
-        """On the device: put all bodies back where they started where the mask is true. Can be captured in a graph."""
+        """Put all bodies back where they started, on the device, where the mask is true. A graph can capture it."""
         inputs = [mask, self._start_rows]
-        device = self._device_array.device
-        dim = self._device_array.shape[:2]
-        wp.launch(_restart_kernel, dim=dim, inputs=inputs, outputs=[self._device_array], device=device)
+        device = self.device_array.device
+        dim = self.device_array.shape[:2]
+        wp.launch(_restart_kernel, dim=dim, inputs=inputs, outputs=[self.device_array], device=device)
 
     def changed_on_device(self) -> None:
-        """What the host has is outdated, for all bodies."""
+        """Mark the host's copy as outdated for all bodies."""
         self._device_newer = set() if self._shared else set(range(self.n_bodies))
 
     def resumed(self) -> None:
-        """The device's array was restored: what the host has is outdated."""
+        """Mark the host's copy as outdated after the device's array was restored."""
         self._dirty.clear()
         self.changed_on_device()
 

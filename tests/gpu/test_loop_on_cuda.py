@@ -143,7 +143,7 @@ def test_views_and_pinned_readings():
 
 
 def test_large_readings_are_copied_by_threads(monkeypatch):
-    monkeypatch.setattr("tactemu.sensors.sensor.WORTH_STAGING", 0)
+    monkeypatch.setattr("tactemu.sensors.sensor.MIN_STAGED_BYTES", 0)
     monkeypatch.setattr("tactemu.plan.plan.MIN_SHARED_COPY_BYTES", 0)
     sim, ball, skin = layer(DEVICE)
     kept = []
@@ -192,7 +192,7 @@ def test_what_a_graph_cannot_hold_is_said():
     sim.step()
     sim.step()
     sim.set_pose("tool", position=(0, 0, 1.0))
-    with pytest.raises(SceneError, match="wait to be sent"), wp.ScopedCapture(DEVICE):
+    with pytest.raises(SceneError, match="not sent yet"), wp.ScopedCapture(DEVICE):
         sim.step()
     sim.step()
 

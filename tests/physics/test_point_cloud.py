@@ -6,7 +6,7 @@ import pytest
 import tactemu as tt
 from tactemu.base.errors import SceneError
 from tactemu.geometry.shapes.surface import sample_triangles
-from tactemu.sensors.point_cloud import CLUSTER, PointCloud, cluster, farthest_points, split_evenly
+from tactemu.sensors.point_cloud import CLUSTER_SIZE, PointCloud, cluster, farthest_points, split_evenly
 
 
 def test_farthest_points_keep_their_distance():
@@ -49,9 +49,9 @@ def test_clusters_hold_every_point_once(n):
     assert np.array_equal(np.sort(c.order[filled]), np.arange(2 * n)) and c.bodies.tolist() == [4, 7]
     assert np.array_equal(c.positions[filled], np.concatenate([points, -points])[c.order[filled]])
     assert (c.positions[~filled] > 1e16).all() and not c.areas[~filled].any() and (c.areas[filled] == 1).all()
-    assert c.counts.max() <= CLUSTER and c.n_points == 2 * n and (c.counts > 0).all()
+    assert c.counts.max() <= CLUSTER_SIZE and c.n_points == 2 * n and (c.counts > 0).all()
     assert c.cloud_start[-1] == len(c.ball)
-    places = c.positions.reshape(-1, CLUSTER, 3)
+    places = c.positions.reshape(-1, CLUSTER_SIZE, 3)
     for k, count in enumerate(c.counts):
         assert (np.linalg.norm(places[k, :count] - c.ball[k, :3], axis=1) <= c.ball[k, 3] * (1 + 1e-12)).all()
 

@@ -101,7 +101,7 @@ def test_free_layouts_and_shear_too():
 
 
 def test_threads_only_where_they_pay(monkeypatch):
-    monkeypatch.setattr("tactemu.sensors.simulation.cores", lambda: 3)
+    monkeypatch.setattr("tactemu.sensors.thread_count.cores", lambda: 3)
     for n_envs, model, expected in (
         (None, "ElasticLayerTaxel", "threads: 1 (one environment)"),
         (4, "ContactDepthProbe", "threads: 1 (a step is too short for more)"),

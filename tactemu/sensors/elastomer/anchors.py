@@ -20,7 +20,7 @@ from tactemu.geometry.shapes.shape import table_type
 from tactemu.plan.launches import in_turn
 from tactemu.plan.plan import Context
 from tactemu.plan.scalars import is_nan
-from tactemu.sensors.point_cloud import CLUSTER, Clusters
+from tactemu.sensors.point_cloud import CLUSTER_SIZE, Clusters
 from tactemu.sensors.points.table import cloud_type, upload_clouds
 from tactemu.sensors.poses import LinkView
 from tactemu.sensors.shape_table import ShapeTable
@@ -31,17 +31,17 @@ class Anchors:
     """State and output of the stage. Points have the places of the clusters."""
 
     is_latched: wp.array
-    """uint8, shape ``(n_envs, n_clusters * CLUSTER)``."""
+    """uint8, shape ``(n_envs, n_clusters * CLUSTER_SIZE)``."""
     anchor: wp.array
     """Where each latched point stuck [m], link frame, vec3, same shape."""
     n_latched: wp.array
     """Latched points of each cluster, int32, shape ``(n_envs, n_clusters)``."""
     n_pulling: wp.array
-    """Latched points with depth of each cluster; they are listed from the cluster's place ``cluster * CLUSTER``."""
+    """Latched points with depth of each cluster; they are listed from its place ``cluster * CLUSTER_SIZE``."""
     groups: ActiveGroups
     """Clusters with such points."""
     place: wp.array
-    """Where the listed points are [m], link frame, vec3, shape ``(n_envs, n_clusters * CLUSTER)``."""
+    """Where the listed points are [m], link frame, vec3, shape ``(n_envs, n_clusters * CLUSTER_SIZE)``."""
     pull: wp.array
     """Depth times way from the anchor, times the sample's area if areas weigh [m^2 or m^4], same shape."""
 
@@ -74,7 +74,7 @@ def _kernels(real, functions: ShapeFunctions, slope: float, area_weighted: bool)
         env += first_env
         at = pose[env, clouds.cluster_body[c]]
         ball = clouds.ball[c]
-        first = c * CLUSTER
+        first = c * CLUSTER_SIZE
         last = first + clouds.counts[c]
         centre = wp.transform_point(at, vec3(ball[0], ball[1], ball[2]))
         centre_distance, _normal = distance(shapes, link, centre)
@@ -157,7 +157,7 @@ def shear_anchors(
     real, device, n_envs = context.real, context.device, context.n_envs
     vec3 = wp.types.vector(3, real)
     n_clusters = len(clusters.ball)
-    places = (n_envs, n_clusters * CLUSTER)
+    places = (n_envs, n_clusters * CLUSTER_SIZE)
     n_pulling = context.zeros((n_envs, n_clusters), wp.int32)
     groups, list_clusters = active_groups(context, n_pulling)
     anchors = Anchors(

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-_LARGE = 200
+_MAX_EXACT_SIDE = 200
 """Tables with more rows and columns are decomposed by random projection onto half as many directions."""
 
 
@@ -28,8 +28,8 @@ def _mirror(vectors: np.ndarray, sign: int) -> np.ndarray:
 
 def _svd(table: np.ndarray, tolerance: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Singular value decomposition; of a large table only what the tolerance needs, by random projection."""
-    if min(table.shape) > _LARGE:
-        probe = np.random.default_rng(0).normal(size=(table.shape[1], _LARGE // 2))
+    if min(table.shape) > _MAX_EXACT_SIDE:
+        probe = np.random.default_rng(0).normal(size=(table.shape[1], _MAX_EXACT_SIDE // 2))
         basis, _ = np.linalg.qr(table @ probe)
         left, strength, right = np.linalg.svd(basis.T @ table, full_matrices=False)
         left = basis @ left

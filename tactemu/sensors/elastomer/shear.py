@@ -18,7 +18,7 @@ import warp as wp
 from tactemu.geometry.simd import padded_length, vector_prelude
 from tactemu.plan.plan import Context
 from tactemu.sensors.elastomer.anchors import Anchors
-from tactemu.sensors.point_cloud import CLUSTER
+from tactemu.sensors.point_cloud import CLUSTER_SIZE
 from tactemu.sensors.probe_grid import Grid
 
 
@@ -77,7 +77,7 @@ def _direct_kernel(real, add: bool, quick: bool):
         total = vec3(real(0.0))
         for a in range(n_active[env]):
             c = active[env, a]
-            first = c * CLUSTER
+            first = c * CLUSTER_SIZE
             for o in range(first, first + n_pulling[env, c]):
                 apart = r - place[env, o]
                 off_plane = wp.dot(apart, n)
@@ -95,7 +95,7 @@ def _direct_kernel(real, add: bool, quick: bool):
 def _tables_kernel(real, add: bool):
     """A thread for a share of the environments, with tables for all points of one."""
     vec3 = wp.types.vector(3, real)
-    snippet = _DRAG.replace("CLUSTER", str(CLUSTER)).replace("NEGLIGIBLE", repr(_NEGLIGIBLE))
+    snippet = _DRAG.replace("CLUSTER_SIZE", str(CLUSTER_SIZE)).replace("NEGLIGIBLE", repr(_NEGLIGIBLE))
 
     @wp.func_native(vector_prelude(real) + snippet.replace("ADD", str(int(add))))
     def drag(
@@ -170,7 +170,7 @@ _DRAG = """
     const int apart = 2 * tall + broad;
     int count = 0;
     for (int a = 0; a < n_active; ++a) {
-        const int first = active.data[a] * CLUSTER;
+        const int first = active.data[a] * CLUSTER_SIZE;
         for (int o = first; o < first + n_pulling.data[active.data[a]]; ++o, ++count) {
             Number* const table = tables.data + count * int64_t(apart);
             const auto y = wp::sub(place.data[o], corner);
@@ -238,7 +238,7 @@ def _block_kernel(real, add: bool, quick: bool):
         u = block()
         v = block()
         for a in range(n_active[env]):
-            first = active[env, a] * CLUSTER
+            first = active[env, a] * CLUSTER_SIZE
             for o in range(first, first + n_pulling[env, active[env, a]]):
                 y = place[env, o] - corner
                 p = pull[env, o]

@@ -11,7 +11,7 @@ import numpy as np
 import warp as wp
 
 from tactemu.geometry.warp_collectives import ballot_count, lanes_per_environment, rank
-from tactemu.sensors.point_cloud import FAR_AWAY
+from tactemu.sensors.point_cloud import FAR_AWAY_M
 from tactemu.sensors.points.table import cloud_type
 from tactemu.sensors.sensor_model import Site
 
@@ -84,7 +84,7 @@ def near_clusters(site: Site, clouds, reach: float | None) -> tuple[NearClusters
         start=context.zeros((n_envs, len(clouds.bodies) + 1), wp.int32),
     )
     limits = [vec3(*positions.min(axis=0)), vec3(*positions.max(axis=0))]
-    limits.append(FAR_AWAY if reach is None else np.nextafter(reach * (1 + 1e-5), np.inf))
+    limits.append(FAR_AWAY_M if reach is None else np.nextafter(reach * (1 + 1e-5), np.inf))
     outputs = [near.clusters, near.start]
     inputs = [clouds, site.view.pose, *limits]
     side = lanes_per_environment(context.device)

@@ -16,17 +16,17 @@ import warp as wp
 
 from tactemu.geometry.simd import WIDTH
 from tactemu.geometry.vector_io import vector_readers
-from tactemu.sensors.point_cloud import CLUSTER, spatial_order
+from tactemu.sensors.point_cloud import CLUSTER_SIZE, spatial_order
 from tactemu.sensors.points.near import NearClusters
 from tactemu.sensors.points.sums_simd import strip_sums_kernel
 from tactemu.sensors.points.table import cloud_type
 from tactemu.sensors.sensor_model import Site
 
-_SIDE_BY_SIDE = 32
+_TAXELS_PER_WARP = 32
 """Taxels that run together on a GPU: they should be near each other, to look at the same points."""
 BLOCK = 256, 6
 """Threads of a block on a GPU, and how many blocks a multiprocessor shall hold at once: bounds the registers."""
-_AT_ONCE = 4
+_POINTS_PER_FETCH = 4
 """Points fetched at once."""
 
 
@@ -69,8 +69,8 @@ def _kernel(real):
                 away = p - vec3(ball[0], ball[1], ball[2])
                 reach = ball[3] + limit
                 if wp.dot(away, away) <= reach * reach:
-                    for j in range(c * CLUSTER, c * CLUSTER + clouds.counts[c], _AT_ONCE):
-                        for m in range(_AT_ONCE):
+                    for j in range(c * CLUSTER_SIZE, c * CLUSTER_SIZE + clouds.counts[c], _POINTS_PER_FETCH):
+                        for m in range(_POINTS_PER_FETCH):
                             x = fetch(clouds.points, j + m)
                             d = vec3(x[0], x[1], x[2]) - p
                             overlap = wp.max(limit - wp.sqrt(wp.dot(d, d)), real(0.0))
@@ -96,7 +96,7 @@ class ProximitySums:
     def __init__(self, site: Site, clouds, near: NearClusters):
         self._site, self._clouds, self._near = site, clouds, near
         self._on_cpu = site.context.device.is_cpu
-        order = spatial_order(site.probes.positions, WIDTH if self._on_cpu else _SIDE_BY_SIDE)
+        order = spatial_order(site.probes.positions, WIDTH if self._on_cpu else _TAXELS_PER_WARP)
         self._order = wp.array(order, dtype=wp.int32, device=site.context.device)
         self.place = wp.array(np.argsort(order), dtype=wp.int32, device=site.context.device)
         """Where each taxel's sums are, shape ``(n_taxels,)``."""

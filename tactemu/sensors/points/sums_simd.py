@@ -12,7 +12,7 @@ import functools
 import warp as wp
 
 from tactemu.geometry.simd import WIDTH, vector_prelude
-from tactemu.sensors.point_cloud import CLUSTER
+from tactemu.sensors.point_cloud import CLUSTER_SIZE
 from tactemu.sensors.points.table import cloud_type
 
 
@@ -22,7 +22,7 @@ def strip_sums_kernel(real):
     vec3, vec4 = wp.types.vector(3, real), wp.types.vector(4, real)
     transform = wp.types.transformation(real)
 
-    @wp.func_native(vector_prelude(real) + _SUM.replace("CLUSTER", str(CLUSTER)))
+    @wp.func_native(vector_prelude(real) + _SUM.replace("CLUSTER_SIZE", str(CLUSTER_SIZE)))
     def add_up(
         points: wp.array(dtype=vec4),
         counts: wp.array(dtype=wp.int32),
@@ -91,7 +91,7 @@ _SUM = """
         const Number reach = (ball[3] + around) * Number(1.0001);  // rounding never hides a point
         if (wp::dot(away, away) > reach * reach)
             continue;
-        for (int j = c * CLUSTER; j < c * CLUSTER + counts.data[c]; ++j) {
+        for (int j = c * CLUSTER_SIZE; j < c * CLUSTER_SIZE + counts.data[c]; ++j) {
             const auto& point = points.data[j];
             const Vector dx = point[0] - x, dy = point[1] - y, dz = point[2] - z;
             const Vector apart = limit - __builtin_elementwise_sqrt(dx * dx + dy * dy + dz * dz);

@@ -15,13 +15,13 @@ from tactemu.sensors.sensor_model import Site
 
 FEWER_POINTS = "lower `n_sample_points`"
 """What makes a cloud cost less, for the plan."""
-MOST_POINTS = 1_000_000
+MAX_SAMPLE_POINTS = 1_000_000
 """Most points that are sampled on bodies; bounds memory."""
 
 
 def _counts(given: int | Sequence[int], n_bodies: int, sensor: str) -> list[int]:
     counts = [
-        int(number(sensor, "n_sample_points", count, at_least=1, at_most=MOST_POINTS, integer=True))
+        int(number(sensor, "n_sample_points", count, at_least=1, at_most=MAX_SAMPLE_POINTS, integer=True))
         for count in (given if isinstance(given, list | tuple | np.ndarray) else [given])
     ]
     if isinstance(given, list | tuple | np.ndarray):

@@ -16,9 +16,9 @@ from tactemu.plan.scalars import natural
 from tactemu.sensors.probes.formula import Formula, probe_functions
 from tactemu.sensors.probes.query import near_bits, probes_struct
 
-MOST = 128
+MAX_BLOCK_THREADS = 128
 """Threads of a block."""
-BUSY = 2**18
+MIN_BUSY_THREADS = 2**18
 """Threads that keep a GPU busy: with fewer, several blocks share an environment."""
 
 
@@ -33,14 +33,14 @@ class Blocks:
     def block_dim(self) -> int:
         """Threads of a block, whole warps."""
         n_probes = max(1, self.n_probes)
-        turns = -(-n_probes // MOST)
+        turns = -(-n_probes // MAX_BLOCK_THREADS)
         return 32 * -(-n_probes // (32 * turns))
 
     @property
     def shift(self) -> int:
         """Binary logarithm of how many blocks share an environment."""
         turns, shift = -(-self.n_probes // self.block_dim), 0
-        while 2**shift < turns and self.n_envs * self.block_dim * 2**shift < BUSY:
+        while 2**shift < turns and self.n_envs * self.block_dim * 2**shift < MIN_BUSY_THREADS:
             shift += 1
         return shift
 
@@ -83,7 +83,7 @@ def block_kernel(formula: Formula, shift: int):
     margin, nearest, write, _away = probe_functions(formula)
 
     @wp.kernel(module="unique", enable_backward=False, grid_stride=False)
-    def feel_probes(
+    def measure_probes(
         first_env: int,
         shapes: shapes_type,
         pose: wp.array2d(dtype=transform),
@@ -108,4 +108,4 @@ def block_kernel(formula: Formula, shift: int):
                 distance, normal, b = nearest(shapes, pose, near, targets, probes, e, i, reach)
                 write(probes, numbers, gain, radius, distance, normal, b, e, i, truth_out, raw_out)
 
-    return feel_probes
+    return measure_probes

@@ -20,7 +20,7 @@ def depth_formula(real):
     vec3 = wp.types.vector(3, real)
 
     @wp.func
-    def feel(
+    def measure(
         unused: wp.int32,
         probes: probes_struct(real),
         depth: real,
@@ -33,7 +33,7 @@ def depth_formula(real):
     ):
         out[e, i, 0] = wp.where(depth < real(0.0), real(0.0), depth) * gain
 
-    return feel
+    return measure
 
 
 def compile_depth(site: Site, why: str) -> Compiled:
@@ -52,7 +52,7 @@ class ContactDepthProbe(SensorModel):
     level = 1
     unit = "m"
     layouts = {"depth": slice(0, 1)}
-    feels_at_radius = True
+    senses_within_radius = True
     valid = (
         "Exact as a distance, at any depth with the ray query; it knows no equilibrium, so that beside a contact "
         "nothing moves."

@@ -65,7 +65,7 @@ class ContactProbe(SensorModel):
     level = 0
     unit = "m"
     layouts = {"touch": slice(0, 1)}
-    feels_at_radius = True
+    senses_within_radius = True
     valid = "Wherever depth is right; which taxels touch is a matter of the threshold, since nothing yields."
     source = "A Schmitt trigger. Option names and numbers are those of the sensor of this name in Genesis."
 

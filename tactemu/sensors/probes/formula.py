@@ -1,7 +1,7 @@
 """What one probe reads, as Warp functions made of a model's formula.
 
-A formula is a Warp function ``feel(numbers, probes, depth, gain, normal, body, e, i, out)``. It writes what probe ``i``
-of environment ``e`` reads into ``out``:
+A formula is a Warp function ``measure(numbers, probes, depth, gain, normal, body, e, i, out)``. It writes the reading
+of probe ``i`` of environment ``e`` into ``out``:
 
 * ``numbers``: of the model, a Warp struct or one number.
 * ``depth``: the probe's radius minus its distance, not cut at 0, since NaN (a pose that is not finite) must come out as
@@ -31,7 +31,7 @@ class Formula(NamedTuple):
     kinds: frozenset
     """Of shape, in the scene."""
     along_normal: bool
-    feel: Any
+    measure: Any
     """From a cached factory."""
     numbers: Any
     """Type of the model's numbers."""
@@ -59,7 +59,7 @@ class ProbeFunctions(NamedTuple):
 @functools.cache
 def probe_functions(formula: Formula) -> ProbeFunctions:
     """Return the functions of a formula."""
-    real, feel, numbers_type = formula.real, formula.feel, formula.numbers
+    real, measure, numbers_type = formula.real, formula.measure, formula.numbers
     at_surface, separate, has_gain, has_radius = formula[-4:]
     vec3 = wp.types.vector(3, real)
     probes_type = probes_struct(real)
@@ -92,14 +92,14 @@ def probe_functions(formula: Formula) -> ProbeFunctions:
         r = real(0.0)
         if wp.static(not at_surface):
             r = probes.radii[i]
-        feel(numbers, probes, r - distance, real(1.0), normal, body, e, i, truth_out)
+        measure(numbers, probes, r - distance, real(1.0), normal, body, e, i, truth_out)
         if wp.static(separate):
             if wp.static(has_radius):
                 r = radius[e, i]
             g = real(1.0)
             if wp.static(has_gain):
                 g = gain[e, i]
-            feel(numbers, probes, r - distance, g, normal, body, e, i, raw_out)
+            measure(numbers, probes, r - distance, g, normal, body, e, i, raw_out)
 
     @wp.func
     def away(
@@ -110,8 +110,8 @@ def probe_functions(formula: Formula) -> ProbeFunctions:
         truth_out: wp.array3d(dtype=real),
         raw_out: wp.array3d(dtype=real),
     ):
-        feel(numbers, probes, real(0.0), real(1.0), vec3(real(0.0)), -1, e, i, truth_out)
+        measure(numbers, probes, real(0.0), real(1.0), vec3(real(0.0)), -1, e, i, truth_out)
         if wp.static(separate):
-            feel(numbers, probes, real(0.0), real(1.0), vec3(real(0.0)), -1, e, i, raw_out)
+            measure(numbers, probes, real(0.0), real(1.0), vec3(real(0.0)), -1, e, i, raw_out)
 
     return ProbeFunctions(margin, contact_function(real, formula.kinds, formula.along_normal), write, away)

@@ -64,7 +64,7 @@ def springs_formula(real, moving: bool):
     springs_struct, probes_type = springs_type(real), probes_struct(real)
 
     @wp.func
-    def feel(
+    def measure(
         c: springs_struct,
         probes: probes_type,
         depth: real,
@@ -105,7 +105,7 @@ def springs_formula(real, moving: bool):
             out[e, i, k] = force[k]
             out[e, i, 3 + k] = torque[k]
 
-    return feel
+    return measure
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -132,7 +132,7 @@ class KinematicTaxel(SensorModel):
     channels = ("force", "torque")
     unit = "N"
     layouts = {"force": slice(0, 3)}
-    feels_at_radius = True
+    senses_within_radius = True
     strengths = ("normal_stiffness", "normal_damping", "shear_scalar", "twist_scalar")
     valid = (
         "Each probe is a spring of its own: what presses, and how hard, once the stiffness is fitted. Under a flat "

@@ -18,7 +18,7 @@ from tactemu.sensors.probes.formula import Formula, probe_functions
 from tactemu.sensors.probes.query import ALL_NEAR, probes_struct, within_function
 from tactemu.sensors.sensor_model import Site
 
-SEARCHES = 64
+SEARCH_BLOCK_THREADS = 64
 """Threads of a block that searches: few, since one that lasts keeps the others' registers."""
 
 
@@ -140,5 +140,5 @@ def record_listed(
     inputs = [*scene, numbers, gain, radius]
     listed = context.record(list_kernel(formula), near.size, inputs, [near, n_near, *out])
     inputs = [*scene, numbers, gain, radius, near, n_near]
-    searched = context.record(search_kernel(formula), near.size, inputs, out, block_dim=SEARCHES)
+    searched = context.record(search_kernel(formula), near.size, inputs, out, block_dim=SEARCH_BLOCK_THREADS)
     return in_turn(n_near.zero_, listed, searched)

@@ -23,7 +23,7 @@ from tactemu.sensors.probes.near_list import record_listed
 from tactemu.sensors.probes.query import is_near, near_bits, probes_struct
 from tactemu.sensors.sensor_model import Site
 
-STRIP = 8
+PROBES_PER_STRIP = 8
 """Probes that one thread handles on the CPU, where a thread is a call."""
 
 
@@ -91,7 +91,7 @@ def strip_kernel(formula: Formula):
     touches, noise = strip_function(real, formula.kinds), noise_function(real, formula.has_radius)
 
     @wp.kernel(module="unique", enable_backward=False)
-    def feel_strips(
+    def measure_strips(
         first_env: int,
         shapes: shapes_type,
         pose: wp.array2d(dtype=transform),
@@ -124,17 +124,17 @@ def strip_kernel(formula: Formula):
                 write(probes, numbers, gain, radius, distance, normal, b, e, i, truth_out, raw_out)
             i += 1
 
-    return feel_strips
+    return measure_strips
 
 
 def record_strips(
-    site: Site, feel, numbers_type, numbers: Any, truth: wp.array, raw: wp.array, *, at_surface: bool = False
+    site: Site, measure, numbers_type, numbers: Any, truth: wp.array, raw: wp.array, *, at_surface: bool = False
 ) -> Launch:
     """Return the recorded launches of a formula over all probes of a sensor.
 
     Args:
         site: of the sensor.
-        feel: the formula, from a cached factory.
+        measure: the formula, from a cached factory.
         numbers_type: type of ``numbers``.
         numbers: of the model.
         truth: written, ``(n_envs, n_taxels, channels)``.
@@ -145,12 +145,12 @@ def record_strips(
     gain, radius = (None, None) if at_surface else (site.gain, site.radius)
     none = wp.zeros((0, 0), dtype=context.real, device=context.device)
     measured = (raw is not truth, gain is not None, radius is not None)
-    formula = Formula(context.real, site.table.kinds, site.along_normal, feel, numbers_type, at_surface, *measured)
+    formula = Formula(context.real, site.table.kinds, site.along_normal, measure, numbers_type, at_surface, *measured)
     gain, radius = none if gain is None else gain, none if radius is None else radius
     _watch(site, formula.has_radius)
     scene = [site.table.struct, site.view.pose, site.targets, probe_arrays(site)]
     if context.device.is_cpu:
-        dim = context.n_envs, -(-site.probes.n // STRIP)
+        dim = context.n_envs, -(-site.probes.n // PROBES_PER_STRIP)
         return context.record(strip_kernel(formula), dim, [*scene, site.view.near, numbers, gain, radius], [truth, raw])
     if any(kind.is_searched for kind in formula.kinds):
         return record_listed(site, formula, scene, numbers, gain, radius, [truth, raw])
@@ -163,7 +163,7 @@ def _watch(site: Site, has_noise: bool) -> None:
     """Have the bodies that are near to this skin told from the others."""
     probes = site.probes
     bounds = np.array([row.bound for row in site.table.rows])
-    if site.along_normal or has_noise:  # it may feel farther than its radii say
+    if site.along_normal or has_noise:  # it may measure farther than its radii say
         bounds = np.full(len(bounds), FAR)
     site.view.watch(probes.positions, np.broadcast_to(probes.radii, probes.n), bounds)
 
@@ -173,7 +173,7 @@ def probe_arrays(site: Site):
     real = site.context.real
     probes = probes_struct(real)()
     probes.positions, probes.normals, probes.radii = site.positions, site.normals, site.radii
-    probes.strip = STRIP if site.context.device.is_cpu else 1
+    probes.strip = PROBES_PER_STRIP if site.context.device.is_cpu else 1
     probes.strip_ball = _strip_balls(site, probes.strip)
     probes.reach = _reach(site) if site.along_normal else wp.zeros(0, dtype=real, device=site.context.device)
     return probes

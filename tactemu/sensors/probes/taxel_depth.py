@@ -16,7 +16,7 @@ from tactemu.sensors.probes.query import probes_struct
 from tactemu.sensors.probes.strips import record_strips
 from tactemu.sensors.sensor_model import Site
 
-_NOWHERE = 2**30
+_NO_INDEX = 2**30
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,9 +37,9 @@ def _clear_kernel():
     def clear_box(first_env: int, box: wp.array2d(dtype=wp.int32)):
         env = wp.tid()
         env += first_env
-        box[env, 0] = _NOWHERE
+        box[env, 0] = _NO_INDEX
         box[env, 1] = -1
-        box[env, 2] = _NOWHERE
+        box[env, 2] = _NO_INDEX
         box[env, 3] = -1
 
     return clear_box
@@ -53,9 +53,9 @@ def box_kernel(real, lanes: int):
     def find_box(first_env: int, depth: wp.array2d(dtype=real), cols: int, box: wp.array2d(dtype=wp.int32)):
         env, lane = wp.tid()
         env = natural(env + first_env)
-        top = int(_NOWHERE)
+        top = int(_NO_INDEX)
         bottom = int(-1)
-        left = int(_NOWHERE)
+        left = int(_NO_INDEX)
         right = int(-1)
         row = lane // cols
         col = lane - row * cols
@@ -102,7 +102,7 @@ def _depth_formula(real, widens: bool):
     boxes_type, probes_type = _box_type(real), probes_struct(real)
 
     @wp.func
-    def feel(
+    def measure(
         boxes: boxes_type,
         probes: probes_type,
         depth: real,
@@ -129,7 +129,7 @@ def _depth_formula(real, widens: bool):
         elif boxes.exponent != real(1.0):
             boxes.power[e, i] = wp.pow(h, boxes.exponent)
 
-    return feel
+    return measure
 
 
 def taxel_depth(site: Site, exponent: float) -> tuple[TaxelDepth, Callable[[], None]]:

@@ -14,14 +14,14 @@ from tactemu.plan.plan import Plan
 from tactemu.sensors.world import World, on_host
 
 
-class Restarts:
-    """Resets stages, readings and poses of a simulation.
+class Resets:
+    """Resets of the stages, readings and poses of a simulation.
 
     Args:
-        plan: whose stages are reset.
-        world: whose poses are.
-        arrays: readings, which become 0.
-        device: of all of them.
+        plan: the plan whose stages are reset.
+        world: the world whose poses are reset.
+        arrays: readings, which are set to 0.
+        device: the device of all these arrays.
     """
 
     def __init__(self, plan: Plan, world: World, arrays: list[wp.array], device: wp.Device):
@@ -31,19 +31,19 @@ class Restarts:
         self._warm = False
 
     def reset(self, envs: Any) -> None:
-        """See :meth:`tactemu.sensors.simulation.Simulation.reset`."""
+        """Reset environments; see :meth:`tactemu.sensors.simulation.Simulation.reset`."""
         self._choose(envs)
         if self._device.is_cpu:
             self._clear()
             self._world.reset(self._mask.numpy())
-        elif envs is None:  # poses go by the host, which then knows them
+        elif envs is None:  # the host writes the poses, so its copy stays valid
             self._clear()
             self._world.reset(None)
         else:
             self._on_gpu()
 
     def _choose(self, envs: Any) -> None:
-        """Fill the mask."""
+        """Fill the mask with the environments to reset."""
         n_envs = self._world.n_envs
         if envs is not None and not on_host(envs):
             array = as_warp_array(envs, "envs")
@@ -68,7 +68,7 @@ class Restarts:
         capturing = wp.get_stream(self._device).is_capturing
         if capturing and (self._world.waiting or not self._warm):
             raise SceneError(
-                "reset: take a step and a reset before you capture one: what a graph may not do is done then"
+                "reset: take one step and one reset before you capture a reset; they load what a graph cannot load"
             )
         self._world.upload()
         if capturing:
@@ -81,7 +81,7 @@ class Restarts:
             self._graph = capture.graph
             assert self._graph is not None
             wp.capture_launch(self._graph)
-        else:  # the first loads what is needed
+        else:  # the first reset loads the modules, which a capture must not do
             self._all()
             self._warm = True
         self._world.changed_on_device()

@@ -1,0 +1,137 @@
+"""The input of poses: from Python, through an array on the device, or from arrays of another simulator."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from tactemu.base.errors import SceneError
+from tactemu.geometry.bodies import Body, find_body
+from tactemu.geometry.motion import Pose
+from tactemu.plan.plan import Context, Plan, Stage
+from tactemu.sensors.bound_poses import BoundPoses, make_bound_poses
+from tactemu.sensors.world import World
+
+
+class PoseInput:
+    """The methods of a :class:`~tactemu.sensors.simulation.Simulation` that pose its bodies."""
+
+    bodies: tuple[Body, ...]
+    context: Context
+    plan: Plan
+    world: World
+    _bound: tuple[BoundPoses, Stage] | None = None
+
+    def set_pose(
+        self,
+        body: Body | str | int,
+        *,
+        position=None,
+        quaternion=None,
+        linear_velocity=None,
+        angular_velocity=None,
+        envs: Sequence[int] | np.ndarray | None = None,
+    ) -> None:
+        """Set a body's pose and velocities from the next step on. Parts that you do not give stay unchanged.
+
+        Args:
+            body: the body, its name or its index.
+            position: position of its origin, world [m]; ``(3,)`` for all environments or ``(n_envs, 3)``. NumPy, lists,
+                Warp arrays or anything with ``__dlpack__``; arrays on the simulation's device are not copied through
+                the host.
+            quaternion: its orientation, (w, x, y, z), any length; ``(4,)`` or ``(n_envs, 4)``.
+            linear_velocity: velocity of its origin, world [m/s].
+            angular_velocity: its angular velocity, world [rad/s].
+            envs: the environments to set; arrays then have ``len(envs)`` rows.
+
+        Raises:
+            SceneError: the body is fixed or unknown, or a shape is wrong.
+        """
+        if isinstance(body, Body) and body not in self.bodies:
+            raise SceneError(
+                f"set_pose: body {body.name!r} was added after the scene was built, or belongs to another scene; "
+                "build the scene again"
+            )
+        body = find_body(self.bodies, body)
+        if body.fixed:
+            raise SceneError(f"set_pose: body {body.name!r} is fixed; add it with fixed=False to move it")
+        given = (position, quaternion, linear_velocity, angular_velocity)
+        self.world.set(body, given, envs)
+
+    @property
+    def pose_array(self) -> wp.array:
+        """Poses of all bodies, float64, shape ``(n_envs, n_bodies, 13)``: position [m], quaternion (w, x, y, z),
+        velocity of the body's origin [m/s], angular velocity [rad/s], in the world.
+
+        A step reads this memory: a pose written there on the device holds from the next step on.
+        ``torch.from_dlpack(sim.pose_array)`` copies nothing.
+        """
+        return self.world.exposed()
+
+    def bind_poses(
+        self,
+        poses=None,
+        *,
+        position=None,
+        quaternion=None,
+        linear_velocity=None,
+        angular_velocity=None,
+        order: str = "wxyz",
+        velocity_at: Any = "origin",
+        velocity_at_index: Sequence[int] | np.ndarray | None = None,
+        com=None,
+        index: Mapping[Any, int] | None = None,
+        offsets: Mapping[Any, tuple[Any, Any]] | None = None,
+    ) -> None:
+        """Take poses from arrays of another simulator, now and at each step.
+
+        The arrays stay on the simulation's device: Warp or NumPy arrays, or anything with ``__dlpack__``, float32 or
+        float64, with any strides. One launch converts them within the step. A second call replaces the first.
+
+        Args:
+            poses: all in one array ``(n_envs, n, 13)``, as :attr:`pose_array`.
+            position: positions of the bodies' origins, world [m]: ``(n_envs, n, 3)``, or ``(n_envs * n, 3)`` with the
+                bodies of one environment after those of another. A pair ``(array, k)`` stands for its numbers from
+                ``k`` on.
+            quaternion: their orientations, any length; as wide as 4.
+            linear_velocity: their velocities [m/s], world.
+            angular_velocity: their angular velocities [rad/s], world. Parts that you do not give stay unchanged.
+            order: order of a quaternion's numbers, ``wxyz`` or ``xyzw``.
+            velocity_at: the point that moves with the velocity: the ``origin``, the centre of mass (``com``), or the
+                body's material at points in the world, an array ``(n_envs, n, 3)``.
+            velocity_at_index: index of each body's point, ``(n,)``; default: point k belongs to place k.
+            com: centres of mass in the given frames [m], ``(n, 3)`` or as ``position``.
+            index: place of each body among the n, ``{body: place}``; default: place k is body k, fixed bodies are left
+                out.
+            offsets: poses of bodies in the given frames, ``{body: (position, quaternion)}``; default: at their origins.
+
+        Raises:
+            SceneError: an array has the wrong shape, type or device, or no memory; a body is fixed, or has a motion.
+        """
+        parts = {
+            "position": position,
+            "quaternion": quaternion,
+            "linear_velocity": linear_velocity,
+            "angular_velocity": angular_velocity,
+        }
+        options = {"order": order, "velocity_at": velocity_at, "velocity_at_index": velocity_at_index, "com": com}
+        options |= {"index": index, "offsets": offsets}
+        bound = make_bound_poses(self.bodies, self.context, poses=poses, parts=parts, **options)
+        stage = bound.stage(self.context, self.world.device_array)
+        self.plan.insert(stage, before="relative poses")
+        self._bound = bound, stage
+        self._take_bound()
+
+    def _take_bound(self) -> None:
+        """Copy the bound poses from the other simulator's arrays now."""
+        if self._bound is not None:
+            bound, stage = self._bound
+            self.world.bind(frozenset(body.index for body in bound.bodies))
+            stage.launch()
+
+    def pose(self, body: Body) -> Pose:
+        """Return a body's pose and velocities as last set, in the world of environment 0."""
+        return self.world.pose(body.index)
