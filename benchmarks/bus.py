@@ -84,8 +84,8 @@ def robot(boards: int, seconds: float, way: str = "") -> dict[str, Any]:
             for channel in dev.emulator.channels:
                 bus = env.nodes[channel.name]
                 sent[bus] = _watched(channel.wire.transport)
-                ticks = next(iter(channel.ticks.values()))
-                told[bus] = [len(channel.ticks), origin + ticks.sampling.start_ns, ticks.sampling.period_ns]
+                timer = next(iter(channel.timers.values()))
+                told[bus] = [len(channel.timers), origin + timer.sampling.start_ns, timer.sampling.period_ns]
             reader = [sys.executable, "-m", "benchmarks.bus_reader", json.dumps(told), str(seconds)]
             begun = time.process_time(), time.monotonic()
             done = env.run(reader, stdout=subprocess.PIPE, text=True, check=True)

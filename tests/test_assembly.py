@@ -10,7 +10,7 @@ import firmware_protocols
 from tactemu.base.clock import VirtualClock
 from tactemu.base.errors import DeviceError, SceneError, TransportError
 from tactemu.emulator.assembly import RunOptions, assemble
-from tactemu.emulator.port_assignment import plugs_of
+from tactemu.emulator.port_assignment import assign_ports
 from tactemu.scene.building import make_device, make_devices
 from tactemu.scene.file import load, parse
 from tactemu.truth import Truth, read
@@ -137,7 +137,7 @@ def test_the_device_reads_in_its_own_frame():
 def test_usual_and_fresh_ports():
     def port(name: str, *, fresh: bool) -> str:
         loaded = load(name)
-        (plug,) = plugs_of(loaded.tables.skin, make_devices(loaded), None, fresh=fresh)
+        (plug,) = assign_ports(loaded.tables.skin, make_devices(loaded), None, fresh=fresh)
         return plug.address
 
     assert port("anyskin", fresh=False) == "pty:/tmp/tactemu-anyskin"
@@ -160,7 +160,7 @@ def test_a_connector_is_found_that_goes_with_the_port():
     devices = make_devices(loaded)
 
     def plugged(port):
-        return {plug.connector.name: plug.address for plug in plugs_of(loaded.tables.skin, devices, port)}
+        return {plug.connector.name: plug.address for plug in assign_ports(loaded.tables.skin, devices, port)}
 
     assert plugged("pty:/tmp/x") == {"rtu": "pty:/tmp/x"}
     assert plugged("tcp:127.0.0.1:0") == {"tcp": "tcp:127.0.0.1:0"}, "rather than the serial line over a socket"

@@ -1,7 +1,7 @@
 r"""PSYONIC Ability Hand: thirty touch sensors on five fingertips, and six motors, on one UART.
 
-Wire: 8N1 at one of 18 speeds, 460800 as delivered. The hand speaks only when spoken to: one reply per command. Each
-message ends in the byte that makes its byte sum 0, and is stuffed as in PPP (7E, 7D and 7E inside as 7D (x ^ 20), 7E).
+Wire: 8N1 at one of 18 speeds, 460800 as delivered. The hand transmits only in reply, once per command. Each message
+ends in the byte that makes its byte sum 0, and is stuffed as in PPP (7E, 7D and 7E inside as 7D (x ^ 20), 7E).
 With stuffing off, as delivered, messages go as they are and a silence ends one.
 
     header   payload           scale
@@ -9,7 +9,7 @@ With stuffing off, as delivered, messages go as they are and a silence ends one.
     2v       six velocities    32767 / 3000 deg/s
     3v       six currents      620.606079 / A
     4v       six duties        3546 = 100 %
-    Av       not looked at     read only
+    Av       ignored           read only
     DA       int32 register    answered by a register reply
     DE       register, value   answered by a register reply
     1D       grip, speed
@@ -18,9 +18,9 @@ With stuffing off, as delivered, messages go as they are and a silence ends one.
     C2, C3   none
     7C       none
 
-v = 0, 1, 2 picks the reply. A message with a good sum that picks none is answered in the last format, so is every
-unknown one; a control message without its six targets moves nothing and is answered as it asks. A wrong sum or address
-is dropped without a word. Without a command for 300 ms the hand leaves API control.
+v = 0, 1, 2 selects the reply. A message with a good sum that selects none, or whose header is unknown, is answered in
+the last format; a control message without its six targets moves nothing and is answered in the format that it selects.
+A message with a wrong sum or address gets no reply. After 300 ms without a command the hand leaves API control.
 
 Numbers are int16 little-endian, positions, currents and duties in replies as in commands. A velocity in a reply is the
 rotor's: 4 per rad/s, behind gears of 649 (fingers, thumb flexor) and 162.45 (thumb rotator). Joints: index, middle,
@@ -91,28 +91,40 @@ REGISTER_REPLY = Frame("""
     last  lrc8             sum
 """)
 
-POSITION, READ_ONLY, READ_REGISTER, WRITE_REGISTER, GRIP, RESET = 0x10, 0xA0, 0xDA, 0xDE, 0x1D, 0x09
-SPEED_PER_AMPERE, SPEED_AT_FULL_DUTY = 200.0, 300.0
-NM_PER_AMPERE, STRENGTH_NM = 0.6, 1.5
-AMPERE = 620.606079
-"""Counts."""
-DRIVES = {0x20: 3000 / 32767, 0x30: SPEED_PER_AMPERE / AMPERE, 0x40: SPEED_AT_FULL_DUTY / 3546}
-"""Speed per count of a target that is one [deg/s], by the header's high nibble."""
+POSITION = 0x10
+READ_ONLY = 0xA0
+READ_REGISTER = 0xDA
+WRITE_REGISTER = 0xDE
+GRIP = 0x1D
+RESET = 0x09
+DEG_PER_S_PER_AMPERE = 200.0
+DEG_PER_S_AT_FULL_DUTY = 300.0
+NM_PER_AMPERE = 0.6
+STRENGTH_NM = 1.5
+COUNTS_PER_AMPERE = 620.606079
+DEG_PER_S_PER_COUNT = {
+    0x20: 3000 / 32767, 0x30: DEG_PER_S_PER_AMPERE / COUNTS_PER_AMPERE, 0x40: DEG_PER_S_AT_FULL_DUTY / 3546,
+}  # fmt: skip
+"""Speed per count of a target [deg/s], by the high nibble of the header."""
 CURRENT = 0x30
-KNOWN = {GRIP, 0x07, 0x08, 0xC2, 0xC3, 0x7C}
-DONE, FAILED = 0x4E11FEA4, 0xFA17FFFF
-API_TIMEOUT_NS, IDLE_NS = 300_000_000, 1_000_000
-SHORTEST, LONGEST = 3, 32
+OTHER_HEADERS = {GRIP, 0x07, 0x08, 0xC2, 0xC3, 0x7C}
+DONE = 0x4E11FEA4
+FAILED = 0xFA17FFFF
+API_TIMEOUT_NS = 300_000_000
+SILENCE_NS = 1_000_000
+SHORTEST_MESSAGE_BYTES = 3
+LONGEST_MESSAGE_BYTES = 32
 
 JOINTS = ("index", "middle", "ring", "pinky", "thumb flexor", "thumb rotator")
-REST = np.array([15.0, 15.0, 15.0, 15.0, 15.0, -15.0])
-LOW = np.array([0.0, 0.0, 0.0, 0.0, 0.0, -100.0])
-HIGH = np.array([100.0, 100.0, 100.0, 100.0, 100.0, 0.0])
-GEARS = np.array([649, 649, 649, 649, 649, 162.45])
-POSITION_COUNTS, VELOCITY_COUNTS, CURRENT_COUNTS = 32767 / 150, 4 * np.deg2rad(GEARS), AMPERE / SPEED_PER_AMPERE
-"""Per deg, deg/s, deg/s."""
+OPEN_DEG = np.array([15.0, 15.0, 15.0, 15.0, 15.0, -15.0])
+LOW_STOPS_DEG = np.array([0.0, 0.0, 0.0, 0.0, 0.0, -100.0])
+HIGH_STOPS_DEG = np.array([100.0, 100.0, 100.0, 100.0, 100.0, 0.0])
+GEAR_RATIOS = np.array([649, 649, 649, 649, 649, 162.45])
+COUNTS_PER_DEG = 32767 / 150
+VELOCITY_COUNTS_PER_DEG_S = 4 * np.deg2rad(GEAR_RATIOS)
+CURRENT_COUNTS_PER_DEG_S = COUNTS_PER_AMPERE / DEG_PER_S_PER_AMPERE
 
-FINGERTIPS = {
+FINGERTIP_CENTRES_M = {
     # name: centre of the pad in the palm's frame [m]
     "index": (0.033, 0.09, 0.0),
     "middle": (0.011, 0.10, 0.0),
@@ -122,9 +134,10 @@ FINGERTIPS = {
 }
 GAINS = (3, 4, 1, 21, 0, 10, 1, 1773, 4, 0)
 ROTATOR_GAINS = (500, 0, 5, 3, 14, 6, 1, 1773, 8, 0)
-UNIQUE_ID, UPSAMPLING = (0x3D, 0x3E), 0x3F
-FIXED = {*range(0x0A, UNIQUE_ID[0], 10), *UNIQUE_ID}
-"""Registers that can only be read: each joint's output saturation, and the unique id."""
+UNIQUE_ID_REGISTERS = (0x3D, 0x3E)
+UPSAMPLING_REGISTER = 0x3F
+READ_ONLY_REGISTERS = {*range(0x0A, UNIQUE_ID_REGISTERS[0], 10), *UNIQUE_ID_REGISTERS}
+"""The registers of each joint's output saturation and of the unique id; the host cannot write them."""
 Baud = Literal[
     460800, 1200, 2400, 4800, 9600, 14400, 19200, 28800, 31250, 38400, 56000, 57500, 76800, 115200, 230400, 250000,
     921600, 1000000,
@@ -137,7 +150,7 @@ LOOKED = f"{ICD}; all of {API}python"
 
 
 class AbilityHand(Device):
-    """The hand in API mode."""
+    """An Ability Hand in API mode."""
 
     name = "ability_hand"
     title = "PSYONIC Ability Hand"
@@ -203,33 +216,34 @@ class AbilityHand(Device):
     def __init__(
         self,
         *,
-        address: Annotated[int, Option("first byte of the commands that it obeys", low=0, high=255)] = 0x50,
-        baud: Annotated[Baud, Option("as set in the hand")] = 460800,
+        address: Annotated[int, Option("first byte of the commands for this hand", low=0, high=255)] = 0x50,
+        baud: Annotated[Baud, Option("line speed that is set in the hand")] = 460800,
         stuffing: Annotated[
-            bool, Option("settings We46 and We47, which the SDK wants; without them a silence ends a message")
+            bool, Option("settings We46 and We47, which the SDK needs; without them a silence ends a message")
         ] = True,
     ):
         self.address, self.stuffing = address, stuffing
         self.ports = (Serial(baud=baud),)
-        pads = (grid_layout(3, 2, 0.007, name=name, link=name) for name in FINGERTIPS)
-        self.layout = stack(*(place(pad, centre) for pad, centre in zip(pads, FINGERTIPS.values())))
+        pads = (grid_layout(3, 2, 0.007, name=name, link=name) for name in FINGERTIP_CENTRES_M)
+        self.layout = stack(*(place(pad, centre) for pad, centre in zip(pads, FINGERTIP_CENTRES_M.values())))
         self.motors = Motors(
-            REST, low=LOW, high=HIGH, time_constant_s=0.1, names=JOINTS, unit=np.deg2rad(1), strength=STRENGTH_NM
-        )
+            OPEN_DEG, low=LOW_STOPS_DEG, high=HIGH_STOPS_DEG, time_constant_s=0.1, names=JOINTS, unit=np.deg2rad(1),
+            strength=STRENGTH_NM,
+        )  # fmt: skip
         self.currents: np.ndarray | None = None
-        """Counts of the commanded currents, in that mode; even at the stops."""
+        """The commanded currents in current mode [counts], even at the stops; None in other modes."""
         self.counts = np.zeros(len(self.layout), np.int64)
-        self.registers = dict(enumerate([*GAINS * 5, *ROTATOR_GAINS, *[0] * len(UNIQUE_ID), 0], 1))
-        self.frames = Ppp(counters=self.counters, longest=LONGEST)
+        self.registers = dict(enumerate([*GAINS * 5, *ROTATOR_GAINS, *[0] * len(UNIQUE_ID_REGISTERS), 0], 1))
+        self.frames = Ppp(counters=self.counters, longest=LONGEST_MESSAGE_BYTES)
         self.heard = b""
-        """Without stuffing: the message until it is over."""
+        """The unfinished message, without stuffing."""
         self.format = POSITION
-        """Header of the last message that picked a reply."""
+        """The header of the last message that selected a reply."""
         self.commanded_ns = 0
 
     @property
     def commands(self) -> tuple[Command, ...]:
-        """What the SDK sends, each reply, and the ICD's refusals, to a hand as it comes."""
+        """The SDK's commands, each reply, and the refusals of the ICD; for a hand with default options."""
         if self.address != 0x50 or not self.stuffing:
             return ()
         return tuple(
@@ -238,32 +252,32 @@ class AbilityHand(Device):
         )
 
     def measure(self, reading: Reading, t_ns: int) -> Counts:
-        """12-bit touch values, shape ``(30,)``."""
+        """Return 12-bit touch values, shape ``(30,)``."""
         self.counts = touch_counts(self.layout.push(reading["force"]))
         return self.counts
 
     def joints(self, t_ns: int) -> Mapping[str, float]:
-        """Return angles of the six joints [rad]."""
+        """Return the angles of the six joints [rad], by name."""
         self._hold_if_left_alone(t_ns)
         return self.motors.joints(t_ns)
 
     # -- commands --------------------------------------------------------------------------------------------------
 
     def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
-        """Return messages in chunks of any size."""
+        """Obey messages, which arrive in chunks of any size."""
         if self.stuffing:
             return [out for content in self.frames.cut(data) for out in self._obey(content, t_ns)]
-        self.heard = (self.heard + data)[: LONGEST + 1]
-        self.wake_ns = t_ns + IDLE_NS
+        self.heard = (self.heard + data)[: LONGEST_MESSAGE_BYTES + 1]
+        self.wake_ns = t_ns + SILENCE_NS
         return ()
 
     def wake(self, t_ns: int) -> Transmissions:
-        """Return the silence that ends a message without stuffing."""
+        """Obey the message that a silence has ended, without stuffing."""
         content, self.heard = self.heard, b""
         return self._obey(content, t_ns)
 
     def _obey(self, content: bytes, t_ns: int) -> Transmissions:
-        if not SHORTEST <= len(content) <= LONGEST:
+        if not SHORTEST_MESSAGE_BYTES <= len(content) <= LONGEST_MESSAGE_BYTES:
             self.counters["skipped_bytes"] += len(content)
             return []
         message = MESSAGE.unpack(content)
@@ -282,7 +296,7 @@ class AbilityHand(Device):
         return [ppp(reply) if self.stuffing else reply]
 
     def _hold_if_left_alone(self, t_ns: int) -> None:
-        """Stay where the joints were 300 ms after the last command."""
+        """Hold the joints where they were 300 ms after the last command, if none has followed."""
         if t_ns - self.commanded_ns > API_TIMEOUT_NS:
             self.motors.hold(self.commanded_ns + API_TIMEOUT_NS)
             self.currents = None
@@ -293,45 +307,45 @@ class AbilityHand(Device):
             return self._register(*struct.unpack("<i", payload))
         if header == WRITE_REGISTER and len(payload) == 8:
             return self._register(*struct.unpack("<ii", payload))
-        if header & 0x0F <= 2 and kind in (POSITION, READ_ONLY, *DRIVES):
+        if header & 0x0F <= 2 and kind in (POSITION, READ_ONLY, *DEG_PER_S_PER_COUNT):
             self.format = header
             if kind != READ_ONLY and len(payload) == 12:
                 self._move(kind, np.frombuffer(payload, "<i2"), t_ns)
         elif header == GRIP and len(payload) == 2:
             self.currents = None
-            self.motors.go(np.where(HIGH > 0, 0.6 * HIGH, -60.0) if payload[0] else REST, t_ns)
-        elif header not in KNOWN:
+            self.motors.go(np.where(HIGH_STOPS_DEG > 0, 0.6 * HIGH_STOPS_DEG, -60.0) if payload[0] else OPEN_DEG, t_ns)
+        elif header not in OTHER_HEADERS:
             self.counters["unknown_command"] += 1
         return self._reply(t_ns)
 
     def _move(self, kind: int, targets: np.ndarray, t_ns: int) -> None:
         if kind == POSITION:
-            self.motors.go(targets / POSITION_COUNTS, t_ns)
+            self.motors.go(targets / COUNTS_PER_DEG, t_ns)
         elif kind == CURRENT and self.motors.embodied:
-            self.motors.push(targets / AMPERE * NM_PER_AMPERE, t_ns)
+            self.motors.push(targets / COUNTS_PER_AMPERE * NM_PER_AMPERE, t_ns)
         else:
-            self.motors.drive(targets * DRIVES[kind], t_ns)
+            self.motors.drive(targets * DEG_PER_S_PER_COUNT[kind], t_ns)
         self.currents = targets if kind == CURRENT else None
 
     def _register(self, register: int, value: int | None = None) -> bytes:
         known = register in self.registers
-        done = known and (value is None or register not in FIXED)
+        done = known and (value is None or register not in READ_ONLY_REGISTERS)
         if done and value is not None:
             self.registers[register] = value
         return REGISTER_REPLY.pack(status=DONE if done else FAILED, value=self.registers.get(register, 0))
 
     def _reply(self, t_ns: int) -> bytes:
-        """Return the reply that the last format asks for."""
+        """Return a reply in the last selected format."""
         variant, speeds = self.format & 0x0F, self.motors.velocities(t_ns)
-        velocities = _int16(speeds, VELOCITY_COUNTS)
+        velocities = _int16(speeds, VELOCITY_COUNTS_PER_DEG_S)
         joints = np.empty((len(speeds), 2), np.int64)
-        joints[:, 0] = _int16(self.motors.positions(t_ns), POSITION_COUNTS)
+        joints[:, 0] = _int16(self.motors.positions(t_ns), COUNTS_PER_DEG)
         if variant == 1:
             joints[:, 1] = velocities
         elif self.motors.embodied:
-            joints[:, 1] = _int16(self.motors.forces, AMPERE / NM_PER_AMPERE)
+            joints[:, 1] = _int16(self.motors.forces, COUNTS_PER_AMPERE / NM_PER_AMPERE)
         else:
-            joints[:, 1] = _int16(speeds, CURRENT_COUNTS) if self.currents is None else self.currents
+            joints[:, 1] = _int16(speeds, CURRENT_COUNTS_PER_DEG_S) if self.currents is None else self.currents
         if variant == 2:
             return JOINT_REPLY.pack(header=self.format, joints=joints, velocities=velocities)
         touch = pack_12_bits(self.layout.on_wire(self.counts))
@@ -340,8 +354,8 @@ class AbilityHand(Device):
 
 def touch_counts(force: np.ndarray) -> np.ndarray:
     """Return the touch values that stand for ``force`` [N] in the documented formula, 0..4095."""
-    felt = np.maximum(force - 0.878894, 1e-9)
-    volts = 33000.0 / np.maximum(121591.0 / felt - 10000.0, 1e-3)
+    excess = np.maximum(force - 0.878894, 1e-9)
+    volts = 33000.0 / np.maximum(121591.0 / excess - 10000.0, 1e-3)
     return np.where(force > 0.878894, quantize(volts, 4096 / 3.3, 0, 4095), 0)
 
 
@@ -349,7 +363,9 @@ def _int16(values: np.ndarray, counts_per_unit: float | np.ndarray) -> np.ndarra
     return quantize(values, counts_per_unit, -0x8000, 0x7FFF)
 
 
-_SDK, _ICD, _ANY = "ability-hand 0.2.2 ah_api.py", "ABILITY-HAND-ICD.pdf", "7E .. * 7E"
+_SDK = "ability-hand 0.2.2 ah_api.py"
+_ICD = "ABILITY-HAND-ICD.pdf"
+_ANY = "7E .. * 7E"
 _TARGETS = {
     # mode: first digit of the header, six targets, sum with reply 0
     "position": (1, "99 19 99 19 99 19 99 19 99 19 67 E6", 0xD9),

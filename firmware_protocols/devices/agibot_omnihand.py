@@ -1,11 +1,11 @@
-"""AgiBot OmniHand Pro 2025 (O12) and OmniHand 2025 (O10): CAN-FD hands whose fingers are asked one by one for touch.
+"""AgiBot OmniHand Pro 2025 (O12) and OmniHand 2025 (O10): CAN-FD hands whose touch is polled by finger.
 
 Wire: CAN-FD, 29-bit identifiers ``ppppp tttttttt 00000001 w ddddddd`` (p part, t message, w write, d number of the
 hand). A driver sends up to 64 bytes; the hand answers under the same identifier with the write bit clear, within 50 ms.
 
     message  part      data, low byte first
     01       0         ``VENDOR``
-    02       0         ``NUMBER``: its number and the line
+    02       0         ``NUMBER``: number of the hand, and the line
     02       1         write: another number, kept; answered under the old one
     03       joint     current threshold, int16
     05       1..7      touch of a finger, thumb first; 6 and 7, of an O10, are its palm and its back
@@ -18,8 +18,8 @@ hand). A driver sends up to 64 bytes; the hand answers under the same identifier
     21       joint     temperature, uint16
     22       joint     current, int16
 
-A joint is 1..12 (O10: 1..10), 0 is all of them, one after the other. A write to 20, 21 or 22 sets a period [ms] in
-which the hand reports all joints unasked, as part 0. What is written is answered like a question.
+A joint is 1..12 (O10: 1..10), 0 is all of them, one after the other. A write to 20, 21 or 22 sets a period [ms] at
+which the hand reports all joints unasked, as part 0. A write is answered like a read.
 
 Evidence: the vendor's SDKs, run.
 
@@ -56,7 +56,7 @@ from firmware_protocols.layouts import stack
 from firmware_protocols.motors import Motors
 from firmware_protocols.tables import Frame, Identifier
 
-IDENT = Identifier("ppppptttttttt00000001wddddddd", {"part": "p", "message": "t", "write": "w", "device": "d"})
+CAN_ID = Identifier("ppppptttttttt00000001wddddddd", {"part": "p", "message": "t", "write": "w", "device": "d"})
 VENDOR = Frame("""
     vendor, id ppppp 00000001 00000001 w ddddddd (p part, w write, d device)
     0     bytes x 16    model         ASCII
@@ -75,63 +75,65 @@ NUMBER = Frame("""
     3     03            data_bits     5 Mbit/s
     4     00            data_sampled  at 75 %
 """)
-INFO, DEVICE, THRESHOLD, TOUCH, MODE, TORQUE, SPEED, POSITION, MIXED = (
-    0x01,
-    0x02,
-    0x03,
-    0x05,
-    0x10,
-    0x11,
-    0x12,
-    0x13,
-    0x14,
-)
-ERRORS, WARMTH, CURRENT = 0x20, 0x21, 0x22
+VENDOR_INFO = 0x01
+DEVICE = 0x02
+THRESHOLD = 0x03
+TOUCH = 0x05
+MODE = 0x10
+TORQUE = 0x11
+SPEED = 0x12
+POSITION = 0x13
+MIXED = 0x14
+ERRORS = 0x20
+TEMPERATURE = 0x21
+CURRENT = 0x22
 TYPES = {
-    MODE: "u1", THRESHOLD: "<i2", TORQUE: "<i2", SPEED: "<i2", POSITION: "<i2", ERRORS: "<u2", WARMTH: "<u2",
+    MODE: "u1", THRESHOLD: "<i2", TORQUE: "<i2", SPEED: "<i2", POSITION: "<i2", ERRORS: "<u2", TEMPERATURE: "<u2",
     CURRENT: "<i2",
 }  # fmt: skip
-REPORTS = (ERRORS, WARMTH, CURRENT)
+REPORTS = (ERRORS, TEMPERATURE, CURRENT)
 MIXED_BYTES = {"O12": {3: 5, 4: 5, 5: 7}, "O10": {4: 5, 5: 5, 6: 7}}
-"""Bytes of a joint in a mixed order by its mode."""
+"""The bytes of one joint in a mixed order, by model and mode."""
 WITH_POSITION = {"O12": (3, 5), "O10": (4, 6)}
 
 FINGERS = ("thumb", "index", "middle", "ring", "little")
-PLACES = {name: ((k - 2) * 0.025, 0.0, 0.0) for k, name in enumerate(FINGERS)}
-PLACES |= {"palm": (-0.025, -0.06, 0.0), "back": (0.025, -0.06, 0.0)}
-PITCH = 0.004
-COUNTS_PER_NEWTON, PRO_COUNTS_PER_NEWTON = 1000 / 9.80665, 1000.0
-PRO, O10 = "AgibotTech/OmniHand-Pro-2025@3c7048e ", "AgibotTech/Omnihand-2025-SDK@bcbccf4 "
+PAD_CENTRES_M = {name: ((k - 2) * 0.025, 0.0, 0.0) for k, name in enumerate(FINGERS)}
+PAD_CENTRES_M |= {"palm": (-0.025, -0.06, 0.0), "back": (0.025, -0.06, 0.0)}
+PITCH_M = 0.004
+COUNTS_PER_NEWTON = 1000 / 9.80665
+PRO_COUNTS_PER_NEWTON = 1000.0
+PRO = "AgibotTech/OmniHand-Pro-2025@3c7048e "
+O10 = "AgibotTech/Omnihand-2025-SDK@bcbccf4 "
 
 
 class AgibotOmniHand(Device[CanFrame]):
-    """What both hands do."""
+    """The protocol that both hands share."""
 
     kind = "hand"
-    ports = (Can(data_bitrate=5_000_000, hears=(IDENT.filter(),)),)
+    ports = (Can(data_bitrate=5_000_000, hears=(CAN_ID.filter(),)),)
     evidence = ("driver", "vendor document")
     model: ClassVar[str]
     parts: ClassVar[Mapping[str, tuple[int, int]]]
-    """Rows and columns, by name from part 1 on."""
+    """The rows and columns of each part, by name, from part 1 on."""
     answers: ClassVar[Mapping[tuple[int, int], Frame]]
-    """By rows and columns."""
+    """The table of the touch answer, by rows and columns of the part."""
     said_model: ClassVar[str]
     highest: ClassVar[int]
-    """Position."""
+    """The greatest position."""
     joint_names: ClassVar[tuple[str, ...]]
     counts: np.ndarray
 
     def __init__(
         self,
         *,
-        device: Annotated[int, Option("its number on the bus, as delivered", low=0, high=127)] = 1,
+        device: Annotated[int, Option("number of the hand on the bus, as delivered", low=0, high=127)] = 1,
         side: Annotated[Literal["left", "right"], Option("which hand; mirrors the taxels")] = "left",
         serial: Annotated[str, Option("14 characters of ASCII")] = "OH250100000001",
     ):
         self.device, self.serial = self.flash.get("device", device), serial.encode("ascii")[:14].ljust(14, b"\0")
         pads = []
         for name, (rows, cols) in self.parts.items():
-            pad = grid_layout(rows, cols, PITCH, name=name, origin=PLACES[name], link=name)
+            pad = grid_layout(rows, cols, PITCH_M, name=name, origin=PAD_CENTRES_M[name], link=name)
             pads.append(replace(pad, wire_order=self._order(side, rows, cols)))
         self.layout = stack(*pads)
         n = len(self.joint_names)
@@ -142,12 +144,12 @@ class AgibotOmniHand(Device[CanFrame]):
         self.due_ns: dict[int, int] = dict.fromkeys(REPORTS, 0)
 
     def _order(self, side: str, rows: int, cols: int) -> np.ndarray:
-        """Which taxel is sent at each place."""
+        """Return the index of the taxel that is sent first, second ..."""
         return np.arange(rows * cols)
 
     def receive(self, data: CanFrame, t_ns: int, port: str) -> Transmissions[CanFrame]:
-        """Answer a question, or an order."""
-        asked = IDENT.read(data.arbitration_id) if data.is_extended_id and data.is_fd else None
+        """Answer a read or a write."""
+        asked = CAN_ID.read(data.arbitration_id) if data.is_extended_id and data.is_fd else None
         if asked is None or asked["device"] != self.device:
             self.counters["ignored" if asked is None else "other_device"] += 1
             return ()
@@ -163,7 +165,7 @@ class AgibotOmniHand(Device[CanFrame]):
         if message == TOUCH and 1 <= part <= len(self.parts):
             patch = self.layout.patches[part - 1]
             return self._touch(self.answers[patch.rows, patch.cols], self.layout.on_wire(self.counts)[patch.taxels])
-        if message == INFO and part == 0:
+        if message == VENDOR_INFO and part == 0:
             return VENDOR.pack(
                 model=self.said_model.encode("ascii").ljust(16, b"\0"), serial=self.serial, hardware=(1, 0, 0, 0),
                 software=(1, 1, 0, 0), supply=24000, joints=len(self.joint_names),
@@ -183,14 +185,14 @@ class AgibotOmniHand(Device[CanFrame]):
         return None
 
     def _touch(self, table: Frame, counts: np.ndarray) -> bytes:
-        """What a part with these counts says."""
+        """Return the touch answer of a part with these counts."""
         return table.pack(channels=counts)
 
     def _joints(self, message: int, t_ns: int) -> np.ndarray:
-        """What a question about all joints is answered with."""
+        """Return what a read of ``message`` gives for all joints."""
         if message == POSITION:
             return np.rint(self.motors.positions(t_ns))
-        if message == WARMTH:
+        if message == TEMPERATURE:
             return np.full(len(self.joint_names), 25)
         return self.stored.get(message, np.zeros(len(self.joint_names), int))
 
@@ -230,7 +232,7 @@ class AgibotOmniHand(Device[CanFrame]):
         self.wake_ns = min(due) if due else None
 
     def wake(self, t_ns: int) -> Transmissions[CanFrame]:
-        """Report what is due."""
+        """Return the reports that are due."""
         due = [message for message in REPORTS if self._period_ns(message) and self.due_ns[message] <= t_ns]
         for message in due:
             self.due_ns[message] += self._period_ns(message)
@@ -242,12 +244,12 @@ class AgibotOmniHand(Device[CanFrame]):
 
     @property
     def commands(self) -> tuple[Command, ...]:
-        """A question to each part and about each thing."""
+        """A read of each part and of each value, and two writes; for a hand with number 1."""
         if self.device != 1:
             return ()
         origin, n = self.sources[0], len(self.joint_names)
         asked = [(f"touch of {part}", TOUCH, k, "") for k, part in enumerate(self.parts, 1)]
-        asked += [("vendor", INFO, 0, "..{30} 01000000 01010000 C05D *"), ("number", DEVICE, 0, "0102010300")]
+        asked += [("vendor", VENDOR_INFO, 0, "..{30} 01000000 01010000 C05D *"), ("number", DEVICE, 0, "0102010300")]
         asked += [(f"{name} of all joints", message, 0, "") for name, message in _NAMES.items()]
         asked += [(f"{name} of joint {n}", message, n, "") for name, message in _NAMES.items()]
         questions = tuple(
@@ -278,22 +280,22 @@ class AgibotOmniHand(Device[CanFrame]):
 
 _NAMES = {
     "threshold": THRESHOLD, "mode": MODE, "torque": TORQUE, "velocity": SPEED, "position": POSITION, "errors": ERRORS,
-    "temperature": WARMTH, "current": CURRENT,
+    "temperature": TEMPERATURE, "current": CURRENT,
 }  # fmt: skip
 
 
 def _frame(message: int, part: int, device: int, data: bytes) -> CanFrame:
-    ident = IDENT.of(part=part, message=message, write=0, device=device)
+    ident = CAN_ID.of(part=part, message=message, write=0, device=device)
     frame = with_payload(CanFrame(arbitration_id=ident, is_extended_id=True, is_fd=True, bitrate_switch=True), data)
     assert isinstance(frame, CanFrame)
     return frame
 
 
 def _facts(looked: str, *own: Fact) -> tuple[Fact, ...]:
-    """Facts of one of the hands, and those of both."""
+    """Return the facts of one hand, followed by those of both."""
     return (
         *own,
-        assumed("touch", f"pads {PITCH * 1e3:.0f} mm apart, all facing one way, tips to +y", looked),
+        assumed("touch", f"pads {PITCH_M * 1e3:.0f} mm apart, all facing one way, tips to +y", looked),
         assumed("identity", "number 1 as delivered; serial number, versions 1.0.0 and 1.1.0, 24 V", looked),
         assumed("configuration", "what a write is answered with: as a question, with what is so now", looked),
         assumed(
@@ -314,7 +316,7 @@ def _facts(looked: str, *own: Fact) -> tuple[Fact, ...]:
 
 
 class AgibotOmniHandO10(AgibotOmniHand):
-    """O10: 16 taxels a finger, 25 on the palm and on the back."""
+    """An O10: 16 taxels on each finger, 25 on the palm and on the back."""
 
     name = "agibot_omnihand_o10"
     title = "AgiBot OmniHand 2025 (O10)"
@@ -365,20 +367,20 @@ class AgibotOmniHandO10(AgibotOmniHand):
     }
 
     def _order(self, side: str, rows: int, cols: int) -> np.ndarray:
-        """Fingers begin at their base."""
+        """Return the order on the wire: fingers begin at their base."""
         grid = np.arange(rows * cols).reshape(rows, cols)
         if cols == 2:
             grid = grid[::-1, ::-1] if side == "left" else grid[::-1]
         return grid.ravel()
 
     def measure(self, reading: Reading, t_ns: int) -> Counts:
-        """Return normal force of each taxel [g], 0..255, shape ``(n_taxels,)``."""
+        """Return the normal force on each taxel [g], 0..255, shape ``(n_taxels,)``."""
         self.counts = quantize(self.layout.push(reading["force"]), COUNTS_PER_NEWTON, 0, 0xFF)
         return self.counts
 
 
 class AgibotOmniHandPro(AgibotOmniHand):
-    """O12: nine channels a finger, and the force that its firmware makes of them."""
+    """An O12: nine channels on each finger, and the force that its firmware computes from them."""
 
     name = "agibot_omnihand_pro"
     title = "AgiBot OmniHand Pro 2025 (O12)"
@@ -426,7 +428,7 @@ class AgibotOmniHandPro(AgibotOmniHand):
     }
 
     def measure(self, reading: Reading, t_ns: int) -> Counts:
-        """Raw normal force of each taxel; normal and tangential [0.1 N] and its angle [deg] of its finger, each row."""
+        """Return each taxel's raw normal force, and normal, tangential [0.1 N] and angle [deg] of its finger."""
         force = self.layout.to_taxel_frame(reading["force"])
         x, y, z = force.reshape(len(FINGERS), -1, 3).sum(axis=1).T
         forces = quantize(np.stack([-z, np.hypot(x, y)]), 10.0, 0, 3000)

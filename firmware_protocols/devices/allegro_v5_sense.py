@@ -1,6 +1,6 @@
 """Wonik Allegro Hand V5 Sense: sixteen pressure channels and sixteen joints on CAN.
 
-Wire: classic CAN, standard ids, which are the numbers of the vendor's driver times four.
+Wire: classic CAN, standard ids: the numbers of the vendor's driver times four.
 
     id        number   data               direction   about
     150       54       ``EIGHT``          to host     channels 0 to 7
@@ -12,9 +12,9 @@ Wire: classic CAN, standard ids, which are the numbers of the vendor's driver ti
     100, 104  40, 41   -                  to hand     servo on, off
     180 ..    60 ..    ``POSE``           to hand     torques of a finger; with 228 01 its positions
     380 ..    E0 ..    ``POSE``           to hand     positions of a finger
-    224       89       -                  to hand     calibration: where the joints are is 0
+    224       89       -                  to hand     calibration: the present pose becomes 0
     228       -        01 or 00, zeros    to hand     positions in place of torques on or off
-    22C, 1A0  68       8, 6 bytes         to hand     gravity, settings: not looked at
+    22C, 1A0  68       8, 6 bytes         to hand     gravity, settings: ignored
 
 Channel 0 is the palm; 3, 7, 11 and 15 are the fingertips of index, middle, ring and thumb; the others lie on the links
 between. The driver multiplies a byte by 4, takes FF as invalid and shows it as 0, low-passes and divides by 10.
@@ -70,30 +70,41 @@ INFORMATION = Frame("""
     6     u1         servo        bit 0: on
     7     00         reserved
 """)
-IDS = (0x150, 0x154)
-INFO, SERIAL, PERIODS, ON, OFF, CALIBRATE, POSITIONS = 0x200, 0x220, 0x204, 0x100, 0x104, 0x224, 0x228
-TORQUE, GO, JOINTS = 0x180, 0x380, 0x80
-"""Of the first finger; the others follow every four."""
-SETTINGS = (0x22C, 0x1A0)
-DATA_BYTES = {PERIODS: 6, ON: 0, OFF: 0, CALIBRATE: 0, POSITIONS: 8, SETTINGS[0]: 8, SETTINGS[1]: 6}
+CHANNEL_IDS = (0x150, 0x154)
+INFO = 0x200
+SERIAL = 0x220
+PERIODS = 0x204
+ON = 0x100
+OFF = 0x104
+CALIBRATE = 0x224
+POSITIONS = 0x228
+TORQUE = 0x180
+GO = 0x380
+JOINTS = 0x80
+"""The id of the first finger, like TORQUE and GO; each next finger adds four."""
+IGNORED_IDS = (0x22C, 0x1A0)
+DATA_BYTES = {PERIODS: 6, ON: 0, OFF: 0, CALIBRATE: 0, POSITIONS: 8, IGNORED_IDS[0]: 8, IGNORED_IDS[1]: 6}
 RAD_PER_COUNT = np.radians(0.088)
-STOPS_COUNTS, COUNTS_PER_SECOND = 2045, 4000.0
-INVALID = 0xFF
+STOP_COUNTS = 2045
+SPEED_COUNTS_PER_S = 4000.0
+INVALID_BYTE = 0xFF
 FINGERS = ("index", "middle", "ring", "thumb")
-PITCH, SPACING, COUNTS_PER_NEWTON = 0.018, 0.03, 25.0
+PITCH_M = 0.018
+FINGER_SPACING_M = 0.03
+COUNTS_PER_NEWTON = 25.0
 
 
 def places() -> dict[str, tuple[str, float, float]]:
-    """Link and x, y [m] of each channel by its name, in order: four of a finger, of the first the palm in front."""
+    """Return link, x and y [m] of each channel by name: the palm, three of the first finger, four of each other."""
     found = {"palm": ("palm", 0.0, -0.06)}
     for k in range(1, 4 * len(FINGERS)):
         finger, part = FINGERS[k // 4], k % 4
-        found[f"{finger} {'tip' if part == 3 else part}"] = (finger, (k // 4 - 1.5) * SPACING, part * PITCH)
+        found[f"{finger} {'tip' if part == 3 else part}"] = (finger, (k // 4 - 1.5) * FINGER_SPACING_M, part * PITCH_M)
     return found
 
 
 class AllegroV5Sense(Device[CanFrame]):
-    """Channels that are sent unasked."""
+    """Sixteen channels that the hand transmits unasked, and sixteen joints."""
 
     name = "allegro_v5_sense"
     kind = "hand"
@@ -114,7 +125,8 @@ class AllegroV5Sense(Device[CanFrame]):
         ),
         assumed(
             "touch",
-            f"a point each, {PITCH * 1e3:.0f} mm apart along a finger, fingers {SPACING * 1e3:.0f} mm apart, flat",
+            f"a point each, {PITCH_M * 1e3:.0f} mm apart along a finger, fingers "
+            f"{FINGER_SPACING_M * 1e3:.0f} mm apart, flat",
             "the same; urdf",
         ),
         stated("identity", "forms of information and serial number; the fourth character is the side", "_parseMessage"),
@@ -125,13 +137,15 @@ class AllegroV5Sense(Device[CanFrame]):
             "configuration", "IMU and temperatures are not sent, whatever their period", "AllegroHandDrv.cpp asks 0"
         ),
         assumed("timing", "touch 100 times a second from power-up on, whatever the periods; 1 Mbit/s", "the same"),
-        assumed("timing", f"joints turn at {COUNTS_PER_SECOND * 0.088:.0f} deg/s between -180 and 180 deg", "the same"),
+        assumed(
+            "timing", f"joints turn at {SPEED_COUNTS_PER_S * 0.088:.0f} deg/s between -180 and 180 deg", "the same"
+        ),
     )
 
     def __init__(
         self,
         *,
-        invalid: Annotated[tuple[int, ...], Option("channels that say FF", low=0, high=15)] = (),
+        invalid: Annotated[tuple[int, ...], Option("channels that send FF", low=0, high=15)] = (),
         side: Annotated[Literal["right", "left"], Option("which hand: a letter of the serial number")] = "right",
     ):
         self.layout = stack(
@@ -144,28 +158,28 @@ class AllegroV5Sense(Device[CanFrame]):
         self.zero = np.zeros(16)
         self.motors = Motors(
             [0.0] * 16,
-            low=-STOPS_COUNTS,
-            high=STOPS_COUNTS,
+            low=-STOP_COUNTS,
+            high=STOP_COUNTS,
             time_constant_s=0.0,
-            speed_limit=COUNTS_PER_SECOND,
+            speed_limit=SPEED_COUNTS_PER_S,
             names=[f"{finger} {k}" for finger in FINGERS for k in range(4)],
             unit=RAD_PER_COUNT,
         )
 
     def measure(self, reading: Reading, t_ns: int) -> Counts:
-        """Raw counts of the normal force of each channel, 0..254; 0 of an invalid one; shape ``(16,)``."""
+        """Return raw counts of the normal force on each channel, 0..254; 0 for an invalid one; shape ``(16,)``."""
         self.counts = quantize(self.layout.push(reading["force"]), COUNTS_PER_NEWTON, 0, 0xFE)
         self.counts[self.invalid] = 0
         return self.counts
 
     def stream(self, t_ns: int, name: str) -> Transmissions[CanFrame]:
-        """Return both frames."""
-        sent = self.layout.on_wire(np.where(np.isin(np.arange(16), self.invalid), INVALID, self.counts))
-        eights = zip(IDS, sent.reshape(2, 8))
+        """Return two frames of eight channels each."""
+        sent = self.layout.on_wire(np.where(np.isin(np.arange(16), self.invalid), INVALID_BYTE, self.counts))
+        eights = zip(CHANNEL_IDS, sent.reshape(2, 8))
         return [CanFrame(arbitration_id=ident, data=EIGHT.pack(channels=eight)) for ident, eight in eights]
 
     def receive(self, data: CanFrame, t_ns: int, port: str) -> Transmissions[CanFrame]:
-        """What it is, what it sends, and where its joints go."""
+        """Obey or answer one frame: identity, joint poses, periods, and where the joints go."""
         ident, message = data.arbitration_id, data.data
         remote = CanFrame(arbitration_id=ident, is_remote_frame=True)
         finger = next((k for k in range(4) for first in (JOINTS, TORQUE, GO) if ident == first + 4 * k), None)
@@ -198,12 +212,12 @@ class AllegroV5Sense(Device[CanFrame]):
         return ()
 
     def wake(self, t_ns: int) -> Transmissions[CanFrame]:
-        """Joints of all fingers, every period."""
+        """Return the joints of all fingers, once each period."""
         self.wake_ns = t_ns + self.joints_ns
         return [self._answer(JOINTS + 4 * finger, finger, t_ns) for finger in range(4)]
 
     def joints(self, t_ns: int) -> Mapping[str, float]:
-        """Where the joints are [rad]."""
+        """Return the angles of the joints [rad], by name."""
         return self.motors.joints(t_ns)
 
     def _answer(self, ident: int, finger: int | None, t_ns: int) -> CanFrame:
@@ -218,7 +232,7 @@ class AllegroV5Sense(Device[CanFrame]):
 
     @property
     def commands(self) -> tuple[Command, ...]:
-        """What the driver sends from open to close."""
+        """The driver's messages from open to close."""
         driver, socket = "AllegroHandDrv.cpp", "candrv/socket_can.cpp"
         side = self.serial[3:4].hex()
         return (
@@ -246,6 +260,6 @@ class AllegroV5Sense(Device[CanFrame]):
 
 
 def _are_poses(frames: list[CanFrame]) -> bool:
-    """Return whether these are whole rounds of the fingers' joints, or none yet."""
+    """Return True if these are complete rounds of the fingers' joints, or none yet."""
     idents = [JOINTS + 4 * finger for finger in range(4)] * (len(frames) // 4)
     return [frame.arbitration_id for frame in frames] == idents

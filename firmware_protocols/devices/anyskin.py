@@ -1,6 +1,6 @@
-r"""AnySkin: five magnetometers under a magnetised skin, on USB. ReSkin (and eFlesh, WowSkin) speak the same stream.
+r"""AnySkin: five magnetometers under a magnetised skin, on USB. ReSkin (and eFlesh, WowSkin) send the same stream.
 
-Wire: USB-CDC, opened at 115200 8N1, nothing depends on the speed. Device to host only: there is no command.
+Wire: USB-CDC, opened at 115200 8N1; the speed has no effect. Device to host only: there is no command.
 One frame per firmware loop, N = 5 chips, 16 N + 2 = 82 bytes, float32 little-endian:
 
     offset   bytes  field
@@ -13,11 +13,11 @@ as the vendor's viewer draws them (screen y points down, so drawn right-handed a
 
 Evidence: firmware (arduino/5X_binary_burst_stream.ino: ``sizeof(data)`` per chip, then println) and both published
 drivers, which decode it. ADC: MLX90393, int16, steps as measured on boards of a LEAP hand: 0.300 uT (x, y) and 0.484 uT
-(z). The library at 5505644 sets gain 6, resolution 0, steps of 0.200 and 0.323 uT (``step_scale=1.3333``); which one a
-board was flashed with cannot be told from outside. Temperature 25 + (raw - 46244) / 45.2 deg C, uint16.
+(z). The library at 5505644 sets gain 6, resolution 0, steps of 0.200 and 0.323 uT (``step_scale=1.3333``); a driver
+cannot tell which one a board was flashed with. Temperature 25 + (raw - 46244) / 45.2 deg C, uint16.
 
-A driver takes a frame only when *more* than 82 bytes wait, so a frame is seen when the next one has begun. It has no
-time-out: on a silent port it waits for ever.
+A driver takes a frame only when *more* than 82 bytes wait, so it reads a frame when the next one has begun. It has no
+time-out: on a silent port it blocks.
 
 Try it: ``tactemu run anyskin``, then ``AnySkinBase(num_mags=5, port=..., burst_mode=True).get_sample()``.
 """
@@ -37,19 +37,20 @@ from firmware_protocols.magnetic import LinearMagnet
 ANYSKIN = "raunaqbhirangi/anyskin@cb13b5b"
 LIBRARY = "tesshellebrekers/arduino-MLX90393@5505644 MLX90393.cpp"
 BOARDS = "adafruit/ArduinoCore-samd@04849ba"
-PITCH = 0.007
-PLACES = ((0, 0), (-1, 0), (1, 0), (0, 1), (0, -1))
+PITCH_M = 0.007
+CHIP_PLACES_IN_PITCHES = ((0, 0), (-1, 0), (1, 0), (0, 1), (0, -1))
 DRAWN_TURNS_DEG = (-90, -90, 180, 90, 0)
 
 AXES: tuple[Axis, ...] = ("x", "y", "z")
 FIELD_LSB_UT = np.array([0.150, 0.150, 0.242])
-TEMPERATURE_ZERO, TEMPERATURE_PER_DEG = 46244, 45.2
+TEMPERATURE_COUNTS_AT_25_DEG = 46244
+TEMPERATURE_COUNTS_PER_DEG = 45.2
 
-CHIP_UT_PER_T = np.array([1e6, -1e6, -1e6])
-"""From a taxel's frame to the chip's, which is turned by half about x."""
+CHIP_UT_PER_TAXEL_T = np.array([1e6, -1e6, -1e6])
+"""Factors from a taxel's frame [T] to the chip's [uT], which is rotated by 180 degrees about x."""
 
 GAIN_UT_PER_N = (60.0, -60.0, -90.0)
-"""From a taxel's frame (z out of the skin) to the chip's (z into it)."""
+"""Factors from a force in a taxel's frame (z out of the skin) to a field in the chip's frame (z into it)."""
 
 REST_FIELD_UT = (
     (-38.0, 21.0, 412.0),
@@ -58,7 +59,7 @@ REST_FIELD_UT = (
     (8.0, 33.0, 445.0),
     (-61.0, 5.0, 356.0),
 )
-"""Field of the unloaded skin at each chip: of the size that a magnetised skin 2 mm away makes."""
+"""The field of the unloaded skin at each chip, as large as that of a magnetised skin 2 mm away."""
 
 
 class AnySkin(Device):
@@ -103,11 +104,11 @@ class AnySkin(Device):
         *,
         gains: Annotated[
             tuple[float, float, float],
-            Option("of the force along x, y and z of a chip, z out of the skin", unit="uT/N"),
+            Option("field per force along x, y and z of a chip, z out of the skin", unit="uT/N"),
         ] = GAIN_UT_PER_N,
         sees: Annotated[
             Literal["force", "field"],
-            Option("force through `gains`, or the field that a transducer of the scene makes"),
+            Option("force times `gains`, or the field that a transducer of the scene gives"),
         ] = "force",
         step_scale: Annotated[
             float,
@@ -126,28 +127,30 @@ class AnySkin(Device):
         )
         turns = -np.radians(DRAWN_TURNS_DEG)
         self.layout = Layout(
-            positions=PITCH * np.array([(x, y, 0.0) for x, y in PLACES]),
+            positions=PITCH_M * np.array([(x, y, 0.0) for x, y in CHIP_PLACES_IN_PITCHES]),
             normals=np.array([0.0, 0.0, 1.0]),
             x_axes=np.stack([np.cos(turns), np.sin(turns), np.zeros(5)], axis=-1),
-            patches=(Patch(name="skin", start=0, rows=0, cols=5, pitch=PITCH),),
+            patches=(Patch(name="skin", start=0, rows=0, cols=5, pitch=PITCH_M),),
         )
         self.magnet = LinearMagnet(gain=gains, offset=np.array(REST_FIELD_UT))
 
     def measure(self, reading: Reading, t_ns: int) -> Counts:
-        """Temperature [deg C] and field [uT] as the driver decodes them, float32 ``(5, 4)``: T, Bx, By, Bz."""
+        """Return temperature [deg C] and field [uT] as the driver decodes them, float32 ``(5, 4)``: T, Bx, By, Bz."""
         field = self.field(reading)
-        raw_t = quantize(reading["temperature"] - 25.0, TEMPERATURE_PER_DEG, 0, 0xFFFF, rest=TEMPERATURE_ZERO)
+        raw_t = quantize(
+            reading["temperature"] - 25.0, TEMPERATURE_COUNTS_PER_DEG, 0, 0xFFFF, rest=TEMPERATURE_COUNTS_AT_25_DEG
+        )
         values = np.empty((5, 4), np.float32)
-        values[:, 0] = 25.0 + (raw_t - TEMPERATURE_ZERO) / TEMPERATURE_PER_DEG
+        values[:, 0] = 25.0 + (raw_t - TEMPERATURE_COUNTS_AT_25_DEG) / TEMPERATURE_COUNTS_PER_DEG
         values[:, 1:] = quantize(field / self.step, 1.0, -0x8000, 0x7FFF) * self.step
         self.counts = values
         return values
 
     def field(self, reading: Reading) -> np.ndarray:
-        """Return field at each chip in its own axes [uT]; z of a chip is into the skin."""
+        """Return the field at each chip in its own axes [uT]; z of a chip points into the skin."""
         if self.sees == "force":
             return self.magnet(self.layout.to_taxel_frame(reading["force"]))
-        return self.layout.to_taxel_frame(reading["field"]) * CHIP_UT_PER_T
+        return self.layout.to_taxel_frame(reading["field"]) * CHIP_UT_PER_TAXEL_T
 
     def stream(self, t_ns: int, name: str) -> Transmissions:
         """Return one 82-byte frame."""

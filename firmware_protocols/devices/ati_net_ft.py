@@ -9,7 +9,7 @@ whoever spoke last. All numbers big-endian. What is no request of 8 bytes, or ha
     0002     records, 0: until stopped    start; records are numbered anew
     0003     as 0002                      ATI: start, several records a datagram (option ``buffered``)
     0041     -                            ATI: clears the latch of monitor conditions, of which there is none
-    0042     ATI: 0                       bias: what is felt now is zero
+    0042     ATI: 0                       bias: what is measured now becomes zero
              HEX: FF on, 00 off
     0081     HEX: 0 none, 1..6            low-pass at 500, 150, 50, 15, 5, 1.5 Hz; 15 Hz at power-up
     0082     HEX: period [ms], 0 stops    sampling and sending; 10 ms at power-up
@@ -105,13 +105,26 @@ PAGE = (
     "<comrdte>Enabled</comrdte><comrdtrate>{rate}</comrdtrate><comrdtbsiz>{buffered}</comrdtbsiz>\n</netft>\n"
 )
 LIVE = "a live page of a box with firmware 2.2.59, in a public repository's test_ft_config.py"
-STOP, START, FILTER, PERIOD = 0x00, 0x02, 0x81, 0x82
-AXIA_START, START_BUFFERED, CLEAR_LATCH, BIAS = 0x01, 0x03, 0x41, 0x42
-BIAS_ON, BIAS_OFF = 0xFF, 0x00
-TCP_BYTES, READ, CALIBRATE, WRITES, REFUSED = 20, 0, 1, (2, 3), 1
+STOP = 0x00
+START = 0x02
+FILTER = 0x81
+PERIOD = 0x82
+AXIA_START = 0x01
+START_BUFFERED = 0x03
+CLEAR_LATCH = 0x41
+BIAS = 0x42
+BIAS_ON = 0xFF
+BIAS_OFF = 0x00
+TCP_BYTES = 20
+READ = 0
+CALIBRATE = 1
+WRITES = (2, 3)
+REFUSED = 1
 TCP_BIAS = 1
-NET_FT, AXIA = "ATI 9620-05-NET FT-11", "ATI 9610-05-Ethernet Axia-09"
-HEX, HEX_MANUAL = "jsbyysheng/onrobot_hex_ft_sensor@b8ae330", "OptoForce manual for Ethernet Converter 2.0"
+NET_FT = "ATI 9620-05-NET FT-11"
+AXIA = "ATI 9610-05-Ethernet Axia-09"
+HEX = "jsbyysheng/onrobot_hex_ft_sensor@b8ae330"
+HEX_MANUAL = "OptoForce manual for Ethernet Converter 2.0"
 SENSOR = 1
 """Number of the HEX that has an error: there is one."""
 CUTOFF_HZ = (None, 500.0, 150.0, 50.0, 15.0, 5.0, 1.5)

@@ -1,4 +1,4 @@
-"""ATI NETCANOEM: the board between a force-torque transducer and CAN, which tells its six strain gauges.
+"""ATI NETCANOEM: a board between a force-torque transducer and CAN that transmits six strain gauges.
 
 Wire: classic CAN, 250 kbit/s, standard ids: seven bits of base (20 as delivered, option ``base``), four bits of code.
 
@@ -9,7 +9,7 @@ Wire: classic CAN, 250 kbit/s, standard ids: seven bits of base (20 as delivered
     202   row                         to board    read one row of the matrix: 0 Fx, 1 Fy, 2 Fz, 3 Tx, 4 Ty, 5 Tz
     202   ``PAIR`` of gauges 0, 1     to host     and 203 of 2, 3, and 204 of 4, 5
     205   nothing, 8 bytes            both        serial number, ASCII
-    206   slot                        both        calibration that is used from now on, 0 to 15; 0 after power-up
+    206   slot                        both        selects the calibration, 0 to 15; 0 after power-up
     207   nothing, ``COUNTS``         both        counts per force and per torque
     208   nothing, two bytes          both        their units, 02 N, 03 N-m
     209   index, ``>u2``              both        diagnostic voltage: 0 middle, 2 thermistor, 3 power, 4 DAC, 5 ground
@@ -18,7 +18,7 @@ Wire: classic CAN, 250 kbit/s, standard ids: seven bits of base (20 as delivered
     20E   divisor - 1; nothing        both        2 Mbit/s by divisor from the next power-up on
     20F   nothing, ``VERSION``        both        firmware
 
-Bytes behind what is listed are ignored. A force is its row times the gauges, divided by the counts per force; the rows
+Bytes behind those listed are ignored. A force is its row times the gauges, divided by the counts per force; the rows
 are those of a Mini45 SI-580-20. Status: 0 watchdog, 1 2 converter too high, low, 3 ground, 4 5 supply too high, low, 6
 bad calibration, 7 EEPROM, 8 configuration, 11 12 too hot, cold, 14 CAN bus error, 15 any error.
 
@@ -77,14 +77,25 @@ VERSION = Frame("""
     1     u1         minor
     2     >u2        build
 """)
-GAUGES, ROW, SERIAL, SLOT, PER_UNIT, UNITS, VOLTAGE = 0, 2, 5, 6, 7, 8, 9
-RESET, BASE, BAUD, FIRMWARE = 0xC, 0xD, 0xE, 0xF
+GAUGES = 0
+ROW = 2
+SERIAL = 5
+SLOT = 6
+PER_UNIT = 7
+UNITS = 8
+VOLTAGE = 9
+RESET = 0xC
+BASE = 0xD
+BAUD = 0xE
+FIRMWARE = 0xF
 DATA_BYTES = {GAUGES: 0, ROW: 1, SERIAL: 0, SLOT: 1, PER_UNIT: 0, UNITS: 0, VOLTAGE: 1, RESET: 0, BASE: 1, BAUD: 1,
               FIRMWARE: 0}  # fmt: skip
-BAD_CALIBRATION, ANY_ERROR = 1 << 6, 1 << 15
-NEWTON, NEWTON_METRE = 2, 3
-VOLTAGES = (0x8000, 0, 0x6000, 0x9000, 0x8000, 0)
-MINI45 = np.array(
+BAD_CALIBRATION = 1 << 6
+ANY_ERROR = 1 << 15
+NEWTON = 2
+NEWTON_METRE = 3
+VOLTAGE_COUNTS = (0x8000, 0, 0x6000, 0x9000, 0x8000, 0)
+MINI45_CALIBRATION = np.array(
     """
     10.0835583 114.459548 980.330335 -31561.5308 1061.32636 31461.1601
     -1084.03836 35437.2111 460.271838 -18530.1499 -255.517816 -17976.089
@@ -95,11 +106,11 @@ MINI45 = np.array(
 """.split(),
     float,
 ).reshape(6, 6)
-"""Rows of Fx, Fy, Fz, Tx, Ty, Tz of a Mini45 SI-580-20, for 1000000 counts per N and Nm."""
+"""The rows Fx, Fy, Fz, Tx, Ty, Tz of a Mini45 SI-580-20, for 1000000 counts per N and Nm."""
 
 
 class AtiNetcanoem(Device[CanFrame]):
-    """Six gauges, asked for."""
+    """A board with six gauges, which a driver polls."""
 
     name = "ati_netcanoem"
     kind = "force-torque sensor"
@@ -162,13 +173,17 @@ class AtiNetcanoem(Device[CanFrame]):
         ] = 0x20,
         serial: Annotated[str, Option("at most 8 characters of ASCII")] = "FT00001",
         counts_per_force: Annotated[
-            int, Option("of a row times the gauges", unit="1/N", low=1, high=10**9)
+            int, Option("scale of a force row times the gauges", unit="1/N", low=1, high=10**9)
         ] = 1_000_000,
-        counts_per_torque: Annotated[int, Option("likewise", unit="1/Nm", low=1, high=10**9)] = 1_000_000,
-        status: Annotated[int, Option("of each reading; bit 14 (16384) is a CAN bus error", low=0, high=0xFFFF)] = 0,
+        counts_per_torque: Annotated[
+            int, Option("scale of a torque row times the gauges", unit="1/Nm", low=1, high=10**9)
+        ] = 1_000_000,
+        status: Annotated[
+            int, Option("status of each reading; bit 14 (16384) is a CAN bus error", low=0, high=0xFFFF)
+        ] = 0,
         order: Annotated[Literal["024135", "012345"], Option("which gauge stands at each place")] = "024135",
         tool: Annotated[
-            tuple[float, float, float], Option("where the tool is touched, from the sensor's origin", unit="m")
+            tuple[float, float, float], Option("point of contact on the tool, from the sensor's origin", unit="m")
         ] = (0.0, 0.0, 0.05),
     ):
         self.first_id, self.order = self.flash.get("base", base) << 4, [int(gauge) for gauge in order]
@@ -177,16 +192,16 @@ class AtiNetcanoem(Device[CanFrame]):
         self.serial = serial.encode("ascii")[:8].ljust(8, b"\0")
         self.per_unit = counts_per_force, counts_per_torque
         self.status, self.slot = status, 0
-        self.sensitivity = np.linalg.inv(MINI45 / 1e6)
-        self.matrix = (MINI45 / 1e6 * np.repeat(self.per_unit, 3)[:, None]).astype(np.float32)
+        self.sensitivity = np.linalg.inv(MINI45_CALIBRATION / 1e6)
+        self.matrix = (MINI45_CALIBRATION / 1e6 * np.repeat(self.per_unit, 3)[:, None]).astype(np.float32)
 
     def measure(self, reading: Reading, t_ns: int) -> Counts:
-        """Return counts of the six gauges, int16 range, shape ``(1, 6)``."""
+        """Return the counts of the six gauges, int16 range, shape ``(1, 6)``."""
         self.counts = quantize(reading["wrench"] @ self.sensitivity.T, 1.0, -0x8000, 0x7FFF)
         return self.counts
 
     def receive(self, data: CanFrame, t_ns: int, port: str) -> Transmissions[CanFrame]:
-        """Gauges, calibration, identity, or what is in force from the next power-up on."""
+        """Answer a request for gauges, calibration or identity, or store settings for the next power-up."""
         code, message = data.arbitration_id - self.first_id, data.data
         if code not in range(16) or data != CanFrame(arbitration_id=data.arbitration_id, data=message):
             self.counters["ignored"] += 1
@@ -221,14 +236,14 @@ class AtiNetcanoem(Device[CanFrame]):
                 SERIAL: self.serial,
                 PER_UNIT: COUNTS.pack(force=self.per_unit[0], torque=self.per_unit[1]),
                 UNITS: bytes([NEWTON, NEWTON_METRE]),
-                VOLTAGE: VOLTAGES[argument % len(VOLTAGES)].to_bytes(2, "big"),
+                VOLTAGE: VOLTAGE_COUNTS[argument % len(VOLTAGE_COUNTS)].to_bytes(2, "big"),
                 FIRMWARE: VERSION.pack(major=3, minor=8, build=2),
             }[code]
         ]
 
     @property
     def commands(self) -> tuple[Command, ...]:
-        """Gauges, rows, and all else that the manual lists."""
+        """The requests that the manual lists: gauges, rows, identity and settings."""
         ids = [f"{self.first_id + k:03X}#" for k in range(16)]
         table = "manual, table 4.2"
         return (
@@ -248,7 +263,7 @@ class AtiNetcanoem(Device[CanFrame]):
                 name="calibration 1",
                 request=ids[6] + "01",
                 reply=ids[6] + "01",
-                about="bad, says status bit 6",
+                about="status bit 6 marks it as bad",
                 origin=table,
             ),
             Command(name="counts per unit", request=ids[7], reply=ids[7] + "..{8}", origin=table),

@@ -1,4 +1,4 @@
-"""Barrett BH8-282: a hand whose three fingers and palm have 24 tactile cells each, asked for puck by puck on CAN.
+"""Barrett BH8-282: a hand with 24 tactile cells on each finger and the palm, polled puck by puck on CAN.
 
 Wire: classic CAN, 1 Mbit/s, standard ids ``to & 41F | from << 5``. The host is node 0, the pucks of the fingers are 11,
 12 and 13, that of the spread and the palm 14; 400 is all of them, and so are 405 and 407 (properties GRPA, GRPB, GRPC).
@@ -6,20 +6,20 @@ Wire: classic CAN, 1 Mbit/s, standard ids ``to & 41F | from << 5``. The host is 
     id      data                        direction   about
     00B-E   property                    to puck     get
     00B-E   80 | property, 00, value    to puck     set: two or four bytes, little-endian, signed
-    566     80 | property, 00, value    to host     answer to a get: four bytes of the properties in ``WIDE``, else two
+    566     80 | property, 00, value    to host     answer to a get: two bytes, or four of ``WIDE_PROPERTIES``
     563     position, inner link        to host     answer to a get of 48 (P), group 3; 567: inner link, of 96 (JP)
     568     one frame                   to host     the ten highest cells of the puck, group 8
     569     five frames                 to host     all cells of the puck, group 9
     5..     the same                    to host     586 583 587 588 589 of puck 12, 5A. of 13, 5C. of 14
 
 A puck sleeps after power-up, with properties 0 to 7 alone, and wakes when property 5 (STAT) is set to 2.
-Property 106 (TACT) is what is sent of the cells, at once when it is set and again for each get:
+Property 106 (TACT) selects what a puck sends of its cells, at once when it is set and again for each get:
 
-    0   nothing; so after power-up
+    0   nothing (after power-up)
     1   the ten highest cells: a map of 24 bits, the lowest is cell 0, and ten values of 4 bits [N/cm2], by cell
     2   all cells, in five frames of 8 bytes, read as one big-endian number: four bits of sequence, 0 to 4, then five
         values of 12 bits [1/256 N/cm2], in the last frame four and twelve bits of 0
-    3   tare: what is felt now is zero, and the form stays as it was
+    3   tare: what is measured now becomes zero; the selection stays as it was
 
 A position is 800000 | 22 bits of counts, three bytes, most significant first; the inner link of a finger turns two
 fifths of its motor, the spread has none. Cells are numbered from the left in rows from the bottom: of a finger three in
@@ -64,40 +64,84 @@ from firmware_protocols.motors import Motors
 
 PUCKS = {11: "finger 1", 12: "finger 2", 13: "finger 3", 14: "palm"}
 SPREAD = 14
-CELLS, PER_FRAME, HIGHEST = 24, 5, 10
+CELLS = 24
+CELLS_PER_FRAME = 5
+HIGHEST_CELLS = 10
 COUNTS_PER_PASCAL = 256 / 1e4
-ROWS = {True: (5, 7, 7, 5), False: (3,) * 8}
-"""Cells in each row, from the bottom: of the palm, of a finger."""
-PADS = {"finger 1": (-0.03, 0.06), "finger 2": (0.0, 0.06), "finger 3": (0.03, 0.06), "palm": (0.0, 0.0)}
-"""Centres [m]."""
-FINGER_SIZE, PALM_SIZE = (0.012, 0.024), (0.040, 0.040)
+CELLS_PER_ROW = {True: (5, 7, 7, 5), False: (3,) * 8}
+"""The cells in each row, from the bottom; by the question whether it is the palm."""
+PAD_CENTRES_M = {"finger 1": (-0.03, 0.06), "finger 2": (0.0, 0.06), "finger 3": (0.03, 0.06), "palm": (0.0, 0.0)}
+FINGER_PAD_SIZE_M = (0.012, 0.024)
+PALM_PAD_SIZE_M = (0.040, 0.040)
 
-SET, GROUP = 0x80, 0x400
-TO_POSITIONS, TO_OTHERS, TO_INNER, TO_TOP_TEN, TO_CELLS = 3, 6, 7, 8, 9
-"""Groups to which pucks answer."""
-VERS, ROLE, SN, ID, STAT, MODE, TEMP, THERM, SG = 0, 1, 2, 3, 5, 8, 9, 20, 25
-GRPA, GRPB, GRPC, CMD, SAVE, LOAD, DEF, V, P, DP, E, OT, CT, M = 26, 27, 28, 29, 30, 31, 32, 44, 48, 50, 52, 54, 56, 58
-DS, HOLD, JP, TACT, TACTID = 60, 77, 96, 106, 107
-WIDE = (P, DP, E, OT, CT, M, 66, 68, 74, 88, JP, 98)
-"""Properties of 32 bits."""
-READY, ASLEEP_KNOWS = 2, range(8)
-NOTHING, TOP_TEN, ALL_CELLS, TARE = range(4)
-HI, CLOSE_STEP, OPEN_STEP, CLOSE, MOVE, OPEN = 13, 14, 15, 18, 19, 20
-IDLE, PID, VELOCITY, TRAPEZOIDAL = 0, 3, 4, 5
+SET = 0x80
+GROUP = 0x400
+TO_POSITIONS = 3
+TO_OTHERS = 6
+TO_INNER = 7
+TO_TOP_TEN = 8
+TO_CELLS = 9
+"""The group of the answer that carries cells, as those above carry other values."""
+VERS = 0
+ROLE = 1
+SN = 2
+ID = 3
+STAT = 5
+MODE = 8
+TEMP = 9
+THERM = 20
+SG = 25
+GRPA = 26
+GRPB = 27
+GRPC = 28
+CMD = 29
+SAVE = 30
+LOAD = 31
+DEF = 32
+V = 44
+P = 48
+DP = 50
+E = 52
+OT = 54
+CT = 56
+M = 58
+DS = 60
+HOLD = 77
+JP = 96
+TACT = 106
+TACTID = 107
+WIDE_PROPERTIES = (P, DP, E, OT, CT, M, 66, 68, 74, 88, JP, 98)
+"""The properties of 32 bits."""
+READY = 2
+PROPERTIES_WHEN_ASLEEP = range(8)
+NOTHING = 0
+TOP_TEN = 1
+ALL_CELLS = 2
+TARE = 3
+HI = 13
+CLOSE_STEP = 14
+OPEN_STEP = 15
+CLOSE = 18
+MOVE = 19
+OPEN = 20
+IDLE = 0
+PID = 3
+VELOCITY = 4
+TRAPEZOIDAL = 5
 
-COMMON = {
+COMMON_PROPERTIES = {
     VERS: 175, ROLE: 0x1205, SN: 1, 4: 0, STAT: READY, 6: 0, 7: 0, MODE: IDLE, TEMP: 30, 10: 0, 11: 60, 12: 0, 14: 0,
     15: 0, 16: 0, 17: 0, 18: 0, 19: 0, THERM: 30, 21: 480, 22: 0, 23: 50, 24: 0, SG: 2048, GRPA: 0, GRPB: 7, GRPC: 5,
     42: 0, 43: 2200, V: 0, 46: 200, 47: 200, P: 0, E: 0, OT: 0, M: 0, DS: 25600, 66: 0, 68: 4096, 71: 0, 72: 0, 73: -75,
     74: 0, 81: 0, 82: 200, 86: 20000, 87: 0, 88: 7, 90: 6, 91: 500, 92: 204, 93: 102, 100: 0, TACT: NOTHING, TACTID: 1,
 }  # fmt: skip
-FINGER = {45: 200, DP: 45000, CT: 195000, HOLD: 0, 78: 50, 79: 500, 80: 2500, JP: 0}
-SPREADS = {45: 50, DP: 17975, CT: 35950, HOLD: 1, 78: 150, 79: 1000, 80: 10000}
-"""Properties at power-up, by number, as a puck of a hand is set up."""
+FINGER_PROPERTIES = {45: 200, DP: 45000, CT: 195000, HOLD: 0, 78: 50, 79: 500, 80: 2500, JP: 0}
+SPREAD_PROPERTIES = {45: 50, DP: 17975, CT: 35950, HOLD: 1, 78: 150, 79: 1000, 80: 10000}
+"""The properties of the spread's puck at power-up, by number, as those above of all pucks and of a finger's."""
 
 
 class BarrettBh8(Device[CanFrame]):
-    """Four pucks with a motor and tactile cells each."""
+    """A hand of four pucks, each with a motor and tactile cells."""
 
     name = "barrett_bh8"
     kind = "hand"
@@ -148,7 +192,7 @@ class BarrettBh8(Device[CanFrame]):
         self,
         *,
         wake_s: Annotated[
-            float, Option("how long a puck that wakes hears nothing; drivers wait 1 s", unit="s", low=0, high=1)
+            float, Option("time for which a waking puck receives nothing; drivers wait 1 s", unit="s", low=0, high=1)
         ] = 0.0,
     ):
         self.layout = stack(*(_pad(name) for name in PUCKS.values()))
@@ -160,15 +204,15 @@ class BarrettBh8(Device[CanFrame]):
         self.motors = Motors(
             [0.0] * 4,
             low=0.0,
-            high=[FINGER[CT]] * 3 + [SPREADS[CT]],
+            high=[FINGER_PROPERTIES[CT]] * 3 + [SPREAD_PROPERTIES[CT]],
             time_constant_s=0.0,
-            speed_limit=[1000.0 * FINGER[45]] * 3 + [1000.0 * SPREADS[45]],
+            speed_limit=[1000.0 * FINGER_PROPERTIES[45]] * 3 + [1000.0 * SPREAD_PROPERTIES[45]],
             names=("finger_1", "finger_2", "finger_3", "spread"),
             unit=[2 * math.pi / 4096 / 125] * 3 + [2 * math.pi / 4096 / 17.5],
         )
 
     def measure(self, reading: Reading, t_ns: int) -> Counts:
-        """Return counts of each cell above its zero, 0..4095, shape ``(96,)``."""
+        """Return the counts of each cell above its zero, 0..4095, shape ``(96,)``."""
         self.pushed = reading["pressure"]
         self.counts = quantize(self.pushed - self.zero, COUNTS_PER_PASCAL, 0, 0xFFF)
         return self.counts
@@ -193,7 +237,7 @@ class BarrettBh8(Device[CanFrame]):
                 self.counters["asleep"] += 1
             elif number not in self.values[puck] and number not in (CMD, SAVE, LOAD, DEF):
                 self.counters["unknown_command"] += 1
-            elif not self.awake[puck] and number not in ASLEEP_KNOWS:
+            elif not self.awake[puck] and number not in PROPERTIES_WHEN_ASLEEP:
                 self.counters["asleep"] += 1
             elif is_set:
                 answers += self._set(puck, number, int.from_bytes(message[2:], "little", signed=True), t_ns)
@@ -202,7 +246,7 @@ class BarrettBh8(Device[CanFrame]):
         return answers
 
     def joints(self, t_ns: int) -> dict[str, float]:
-        """Where the fingers and the spread are [rad]."""
+        """Return the angles of the fingers and of the spread [rad], by name."""
         return self.motors.joints(t_ns)
 
     def _get(self, puck: int, number: int, t_ns: int) -> list[CanFrame]:
@@ -218,7 +262,7 @@ class BarrettBh8(Device[CanFrame]):
             value = READY if self.awake[puck] else 0
         elif number == MODE and value == TRAPEZOIDAL and not self.motors.moving(t_ns, 0.5)[puck - min(PUCKS)]:
             value = PID if self.values[puck][HOLD] else IDLE
-        size = 4 if number in WIDE else 2
+        size = 4 if number in WIDE_PROPERTIES else 2
         value &= (1 << 8 * size) - 1
         return [_frame(puck, TO_OTHERS, bytes([SET | number, 0]) + value.to_bytes(size, "little"))]
 
@@ -255,7 +299,7 @@ class BarrettBh8(Device[CanFrame]):
         return []
 
     def _move(self, puck: int, number: int, value: int, t_ns: int) -> None:
-        """What a property does to the motor."""
+        """Move the motor as a written property orders."""
         values, motor = self.values[puck], puck - min(PUCKS)
         here, orders = self.motors.positions(t_ns)[motor], np.full(4, np.nan)
         if number == MODE and value == VELOCITY:
@@ -283,7 +327,7 @@ class BarrettBh8(Device[CanFrame]):
 
     @property
     def commands(self) -> tuple[Command, ...]:
-        """Cells of each puck awake, tare, and what drivers ask first."""
+        """The drivers' first requests, then cells and tare of each puck, awake."""
         wake = "400#85000200"
         listed = [
             Command(name="is it awake", request="00B#05", reply="566#85000000", origin="libbarrett puck.cpp"),
@@ -310,15 +354,15 @@ class BarrettBh8(Device[CanFrame]):
 
 
 def _properties(puck: int, flash: dict[str, int]) -> dict[int, int]:
-    """Return the properties of a puck at power-up."""
+    """Return the properties of a puck at power-up, by number."""
     own = {ID: puck, 85: puck - 3, 70: puck - 10}
-    values = COMMON | (SPREADS if puck == SPREAD else FINGER) | own
+    values = COMMON_PROPERTIES | (SPREAD_PROPERTIES if puck == SPREAD else FINGER_PROPERTIES) | own
     return {number: flash.get(f"{puck}.{number}", value) for number, value in values.items()}
 
 
 def _pad(name: str) -> Layout:
     is_palm = name == "palm"
-    rows, (width, height) = ROWS[is_palm], PALM_SIZE if is_palm else FINGER_SIZE
+    rows, (width, height) = CELLS_PER_ROW[is_palm], PALM_PAD_SIZE_M if is_palm else FINGER_PAD_SIZE_M
     step_x, step_y = width / max(rows), height / len(rows)
     cells = [
         ((k - (n - 1) / 2) * step_x, (row - (len(rows) - 1) / 2) * step_y, 0.0)
@@ -327,7 +371,7 @@ def _pad(name: str) -> Layout:
     ]
     patch = Patch(name=name, start=0, rows=0, cols=CELLS, pitch=min(step_x, step_y), area=step_x * step_y, link=name)
     flat = Layout(positions=np.array(cells), normals=np.array([0.0, 0.0, 1.0]), patches=(patch,))
-    return place(flat, (*PADS[name], 0.0))
+    return place(flat, (*PAD_CENTRES_M[name], 0.0))
 
 
 def _frame(puck: int, group: int, data: bytes) -> CanFrame:
@@ -337,17 +381,17 @@ def _frame(puck: int, group: int, data: bytes) -> CanFrame:
 def _all_cells(puck: int, cells: list[int]) -> list[CanFrame]:
     """Return five frames: four bits of sequence, and five values of 12 bits, 0 behind the last cell."""
     frames = []
-    for k in range(0, CELLS, PER_FRAME):
-        bits = k // PER_FRAME
-        for value in [*cells[k : k + PER_FRAME], 0][:PER_FRAME]:
+    for k in range(0, CELLS, CELLS_PER_FRAME):
+        bits = k // CELLS_PER_FRAME
+        for value in [*cells[k : k + CELLS_PER_FRAME], 0][:CELLS_PER_FRAME]:
             bits = bits << 12 | value
         frames.append(_frame(puck, TO_CELLS, bits.to_bytes(8, "big")))
     return frames
 
 
 def _top_ten(puck: int, cells: list[int]) -> list[CanFrame]:
-    """Return one frame: which cells, and ten values of whole N/cm2."""
-    highest = sorted(sorted(range(CELLS), key=lambda cell: -cells[cell])[:HIGHEST])
+    """Return one frame: a map of the ten highest cells, and their values in integer N/cm2."""
+    highest = sorted(sorted(range(CELLS), key=lambda cell: -cells[cell])[:HIGHEST_CELLS])
     bits = sum(1 << cell for cell in highest)
     for cell in highest:
         bits = bits << 4 | cells[cell] >> 8

@@ -1,10 +1,10 @@
-r"""Bielefeld tactile glove: 64 channels.
+r"""Bielefeld tactile glove: 64 channels that stream over USB.
 
-Wire: USB-CDC (04D8:000A), opened at 115200, nothing depends on the speed. Device to host only: there is no command. A
-scan is one ``PACKET`` a channel, from channel 0 to 63. The driver shows 4095 - value; a scan is complete with the last.
+Wire: USB-CDC (04D8:000A), opened at 115200; the speed has no effect. Device to host only: there is no command. A scan
+is one ``PACKET`` for each channel, from 0 to 63; channel 63 completes it. The driver shows 4095 - value.
 
-The driver wants each packet in one piece, and gives up after 100 ms of silence. No checksum: a bit that is turned over
-in a value is a value. This is the glove with a PIC18; those with a Teensy 3.2 or 4.0 have a protocol of their own.
+The driver needs each packet in one piece, and gives up after 100 ms of silence. There is no checksum: a flipped bit in
+a value goes unnoticed. This is the glove with a PIC18; those with a Teensy 3.2 or 4.0 have a protocol of their own.
 
 Try it: ``tactemu run bielefeld_glove``, then the ``SerialInput`` of ubi-agni/TactileGlove on its port.
 """
@@ -30,13 +30,14 @@ PACKET = Frame("""
 """)
 SOURCE = "ubi-agni/TactileGlove@59a0ef6"
 PIC = f"{SOURCE} PIC18 usb_descriptors.c"
-CHANNELS, ADC_MAX = 64, 4095
-INDEX = 0x3C + np.arange(CHANNELS)
-CONVERTER = np.arange(CHANNELS) % 16 << 12
+CHANNELS = 64
+ADC_MAX = 4095
+PACKET_INDEXES = 0x3C + np.arange(CHANNELS)
+CONVERTER_BITS = np.arange(CHANNELS) % 16 << 12
 
 
 class BielefeldGlove(Device):
-    """Sixty-four channels, one packet each."""
+    """A glove of 64 channels that sends one packet for each."""
 
     name = "bielefeld_glove"
     kind = "glove"
@@ -65,19 +66,19 @@ class BielefeldGlove(Device):
     def __init__(
         self,
         *,
-        half_force: Annotated[float, Option("push half way to full scale", unit="N", low=1e-6)] = 1.0,
+        half_force: Annotated[float, Option("normal force at half of full scale", unit="N", low=1e-6)] = 1.0,
     ):
         self.layout = filled(CHANNELS, 0.08, 0.16, name="glove")
         self.columns = (Column(name="touch", low=0, high=ADC_MAX, push=1),)
         self.half_force = half_force
 
     def measure(self, reading: Reading, t_ns: int) -> Counts:
-        """What the driver shows, 0..4095."""
+        """Return the values that the driver shows, 0..4095, shape ``(64,)``."""
         push = np.maximum(self.layout.push(reading["force"]), 0.0)
         self.counts = quantize(push / (push + self.half_force), ADC_MAX)
         return self.counts
 
     def stream(self, t_ns: int, name: str) -> Transmissions:
-        """Return a packet of each channel."""
-        value = CONVERTER | ADC_MAX - self.layout.on_wire(self.counts)
-        return PACKET.rows(CHANNELS, index=INDEX, value=value)
+        """Return one packet for each channel."""
+        value = CONVERTER_BITS | ADC_MAX - self.layout.on_wire(self.counts)
+        return PACKET.rows(CHANNELS, index=PACKET_INDEXES, value=value)

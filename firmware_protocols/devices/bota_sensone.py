@@ -1,10 +1,10 @@
 """Bota SensONE (generation 0), a force-torque sensor: text commands, then binary frames.
 
-Wire: 460800 8N1. Opening the port restarts the sensor, which then says App Init. Commands end with CR or LF, as the
+Wire: 460800 8N1. Opening the port restarts the sensor, which then sends App Init. Commands end with CR or LF, as the
 vendor's library sends them, or with a silence; each is answered r,0,X,0, where X is its first letter.
 
     command                  about
-    C                        configure: ends the stream; the others are taken only then
+    C                        configure: ends the stream; the sensor takes the other commands only then
     c,TEMP,CAL,FORMAT,BAUD   temperature compensated, calibrated, 0 binary or 1 CSV, 4: 460800; 0,1,0,4 as sent
     f,SINC,CHOP,FAST,FIR     filter: 51200 / SINC frames per second, SINC 64 to 2048; SINC,0,0,1 as sent
     b,FX,FY,FZ,TX,TY,TZ      offset [N, Nm]
@@ -55,7 +55,8 @@ FRAME = Frame("""
 OVERRANGE = 2
 GREETING = b"App Init\r\n"
 SILENCE_NS = 20_000_000
-FILTER_HZ, SINC = 51200, range(64, 2049)
+CONVERTER_HZ = 51200
+SINC_RANGE = range(64, 2049)
 NUMBER = rb"(-?\d{1,9}(?:\.\d{1,9})?)"
 COMMANDS = re.compile(rb"[Rs]|p\?|c(?:,\d){4}|f,(?P<sinc>\d{1,5})(?:,\d){3}|b" + rb"".join([b"," + NUMBER] * 6))
 ORIGIN = points({"origin": (0.0, 0.0, 0.0)})
@@ -63,7 +64,7 @@ AXES: tuple[Axis, ...] = ("x", "y", "z")
 
 
 class BotaSensone(Device):
-    """Force, torque and temperature of a sensor between flange and tool."""
+    """A sensor between flange and tool that measures force, torque and temperature."""
 
     name = "bota_sensone"
     kind = "force-torque sensor"
@@ -97,7 +98,7 @@ class BotaSensone(Device):
         assumed("configuration", "no answer to commands that are unknown, beyond their limits, or not taken; 20 ms of "
                 "silence end a command; answers end with CR LF", "bota_ft_sensors, all files; bota-driver, run"),
         stated("configuration", "opening the port restarts it", "bota-driver 1.1.16: it says so, and waits 3 s"),
-        stated("timing", "a frame each SINC * 19.53125 us; the time counts us",
+        stated("timing", "a frame each SINC_RANGE * 19.53125 us; the time counts us",
                "python/senseone.py:127, 178; bota-driver: 512 is 100 Hz, 256 is 200 Hz"),
         assumed("timing", "512 after power-up; offset and filter are forgotten by a restart, which takes 0.1 s",
                 "bota_ft_sensors, all files; bota-driver, which sets both each time"),
@@ -107,12 +108,12 @@ class BotaSensone(Device):
         self,
         *,
         tool: Annotated[
-            tuple[float, float, float], Option("where the tool is touched, from the sensor's origin", unit="m")
+            tuple[float, float, float], Option("point of contact on the tool, from the sensor's origin", unit="m")
         ] = (0.0, 0.0, 0.05),
-        force_range: Annotated[float, Option("along each axis", unit="N", low=1e-3)] = 500.0,
-        torque_range: Annotated[float, Option("about each axis", unit="Nm", low=1e-3)] = 15.0,
+        force_range: Annotated[float, Option("largest force along each axis", unit="N", low=1e-3)] = 500.0,
+        torque_range: Annotated[float, Option("largest torque about each axis", unit="Nm", low=1e-3)] = 15.0,
         serial_number: Annotated[int, Option("SN000001 is 1", low=0, high=999)] = 1,
-        model: Annotated[str, Option("as the vendor calls it, ASCII")] = "BFT-SENS-SER-M8",
+        model: Annotated[str, Option("the vendor's name of the model, ASCII")] = "BFT-SENS-SER-M8",
     ):
         self.layout = points({"tool": tool})
         self.range = np.array([force_range] * 3 + [torque_range] * 3)
@@ -132,7 +133,7 @@ class BotaSensone(Device):
 
     @property
     def commands(self) -> tuple[Command, ...]:
-        """What hosts send, after the C that they begin with."""
+        """The hosts' commands, after the C with which they begin."""
         library, example = "bota-driver 1.1.16, as it speaks", "bota_ft_sensors@4b98f94 senseone.py"
         configured = (
             ("communication", b"c,0,1,0,4\n", "63", library),
@@ -166,7 +167,7 @@ class BotaSensone(Device):
         )
 
     def measure(self, reading: Reading, t_ns: int) -> Counts:
-        """By sense, as sent, float32: Fx Fy Fz [N] Mx My Mz [Nm] ``(1, 6)``, and temperature [deg C] ``(1,)``."""
+        """Return float32 by sense, as sent: Fx Fy Fz [N] Mx My Mz [Nm] ``(1, 6)``; temperature [deg C] ``(1,)``."""
         wrench = reading["wrench"] + self.offset
         self.status = OVERRANGE if (np.abs(wrench) > self.range).any() else 0
         self.wrench = np.clip(wrench, -self.range, self.range).astype(np.float32)
@@ -174,28 +175,28 @@ class BotaSensone(Device):
         return {"wrench": self.wrench, "temperature": self.temperature}
 
     def stream(self, t_ns: int, name: str) -> Transmissions:
-        """Return a frame, while it runs."""
+        """Return one frame while the stream runs."""
         if not self.running:
             return ()
         time, temperature = t_ns // 1000 + self.clock_us, self.temperature[0]
         return [FRAME.pack(status=self.status, wrench=self.wrench[0], time=time, temperature=temperature)]
 
     def boot(self, t_ns: int) -> Transmissions:
-        """What it says when it has come up."""
+        """Return the greeting after power-up."""
         return [GREETING]
 
     def lines(self, dtr: bool, rts: bool, t_ns: int, port: str) -> Transmissions:
-        """Return a port that is opened restarts the sensor."""
+        """Restart the sensor when the port is opened."""
         return [Restart()] if dtr else ()
 
     def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
-        """Commands in chunks of any size, with or without an end."""
+        """Obey commands, which arrive in chunks of any size, with or without a line end."""
         lines = self.lines_in.cut(data)
         self.wake_ns = t_ns + SILENCE_NS if self.lines_in.begun else None
         return [answer for line in lines for answer in self._obey(line)]
 
     def wake(self, t_ns: int) -> Transmissions:
-        """A silence ends a command."""
+        """Obey the command that a silence has ended."""
         return [answer for line in self.lines_in.end() for answer in self._obey(line)]
 
     def _obey(self, line: bytes) -> list[bytes]:
@@ -210,12 +211,12 @@ class BotaSensone(Device):
         return [self.identity * (line == b"p?") + b"r,0,%c,0\r\n" % line[0]]
 
     def _configured(self, line: bytes) -> bool:
-        """Whether a command but C was one."""
+        """Execute a command other than C; return False if it is none."""
         command = COMMANDS.fullmatch(line)
-        if command is None or (command["sinc"] and int(command["sinc"]) not in SINC):
+        if command is None or (command["sinc"] and int(command["sinc"]) not in SINC_RANGE):
             return False
         if command["sinc"]:
-            self.period_ns = round(int(command["sinc"]) * 1e9 / FILTER_HZ)
+            self.period_ns = round(int(command["sinc"]) * 1e9 / CONVERTER_HZ)
         elif line[:1] == b"b":
             self.offset = np.array([float(number) for number in line.split(b",")[1:]])
         elif line == b"R":

@@ -141,7 +141,7 @@ MAP = RegisterMap(
     12620  >u2 x 6   calibrate_pads   0..1
     """
 )
-"""By byte: two for each register."""
+"""Offsets count bytes: two for each register."""
 ORDERS = ("baseline", "calibrate", "calibrate_pads", "defaults", "restart")
 BAUDS = (115200, 57600, 19200, 460800, 1_000_000, 2_000_000, 5_000_000, 6_000_000, 4_000_000, 3_000_000)
 LIMITS = ("lowest", "highest", "fastest", "strongest")
@@ -158,7 +158,9 @@ _DRIVES = (
     "by_time", "by_speed", "by_percent", "speeds", "currents", "duties", "one_by_time", "one_by_speed", "one_speed",
     "one_current", "one_duty",
 )  # fmt: skip
-PER_NEWTON, NEAR_PER_NEWTON, MODES = 100.0, 10000.0, (200.0, 200.0, 1000.0)
+PER_NEWTON = 100.0
+NEAR_PER_NEWTON = 10000.0
+MODES = (200.0, 200.0, 1000.0)
 MOST_CAN = 64
 """Bytes of a CAN-FD frame."""
 
@@ -307,7 +309,7 @@ class Revo2(Device[Any]):
         return self.registers.read(address, n)
 
     def write(self, address: int, data: bytes, t_ns: int) -> Sequence[str]:
-        """Store, and do what was ordered."""
+        """Store what the host writes, and execute its orders."""
         before = {name: self.registers.all(name) for name in RESTARTS}
         written = self.registers.write(address, data)
         for order in ORDERS[:2] if self.capacitive else ORDERS[2:3]:
@@ -379,7 +381,7 @@ class BraincoRevo2(Revo2):
         self.rtu = Rtu(counters=self.counters, gap_ns=silence_ns(baud))
 
     def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
-        """Modbus requests in chunks of any size."""
+        """Answer Modbus requests, which arrive in chunks of any size."""
         banks = Banks(holding=self, inputs=self, functions=FUNCTIONS)
         return self._restarted(self.rtu.answers(data, t_ns, {self.unit: banks}))
 

@@ -1,14 +1,14 @@
 """BrainCo Revo3 Touch: a hand with eleven tactile modules, over Modbus RTU.
 
 Wire: RS-485, 5 Mbit/s (or 1, 2, 3) 8N1, Modbus RTU, unit 7E; functions 03, 04, 06, 16. Modules are the palm, then tip
-and pad of thumb, index, middle, ring and little finger. There are two kinds of sensors, told by register 135:
+and pad of thumb, index, middle, ring and little finger. Register 135 gives the kind of sensors:
 
     about                       1: piezoresistive array          2: high-density matrix
     module on or off            4000..4010                       5900..5910
-    zero, all or one            4011, 4012..4022: 1              5214, 5215..5225: 1, and 2 takes it back
+    zero, all or one            4011, 4012..4022: 1              5214, 5215..5225: 1, and 2 cancels it
     zeroed                      -                                5226, 5227..5237: 1
     values, all or one          4024: 0 ADC, 1 raw, 2 [mN]       5202, 5203..5213: 0 ADC, 1 [10 mN]
-    what is shown               4023: 0 points, 1 forces         -
+    selection                   4023: 0 points, 1 forces         -
     points of each module       4037..4047                       5191..5201
     restart, all or one         -                                5179, 5180..5190: 1
     forces [mN]                 4100..4141: 42 regions           -
@@ -19,14 +19,14 @@ and pad of thumb, index, middle, ring and little finger. There are two kinds of 
     2: 5240 60   5340 60  5380 60   5440 60  5480 60   5540 60  5580 60   5640 60  5680 60   5740 60  5780 60
 
 The vendor's SDK reads two points of a matrix in one register, the first one in its high byte: 30 registers a module.
-The vendor's document has 60 registers a module, at 5240, 5300, 5360, 5420 ... (option ``packing=single``). Points are
-taken to follow row by row.
+The vendor's document has 60 registers a module, at 5240, 5300, 5360, 5420 ... (option ``packing=single``). The model
+assumes that points follow row by row.
 
 Identity: 101 the hand, 1 right, 2 left; 108 unit; 109 line (0 1 M, 1 2 M, 2 3 M, 4 5 Mbit/s); 110 CAN-FD (3 is
 5 Mbit/s); 135 kind of touch; 240..260 and 270..290 the joints' limits [0.01 deg]; 1800..1804 state, current [mA],
-voltage [10 mV], power [10 mW], temperature; 2000..2170 the joints, which stand still at 0; 3020 which of them are
-there; 3060 and 3300 serial numbers and versions of their motors; 3030, 3040, 3050 firmware, hardware and serial number,
-20 characters each, two in a register. The serial number of a left Ultra Touch begins BCUTL4.
+voltage [10 mV], power [10 mW], temperature; 2000..2170 the joints, which stand still at 0; 3020 the joints that
+are fitted; 3060 and 3300 serial numbers and versions of their motors; 3030, 3040, 3050 firmware, hardware and serial
+number, 20 characters each, two in a register. The serial number of a left Ultra Touch begins BCUTL4.
 
 Try it: ``tactemu run brainco_revo3``, then
 ``await bc_revo3_sdk.Manager().connect_auto(port=..., protocol=ProtocolType.Modbus, slave_id=0x7E)``.
@@ -58,7 +58,7 @@ from firmware_protocols.layouts import filled, place, stack
 from firmware_protocols.protocols.modbus import Banks, Rtu, silence_ns
 from firmware_protocols.registers import RegisterMap, Registers
 
-BAUDS = {1000000: 0, 2000000: 1, 3000000: 2, 5000000: 4}
+BAUD_CODES = {1000000: 0, 2000000: 1, 3000000: 2, 5000000: 4}
 MAP = RegisterMap(
     """
     120    u1 x 44     zero_offsets
@@ -116,21 +116,24 @@ MAP = RegisterMap(
     11800  >u2 x 11    matrix_on    0..1  = 1
     """
 )
-"""By byte: two for each register. Twelve are all modules and each."""
-MATRIX = MAP.by_name["matrix"].address
-ARRAY_POINTS, MATRIX_POINTS = (36, 31, 57, 21, 52, 21, 52, 21, 52, 21, 52), (60,) * 11
-REGIONS = (1, 3, 6, 3, 5, 3, 5, 3, 5, 3, 5)
-"""Forces of each module."""
+"""Offsets count bytes: two for each register. Twelve values are one for all modules, then one for each."""
+MATRIX_OFFSET = MAP.by_name["matrix"].address
+ARRAY_POINTS = (36, 31, 57, 21, 52, 21, 52, 21, 52, 21, 52)
+MATRIX_POINTS = (60,) * 11
+REGIONS_PER_MODULE = (1, 3, 6, 3, 5, 3, 5, 3, 5, 3, 5)
+"""The number of regions, and so of forces, of each module."""
 _POINTS = np.split(np.arange(sum(ARRAY_POINTS)), np.cumsum(ARRAY_POINTS)[:-1])
-REGION_STARTS = [run[0] for points, n in zip(_POINTS, REGIONS) for run in np.array_split(points, n)]
-PAIRS = (5240, 5340, 5380, 5440, 5480, 5540, 5580, 5640, 5680, 5740, 5780)
+REGION_STARTS = [run[0] for points, n in zip(_POINTS, REGIONS_PER_MODULE) for run in np.array_split(points, n)]
+PAIRED_FIRST_REGISTERS = (5240, 5340, 5380, 5440, 5480, 5540, 5580, 5640, 5680, 5740, 5780)
 MODULES = (
     "palm",
     *(f"{finger} {part}" for finger in ("thumb", "index", "middle", "ring", "little") for part in ("tip", "pad")),
 )
-ARRAY_SCALES, MATRIX_SCALES, MILLINEWTONS = np.array([200.0, 200.0, 1000.0]), np.array([50.0, 100.0]), 1000.0
-"""Counts/N by mode."""
-ZERO, UNDO = 1, 2
+ARRAY_COUNTS_PER_NEWTON = np.array([200.0, 200.0, 1000.0])
+MATRIX_COUNTS_PER_NEWTON = np.array([50.0, 100.0])
+MILLINEWTONS_PER_NEWTON = 1000.0
+ZERO = 1
+UNDO = 2
 
 
 SDK = "BrainCoTech/brainco-revo3-sdk@7ba96eb "
@@ -138,7 +141,7 @@ LOOKED = f"all of {SDK}docs, python; bc-revo3-sdk 2.3.2 and 1.5.1 main_mod.pyi"
 
 
 class BraincoRevo3(Device):
-    """The hand's touch. Its joints do not move."""
+    """A hand with eleven tactile modules; its joints do not move."""
 
     name = "brainco_revo3"
     title = "BrainCo Revo3 Touch hand"
@@ -191,11 +194,12 @@ class BraincoRevo3(Device):
         *,
         touch: Annotated[Literal["array", "matrix"], Option("kind of sensors")] = "array",
         packing: Annotated[
-            Literal["pairs", "single"], Option("points of a matrix in a register: as the SDK, or the document has it")
+            Literal["pairs", "single"],
+            Option("points of a matrix in a register: two as in the SDK, or one as in the document"),
         ] = "pairs",
         side: Annotated[Literal["left", "right"], Option("which hand; sets the serial number")] = "left",
         serial: Annotated[
-            str, Option("20 characters of ASCII; the SDK takes the model from it; default: by side")
+            str, Option("20 characters of ASCII, from which the SDK reads the model; default: by side")
         ] = "",
         baud: Annotated[Literal[1000000, 2000000, 3000000, 5000000], Option("line speed")] = 5000000,
     ):
@@ -205,9 +209,9 @@ class BraincoRevo3(Device):
         self.columns = (Column(name="touch", low=0, high=4095 if self.array else 255, push=1),)
         self.layout = _hand(touch)
         self.modules = np.repeat(np.arange(11), ARRAY_POINTS if self.array else MATRIX_POINTS)
-        """Of each point."""
+        """The module of each point."""
         self.registers = registers = Registers(MAP)
-        registers["kind"], registers["baud"] = 1 if self.array else 2, BAUDS[baud]
+        registers["kind"], registers["baud"] = 1 if self.array else 2, BAUD_CODES[baud]
         registers["hand"] = 2 if side == "left" else 1
         registers["array_size" if self.array else "matrix_size"] = ARRAY_POINTS if self.array else MATRIX_POINTS
         for name, text in (("firmware", "0.1.2"), ("hardware", "V1.0"), ("serial", serial)):
@@ -218,19 +222,19 @@ class BraincoRevo3(Device):
         self.counts = np.zeros(len(self.layout), int)
 
     def measure(self, reading: Reading, t_ns: int) -> Counts:
-        """Return points, 0..4095 of an array, 0..255 of a matrix, in the unit that their module is set to."""
+        """Return the points, 0..4095 of an array, 0..255 of a matrix, in the unit that is set for their module."""
         self.felt = self.layout.push(reading["force"])
         pushes = (self.felt - self.zero) * np.array(self.registers.all(f"{self.touch}_on"))[self.modules]
         if self.array:
-            self.counts = quantize(pushes, ARRAY_SCALES[self.registers["array_mode"]], 0, 4095)
-            self.registers["forces"] = np.add.reduceat(pushes, REGION_STARTS) * MILLINEWTONS
+            self.counts = quantize(pushes, ARRAY_COUNTS_PER_NEWTON[self.registers["array_mode"]], 0, 4095)
+            self.registers["forces"] = np.add.reduceat(pushes, REGION_STARTS) * MILLINEWTONS_PER_NEWTON
         else:
             modes = np.array(self.registers.all("matrix_mode"))[1:]
-            self.counts = quantize(pushes, MATRIX_SCALES[modes][self.modules], 0, 255)
+            self.counts = quantize(pushes, MATRIX_COUNTS_PER_NEWTON[modes][self.modules], 0, 255)
         return self.counts
 
     def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
-        """Modbus requests in chunks of any size."""
+        """Answer Modbus requests, which arrive in chunks of any size."""
         banks = Banks(holding=self, inputs=self, functions=(3, 4, 6, 16))
         return self.rtu.answers(data, t_ns, {self.unit: banks})
 
@@ -246,12 +250,12 @@ class BraincoRevo3(Device):
             elif self.packing == "single":
                 area[120 * k + 1 : 120 * k + 120 : 2] = points
             else:
-                area[2 * PAIRS[k] - MATRIX :][:60] = points
+                area[2 * PAIRED_FIRST_REGISTERS[k] - MATRIX_OFFSET :][:60] = points
         self.registers["matrix"] = area
         return self.registers.read(address, n)
 
     def write(self, address: int, data: bytes, t_ns: int) -> Sequence[str]:
-        """Store, and do what was ordered."""
+        """Store what the host writes, and execute its orders."""
         written = self.registers.write(address, data)
         if self.array:
             self._zero(self.registers.all("array_zero"))
@@ -264,7 +268,7 @@ class BraincoRevo3(Device):
         return written
 
     def _zero(self, orders: list[int]) -> None:
-        """Take the zero of all modules (the first order) and of each, or take it back."""
+        """Set or cancel the zero of all modules (the first order) and of each."""
         zeroed = np.array(self.registers.all("zeroed"))
         for order, which in zip(orders, (slice(None), *range(11))):
             if order:
@@ -276,7 +280,7 @@ class BraincoRevo3(Device):
 
     @property
     def commands(self) -> tuple[Command, ...]:
-        """Of a hand with arrays, as it comes."""
+        """Requests to a hand with arrays and default options."""
         if not self.array:
             return ()
         return tuple(
@@ -286,7 +290,7 @@ class BraincoRevo3(Device):
 
 
 def _hand(touch: str) -> Layout:
-    """Modules in wire order, each on its link; x across the hand, y along the fingers, z out of it."""
+    """Return modules in wire order, each on its link; x across the hand, y along the fingers, z out of it."""
     places = {"palm": (0.0, 0.0), "thumb": (0.06, 0.0), "index": (0.033, 0.06), "middle": (0.011, 0.07)}
     places |= {"ring": (-0.011, 0.065), "little": (-0.033, 0.055)}
     pads = []

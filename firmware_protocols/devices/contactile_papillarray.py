@@ -1,6 +1,6 @@
-"""Contactile PapillArray: sensors of nine pillars that feel force and deflection, behind one controller.
+"""Contactile PapillArray: sensors of nine pillars that measure force and deflection, behind one controller.
 
-Wire: USB-CDC; hosts open it at 9600 to 115200, which means nothing. Protocol 2.0: packets stream from power-up, all
+Wire: USB-CDC; hosts open it at 9600 to 115200; the speed has no effect. Protocol 2.0: packets stream from power-up, all
 numbers little-endian:
 
     PACKET   around the data
@@ -11,12 +11,12 @@ numbers little-endian:
     kind 5   INDEX of sensors; each: INDEX of pillars; each: PILLAR_SLIP
     kind 6   INDEX of sensors; each: SENSOR_SLIP
 
-Offsets count from the first byte of the data. Nothing is escaped: the vendor's library takes AA BB CC DD inside a
-packet for its end, and hangs. It crashes where a sensor that it was told of is missing, or the entry of kind 0.
+Offsets count from the first byte of the data. There is no escape: the vendor's library takes AA BB CC DD inside a
+packet for its end, and hangs. It crashes if a sensor in its settings, or the entry of kind 0, is missing.
 
-Commands are text with LF; the library puts a NUL behind some. None is answered.
+Commands are text with LF; the library appends a NUL to some. None is answered.
 
-    z                       what is felt now is zero
+    z                       what is measured now becomes zero
     f100 f250 f500 f1000    packets per second
     S s                     slip detection on, off
 
@@ -94,20 +94,24 @@ SENSOR_SLIP = Frame("""
     3     00 00 80 BF       friction      <f4; -1: no estimate
     7     00 00 80 BF       grip          <f4 [N]; -1: no estimate of friction
 """)
-ROWS, PILLARS, PITCH = 3, 9, 0.007
-BETWEEN_SENSORS = 0.04
+ROWS = 3
+PILLARS = 9
+PITCH_M = 0.007
+SENSOR_SPACING_M = 0.04
 
 BLOCKS = (1, 3, 4, 5, 6)
-FORCES, DEFLECTIONS = np.array([4.0, 4.0, 15.0]), np.array([1.0, 1.0, 2.5])
-"""Ranges of a pillar along x, y, z [N], [mm]."""
+FORCE_RANGES_N = np.array([4.0, 4.0, 15.0])
+DEFLECTION_RANGES_MM = np.array([1.0, 1.0, 2.5])
+"""The ranges of a pillar along x, y, z, as those of force above."""
 LIBRARY = "m-rosette/contactile_gripper_ros2@146709d"
 RATES_HZ = {b"f100": 100, b"f250": 250, b"f500": 500, b"f1000": 1000}
-ZERO, SLIP = b"z", (b"S", b"s")
+ZERO_COMMAND = b"z"
+SLIP_COMMANDS = (b"S", b"s")
 AXES: tuple[Axis, ...] = ("x", "y", "z")
 
 
 class ContactilePapillArray(Device):
-    """Sensors of 3 x 3 pillars behind a controller that streams."""
+    """A controller that streams the readings of sensors with 3 x 3 pillars."""
 
     name = "contactile_papillarray"
     kind = "fingertip"
@@ -116,7 +120,7 @@ class ContactilePapillArray(Device):
     columns = tuple(
         Column(name=f"{letter}{axis}", axis=axis, unit=unit, counts_per_unit=scale, low=-most, high=most,
                push=1 if axis == "z" else 0)
-        for letter, unit, scale, ranges in (("F", "N", 1.0, FORCES), ("D", "m", 1000.0, DEFLECTIONS))
+        for letter, unit, scale, ranges in (("F", "N", 1.0, FORCE_RANGES_N), ("D", "m", 1000.0, DEFLECTION_RANGES_MM))
         for axis, most in zip(AXES, ranges.tolist())
     )  # fmt: skip
     rollovers = (Rollover(name="counter", bits=32, state="counter"),)
@@ -157,12 +161,14 @@ class ContactilePapillArray(Device):
     def __init__(
         self,
         *,
-        sensors: Annotated[int, Option("on the controller; the library takes no more", low=1, high=4)] = 2,
-        end_offset: Annotated[bool, Option("the entry of kind 0 has an offset as the others have")] = False,
+        sensors: Annotated[int, Option("sensors on the controller; the library supports four", low=1, high=4)] = 2,
+        end_offset: Annotated[bool, Option("the entry of kind 0 has an offset, like the others")] = False,
     ):
         self.title = f"Contactile PapillArray v2 controller, {sensors} sensors of 3x3 pillars"
         pads = (
-            grid_layout(ROWS, ROWS, PITCH, name=f"sensor {k}", link=f"sensor {k}", origin=(k * BETWEEN_SENSORS, 0, 0))
+            grid_layout(
+                ROWS, ROWS, PITCH_M, name=f"sensor {k}", link=f"sensor {k}", origin=(k * SENSOR_SPACING_M, 0, 0)
+            )
             for k in range(sensors)
         )
         self.layout = stack(*pads)
@@ -174,7 +180,7 @@ class ContactilePapillArray(Device):
         self._lay_out(sensors, ENTRY.pack(block=0, offset=0)[: 4 if end_offset else 2])
 
     def _lay_out(self, n: int, end: bytes) -> None:
-        """What all packets of ``n`` sensors share: the table, the indices, and the blocks of slip."""
+        """Prepare what all packets of ``n`` sensors share: the table, the indices, and the blocks of slip."""
         slips, slip = PILLARS * PILLAR_SLIP.pack(), SENSOR_SLIP.pack()
         time, pillar, total = TIME.size or 0, PILLAR.size or 0, TOTAL.size or 0
         starts = [1 + 4 * len(BLOCKS) + len(end)]
@@ -191,7 +197,7 @@ class ContactilePapillArray(Device):
 
     @property
     def commands(self) -> tuple[Command, ...]:
-        """Zero, rates, slip detection; the library's NUL behind some."""
+        """Commands for zero, rates and slip detection; some with the library's NUL."""
         origin = "PTSCOM_2.0_SPEC_SEP22; the NUL as the vendor's library sends it"
         return (
             Command(name="zero", request="7A 0A", origin=origin),
@@ -205,10 +211,12 @@ class ContactilePapillArray(Device):
         )
 
     def measure(self, reading: Reading, t_ns: int) -> Counts:
-        """Fx, Fy, Fz [N] and Dx, Dy, Dz [mm] of each pillar as sent, float32 ``(n, 6)``; a push positive."""
+        """Return Fx, Fy, Fz [N] and Dx, Dy, Dz [mm] of each pillar as sent, float32 ``(n, 6)``; a push is positive."""
         self.felt = self.layout.to_taxel_frame(reading["force"]) * [1, 1, -1]
-        force = np.clip(self.felt - self.zero, -FORCES, FORCES) + 0.0  # at rest not -0.0
-        self.counts = np.hstack([force, force * (DEFLECTIONS / FORCES)]).astype(np.float32)
+        force = (
+            np.clip(self.felt - self.zero, -FORCE_RANGES_N, FORCE_RANGES_N) + 0.0
+        )  # an unloaded pillar sends 0.0, not -0.0
+        self.counts = np.hstack([force, force * (DEFLECTION_RANGES_MM / FORCE_RANGES_N)]).astype(np.float32)
         return self.counts
 
     def stream(self, t_ns: int, name: str) -> Transmissions:
@@ -227,26 +235,26 @@ class ContactilePapillArray(Device):
         return [PACKET.pack(data=b"".join(data))]
 
     def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
-        """Return lines in chunks of any size; nothing is answered."""
+        """Obey lines, which arrive in chunks of any size; none is answered."""
         for line in self.commands_in.cut(data):
             self.counters["requests"] += 1
-            if line == ZERO:
+            if line == ZERO_COMMAND:
                 self.zero = self.felt
             elif line in RATES_HZ:
                 self.period_ns = 1_000_000_000 // RATES_HZ[line]
-            elif line not in SLIP:
+            elif line not in SLIP_COMMANDS:
                 self.counters["unknown_command"] += 1
         return ()
 
 
 def _index(at: int, n: int, size: int) -> bytes:
-    """Return an index at ``at`` of ``n`` parts of ``size`` bytes each, which follow it."""
+    """Return an index at offset ``at`` of the ``n`` parts of ``size`` bytes that follow it."""
     return INDEX.bind(parts=n).pack(count=n, offsets=at + 2 + 2 * n + size * np.arange(n))
 
 
 def _indices(at: int, sensors: int, size: int) -> list[bytes]:
-    """In a block at ``at`` with a record of ``size`` bytes for each pillar: what stands before those of each sensor."""
-    whole = len(_index(0, PILLARS, size)) + PILLARS * size
-    first = at + len(_index(0, sensors, whole))
-    inner = [_index(first + k * whole, PILLARS, size) for k in range(sensors)]
-    return [_index(at, sensors, whole) + inner[0], *inner[1:]]
+    """Return, for a block at ``at`` with ``size`` bytes per pillar, the indices before the records of each sensor."""
+    sensor_size = len(_index(0, PILLARS, size)) + PILLARS * size
+    first = at + len(_index(0, sensors, sensor_size))
+    inner = [_index(first + k * sensor_size, PILLARS, size) for k in range(sensors)]
+    return [_index(at, sensors, sensor_size) + inner[0], *inner[1:]]

@@ -1,6 +1,6 @@
 """CPM-Finger, of the CySkin family: sixteen capacitive taxels and a proximity electrode, free running on CAN.
 
-Wire: classic CAN, 1 Mbit/s, standard ids. Nobody asks; a scan of five frames comes every 28.08 ms.
+Wire: classic CAN, 1 Mbit/s, standard ids. The finger sends a scan of five frames every 28.08 ms, unasked.
 
     id                    data           about
     405, 407, 409, 40B    ``FOUR``       taxels 11 15 14 12, 9 13 8 10, 6 7 4 5, 2 0 3 1
@@ -47,10 +47,13 @@ NEAR = Frame("""
     0     00 00       proximity     u16
     2     FF FF       second        not connected
 """)
-IDS, NEAR_ID = (0x405, 0x407, 0x409, 0x40B), 0x601
-ORDER = (11, 15, 14, 12, 9, 13, 8, 10, 6, 7, 4, 5, 2, 0, 3, 1)
-WIDTH, LENGTH = 0.012, 0.024
-COUNTS_PER_NEWTON, REST = 200.0, 10_000
+TAXEL_IDS = (0x405, 0x407, 0x409, 0x40B)
+NEAR_ID = 0x601
+WIRE_ORDER = (11, 15, 14, 12, 9, 13, 8, 10, 6, 7, 4, 5, 2, 0, 3, 1)
+WIDTH_M = 0.012
+LENGTH_M = 0.024
+COUNTS_PER_NEWTON = 200.0
+REST_COUNTS = 10_000
 
 
 _DRIVER = "wngfra/fingerSense@a3e6926 tactile_sensor_driver.cc"
@@ -58,7 +61,7 @@ _SLIDE = "wngfra/FabricSlide@eceb771 data"
 
 
 class CyskinCpmFinger(Device[CanFrame]):
-    """A fingertip that speaks unasked."""
+    """A fingertip that transmits unasked."""
 
     name = "cyskin_cpm_finger"
     kind = "fingertip"
@@ -79,12 +82,12 @@ class CyskinCpmFinger(Device[CanFrame]):
         measured("touch", "60 to 239 counts above zero under one grip; the second proximity always FFFF", _SLIDE),
         assumed(
             "touch",
-            f"{COUNTS_PER_NEWTON:.0f} counts/N, {REST} counts untouched; proximity 0",
+            f"{COUNTS_PER_NEWTON:.0f} counts/N, {REST_COUNTS} counts untouched; proximity 0",
             "both drivers; FabricSlide",
         ),
         assumed(
             "touch",
-            f"taxels spread evenly over {WIDTH * 1e3:.0f} x {LENGTH * 1e3:.0f} mm; the table names each",
+            f"taxels spread evenly over {WIDTH_M * 1e3:.0f} x {LENGTH_M * 1e3:.0f} mm; the table names each",
             "both drivers",
         ),
         stated("configuration", "1 Mbit/s; it speaks by itself, nothing is sent to it", f"{_DRIVER}:25"),
@@ -92,18 +95,22 @@ class CyskinCpmFinger(Device[CanFrame]):
         measured("timing", "a scan every 28.08 ms (26 to 30)", _SLIDE),
     )
 
-    def __init__(self, *, rest: Annotated[int, Option("counts untouched", low=0, high=0xFFFF)] = REST):
+    def __init__(
+        self, *, rest: Annotated[int, Option("counts of an untouched taxel", low=0, high=0xFFFF)] = REST_COUNTS
+    ):
         self.columns = (Column(name="touch", low=0, high=0xFFFF, rest=rest, push=1),)
-        self.layout = replace(filled(len(ORDER), WIDTH, LENGTH, name="finger"), wire_order=np.array(ORDER))
+        self.layout = replace(
+            filled(len(WIRE_ORDER), WIDTH_M, LENGTH_M, name="finger"), wire_order=np.array(WIRE_ORDER)
+        )
         self.rest = rest
 
     def measure(self, reading: Reading, t_ns: int) -> Counts:
-        """Raw counts of the normal force of each taxel, 0..65535, shape ``(16,)``."""
+        """Return raw counts of the normal force on each taxel, 0..65535, shape ``(16,)``."""
         self.counts = quantize(self.layout.push(reading["force"]), COUNTS_PER_NEWTON, rest=self.rest)
         return self.counts
 
     def stream(self, t_ns: int, name: str) -> Transmissions[CanFrame]:
-        """Return a scan."""
-        taxels = zip(IDS, self.layout.on_wire(self.counts).reshape(len(IDS), -1))
+        """Return one scan: four frames of taxels and one of proximity."""
+        taxels = zip(TAXEL_IDS, self.layout.on_wire(self.counts).reshape(len(TAXEL_IDS), -1))
         frames = [CanFrame(arbitration_id=ident, data=FOUR.pack(touch=touch)) for ident, touch in taxels]
         return [*frames, CanFrame(arbitration_id=NEAR_ID, data=NEAR.pack())]

@@ -1,4 +1,4 @@
-"""DexRobot DexHand021: six boards on CAN-FD, five with a fingertip that feels force and warmth.
+"""DexRobot DexHand021: six boards on CAN-FD, five with a fingertip that measures force and temperature.
 
 Wire: CAN-FD, standard identifiers. Board b is 1..6 of a left hand, 7..12 of a right one: thumb, palm, index, middle,
 ring, little finger. The palm turns the thumb and spreads the fingers, and has no fingertip.
@@ -14,9 +14,9 @@ ring, little finger. The palm turns the thumb and spreads the fingers, and has n
     080+b      four bytes, the last first    to host     answer to that
     600+b      EE, type, bits                to host     an error; never sent
 
-A frame may be longer than its message: the C++ library fills up to 64 bytes. Feedback frames below 42 bytes are of
+A frame may be longer than its message: the C++ library pads to 64 bytes. Feedback frames below 42 bytes are of
 boards without touch. That library (185f7c8) takes every number of the feedback high byte first and the forces as
-integers; the Python driver, which is younger, takes them as they are here.
+integers; the Python driver, which is newer, reads them as listed here.
 
 Evidence: the vendor's two drivers, run.
 
@@ -68,7 +68,8 @@ MOTION = Frame("""
     1     u1         enabled   bit 0 the first motor, 1 the second
     2     <i2 x 2    goals
 """)
-MOTION_BYTES, WITHOUT_TOUCH = 6, 16
+MOTION_BYTES = 6
+BYTES_WITHOUT_TOUCH = 16
 FINGERS = ("thumb", "index", "middle", "ring", "little")
 BOARDS = ("thumb", "palm", *FINGERS[1:])
 JOINTS = {
@@ -77,29 +78,41 @@ JOINTS = {
     "ff_mcp": (90, 1.6), "mf_dip": (90, 2.2), "mf_mcp": (90, 1.6), "rf_dip": (90, 2.2), "rf_mcp": (90, 1.6),
     "lf_dip": (90, 2.2), "lf_mcp": (90, 1.6),
 }  # fmt: skip
-HIGHEST, HALL = np.array(list(JOINTS.values())).T
-COUNTS_PER_DEGREE = HALL * 20 / 3
-ANGLES, HALLS = (0x44,), (0x33, 0x55)
-TO_BOARD, MOVE, REPLY, STATE = 0x000, 0x100, 0x080, 0x180
-SET_FEEDBACK, CLEAR_ERRORS, ASK_VERSION = b"\x03\x74", b"\x03\xa4", b"\x01\x02"
+MAX_ANGLES_DEG, HALL_FACTORS = np.array(list(JOINTS.values())).T
+COUNTS_PER_DEGREE = HALL_FACTORS * 20 / 3
+ANGLE_MODES = (0x44,)
+HALL_MODES = (0x33, 0x55)
+TO_BOARD = 0x000
+MOVE = 0x100
+REPLY = 0x080
+STATE = 0x180
+SET_FEEDBACK = b"\x03\x74"
+CLEAR_ERRORS = b"\x03\xa4"
+ASK_VERSION = b"\x01\x02"
 FIRMWARE = bytes([1, 0, 0, 0])
-OFF, PERIODIC, WHEN_ASKED, ON_CHANGE = 0, 1, 2, 3
-SPACING, PITCH, FORCE_MAX = 0.025, 0.012, 50.0
-PYZLG, CPP = "DexRobot/pyzlg_dexhand@316575a pyzlg_dexhand/", "DexRobot/dexhand021_linux_sdk_cpp@185f7c8 "
+OFF = 0
+PERIODIC = 1
+WHEN_ASKED = 2
+ON_CHANGE = 3
+FINGER_SPACING_M = 0.025
+PITCH_M = 0.012
+MAX_FORCE_N = 50.0
+PYZLG = "DexRobot/pyzlg_dexhand@316575a pyzlg_dexhand/"
+CPP = "DexRobot/dexhand021_linux_sdk_cpp@185f7c8 "
 TESTED = "DexRobot/pyzlg_dexhand@316575a tools/hardware_test/test_dexhand.py"
 LOOKED = "all of pyzlg_dexhand@316575a; dexhand021_linux_sdk_cpp@185f7c8 include, example, libdexhand_sdk_cpp.so"
 
 
 class DexrobotDexHand(Device[CanFrame]):
-    """Fingertips with one sensor of force each, and twelve motors."""
+    """A hand with a force sensor in each fingertip, and twelve motors."""
 
     name = "dexrobot_dexhand"
     kind = "hand"
     title = "DexRobot DexHand021"
     senses = ("force", "temperature")
     columns = (
-        Column(name="normal", unit="N", counts_per_unit=1.0, low=0, high=FORCE_MAX, push=1),
-        Column(name="tangential", unit="N", counts_per_unit=1.0, low=0, high=FORCE_MAX),
+        Column(name="normal", unit="N", counts_per_unit=1.0, low=0, high=MAX_FORCE_N, push=1),
+        Column(name="tangential", unit="N", counts_per_unit=1.0, low=0, high=MAX_FORCE_N),
         Column(name="direction", low=0, high=359),
         Column(name="temperature", sense="temperature", unit="degC", counts_per_unit=1.0, low=0, high=85, rest=25),
     )
@@ -115,8 +128,10 @@ class DexrobotDexHand(Device[CanFrame]):
         ),
         stated("touch", "the same order, the palm without fingertip", f"{CPP}include/Protocols.h:222, status_data"),
         stated("touch", "direction 0 is the fingertip", f"{PYZLG}dexhand_interface.py:68"),
-        assumed("touch", f"forces to {FORCE_MAX:.0f} N, direction clockwise, temperature 0 to 85 deg C", LOOKED),
-        assumed("touch", f"one point per fingertip, {SPACING * 1e3:.0f} mm apart, normal +z, tips to +y", LOOKED),
+        assumed("touch", f"forces to {MAX_FORCE_N:.0f} N, direction clockwise, temperature 0 to 85 deg C", LOOKED),
+        assumed(
+            "touch", f"one point per fingertip, {FINGER_SPACING_M * 1e3:.0f} mm apart, normal +z, tips to +y", LOOKED
+        ),
         assumed("touch", "proximity and the two deltas are 0", LOOKED),
         stated(
             "identity",
@@ -140,7 +155,9 @@ class DexrobotDexHand(Device[CanFrame]):
         assumed("timing", "100 feedbacks a second after power-up, from every board at once", LOOKED),
     )
 
-    def __init__(self, *, side: Annotated[Literal["left", "right"], Option("which hand; sets the ids")] = "left"):
+    def __init__(
+        self, *, side: Annotated[Literal["left", "right"], Option("which hand; sets the identifiers")] = "left"
+    ):
         self.first = 1 if side == "left" else 7
         boards = range(self.first, self.first + len(BOARDS))
         self.ports = (
@@ -150,25 +167,30 @@ class DexrobotDexHand(Device[CanFrame]):
                 addressed=tuple((b, 0x7F) for b in boards),
             ),
         )
-        places = {finger: ((k - 2) * SPACING, 0.0, 0.0) for k, finger in enumerate(FINGERS)}
-        self.layout = stack(*(points({f: at}, pitch=PITCH, link=f) for f, at in places.items()))
+        places = {finger: ((k - 2) * FINGER_SPACING_M, 0.0, 0.0) for k, finger in enumerate(FINGERS)}
+        self.layout = stack(*(points({f: at}, pitch=PITCH_M, link=f) for f, at in places.items()))
         self.motors = Motors(
-            [0.0] * len(JOINTS), high=HIGHEST, low=0.0, speed_limit=200.0, names=tuple(JOINTS), unit=np.deg2rad(1)
+            [0.0] * len(JOINTS),
+            high=MAX_ANGLES_DEG,
+            low=0.0,
+            speed_limit=200.0,
+            names=tuple(JOINTS),
+            unit=np.deg2rad(1),
         )
         self.modes, self.periods_ns = [PERIODIC] * len(BOARDS), [0] * len(BOARDS)
         self.said, self.said_ns = [b""] * len(BOARDS), [-(1 << 62)] * len(BOARDS)
 
     def measure(self, reading: Reading, t_ns: int) -> Counts:
-        """By sense: normal and tangential force [N], float32, and direction [deg] of each tip; temperature [deg C]."""
+        """Return, by sense: normal, tangential force [N], float32, direction [deg] of a tip; temperature [deg C]."""
         x, y, z = self.layout.to_taxel_frame(reading["force"]).T
-        forces = (np.clip(np.stack([-z, np.hypot(x, y)]), 0.0, FORCE_MAX) + 0.0).astype(np.float32)
+        forces = (np.clip(np.stack([-z, np.hypot(x, y)]), 0.0, MAX_FORCE_N) + 0.0).astype(np.float32)
         direction = np.rint(np.degrees(np.arctan2(x, y))) % 360
         self.counts = np.stack([*forces, direction], axis=1)
         self.warmth = quantize(reading["temperature"], 1.0, 0, 85)
         return {"force": self.counts, "temperature": self.warmth}
 
     def stream(self, t_ns: int, name: str) -> Transmissions[CanFrame]:
-        """Feedback of the boards that send it unasked."""
+        """Return the feedback of the boards that send it unasked."""
         frames = []
         for board, mode in enumerate(self.modes):
             frame = self._feedback(board, t_ns)
@@ -179,22 +201,22 @@ class DexrobotDexHand(Device[CanFrame]):
         return frames
 
     def _feedback(self, board: int, t_ns: int) -> CanFrame:
-        """What one board says, counted from 0."""
+        """Return the feedback frame of one board, counted from 0."""
         two = slice(2 * board, 2 * board + 2)
         degrees = self.motors.positions(t_ns)[two]
         motors = np.zeros((2, 3), np.int64)
         motors[:, 2] = np.rint(degrees * COUNTS_PER_DEGREE[two])
-        felt = dict.fromkeys(("normal", "tangential", "direction", "temperature"), 0)
+        measured = dict.fromkeys(("normal", "tangential", "direction", "temperature"), 0)
         if touches := BOARDS[board] in FINGERS:
             tip = FINGERS.index(BOARDS[board])
             normal, tangential, direction = self.layout.on_wire(self.counts)[tip].tolist()
             warmth = self.layout.on_wire(self.warmth)[tip].item()
-            felt = {"normal": normal, "tangential": tangential, "direction": int(direction), "temperature": warmth}
-        data = FEEDBACK.pack(motors=motors, angles=quantize(degrees, 100.0, 0, 0x7FFF), **felt)
-        return _fd(STATE | self.first + board, data if touches else data[:WITHOUT_TOUCH])
+            measured = {"normal": normal, "tangential": tangential, "direction": int(direction), "temperature": warmth}
+        data = FEEDBACK.pack(motors=motors, angles=quantize(degrees, 100.0, 0, 0x7FFF), **measured)
+        return _fd(STATE | self.first + board, data if touches else data[:BYTES_WITHOUT_TOUCH])
 
     def receive(self, data: CanFrame, t_ns: int, port: str) -> Transmissions[CanFrame]:
-        """Set-up and motion."""
+        """Obey a set-up or motion message."""
         to, board = data.arbitration_id & 0x780, (data.arbitration_id & 0x7F) - self.first
         if not data.is_fd or data.is_extended_id or to not in (TO_BOARD, MOVE) or not 0 <= board < len(BOARDS):
             self.counters["ignored"] += 1
@@ -207,16 +229,16 @@ class DexrobotDexHand(Device[CanFrame]):
         if len(data) < MOTION_BYTES or (order := MOTION.unpack(data[:MOTION_BYTES])) is None:
             return None
         two = slice(2 * board, 2 * board + 2)
-        if order["mode"] in (*ANGLES, *HALLS):
+        if order["mode"] in (*ANGLE_MODES, *HALL_MODES):
             enabled = [bool(order["enabled"] & bit) for bit in (1, 2)]
             goals = np.full(len(JOINTS), np.nan)
-            per_degree = 100.0 if order["mode"] in ANGLES else COUNTS_PER_DEGREE[two]
+            per_degree = 100.0 if order["mode"] in ANGLE_MODES else COUNTS_PER_DEGREE[two]
             goals[two] = np.where(enabled, order["goals"] / per_degree, np.nan)
             self.motors.go(goals, t_ns)
         return [self._feedback(board, t_ns)] if self.modes[board] == WHEN_ASKED else []
 
     def _set_up(self, board: int, data: bytes) -> list[CanFrame] | None:
-        """Return the answer, ``None`` where none is known."""
+        """Return the answer, or None if the command is unknown."""
         answer = bytes([*data[:2], 0x00, 0x01])
         if data[:2] == ASK_VERSION:
             answer = FIRMWARE[::-1]
@@ -228,12 +250,12 @@ class DexrobotDexHand(Device[CanFrame]):
         return [_fd(REPLY | self.first + board, answer)]
 
     def joints(self, t_ns: int) -> Mapping[str, float]:
-        """Return angles of the twelve joints [rad]."""
+        """Return the angles of the twelve joints [rad], by name."""
         return self.motors.joints(t_ns)
 
     @property
     def commands(self) -> tuple[Command, ...]:
-        """Set-up and motion of the thumb's board; the others take the same."""
+        """Set-up and motion messages to the thumb's board; the others accept the same."""
         to, reply, state = (f"{base | self.first:03X}##1" for base in (TO_BOARD, REPLY, STATE))
         motion = f"{MOVE | self.first:03X}##1 44 03 E803 D007"
         python, cpp = self.sources

@@ -9,14 +9,14 @@ Wire: RS-485, 8N1, 9600, 57600, 115200 or 921600 baud, Modbus RTU; functions 03,
     43              0: 4 x 8, 1: 6 x 6
 
     holding register  about
-    2                 unit: the answer comes from the new one already
+    2                 unit: the answer already comes from the new one
     3, 4              line speed (3: 9600, 7: 57600, 8: 115200, 9: 921600), stop bits and parity
-    6                 threshold 0..4095, 50 as delivered: what is less reads 0
-    7                 whatever is written: all but the unit as delivered
+    6                 threshold 0..4095, 50 as delivered: lower values read 0
+    7                 any write: resets all but the unit to the values as delivered
     8                 0: 20 readings a second, 1: 50
 
-The vendor's driver turns the bytes of what it writes to holding registers, so these are *low byte first*, and turns the
-order of the rows that it reads: its first row is the last one in the registers. It opens /dev/ttyAMA0.
+The vendor's driver swaps the bytes that it writes to holding registers, so these are *low byte first*, and reverses the
+rows that it reads: its first row is the last one in the registers. It opens /dev/ttyAMA0.
 
 Try it: ``tactemu run dfrobot_tactile``, then ``01 04 00 07 00 20 40 13`` for 32 values.
 """
@@ -67,17 +67,20 @@ HOLDING = RegisterMap(
     16  <u2  rate       0..1  flash
     """
 )
-"""By byte: two for each register."""
+"""Offsets count bytes: two for each register."""
 SIZES = {"4x8": (4, 8), "6x6": (6, 6)}
-PERIODS_NS, SPEEDS = (50_000_000, 20_000_000), {9600: 3, 57600: 7, 115200: 8, 921600: 9}
+PERIODS_NS = (50_000_000, 20_000_000)
+SPEED_CODES = {9600: 3, 57600: 7, 115200: 8, 921600: 9}
 DRIVER = "DFRobot/DFRobot_TactileSensor@962a7b3"
-PYTHON, HEADER = f"{DRIVER} python/raspberrypi/DFRobot_Tactile_Sensor.py", f"{DRIVER} src/DFRobot_TactileSensor.h"
+PYTHON = f"{DRIVER} python/raspberrypi/DFRobot_Tactile_Sensor.py"
+HEADER = f"{DRIVER} src/DFRobot_TactileSensor.h"
 ALL = "DFRobot_Tactile_Sensor.py, DFRobot_TactileSensor.cpp, .h, get_tactile_data.py, README.md (all whole)"
-COUNTS_PER_NEWTON, PITCH = 400.0, 0.005
+COUNTS_PER_NEWTON = 400.0
+PITCH_M = 0.005
 
 
 class DfrobotTactile(Device):
-    """One matrix, polled."""
+    """A matrix of taxels that a driver polls."""
 
     name = "dfrobot_tactile"
     title = "DFRobot tactile sensor, 4x8 or 6x6"
@@ -122,29 +125,29 @@ class DfrobotTactile(Device):
         self,
         *,
         model: Annotated[Literal["4x8", "6x6"], Option("rows and columns")] = "4x8",
-        unit: Annotated[int, Option("as delivered; register 2 tells and changes it", low=1, high=247)] = 1,
+        unit: Annotated[int, Option("unit as delivered; register 2 holds it", low=1, high=247)] = 1,
         baud: Annotated[Literal[9600, 57600, 115200, 921600], Option("line speed")] = 115200,
     ):
         rows, cols = SIZES[model]
-        grid = grid_layout(rows, cols, PITCH, name="matrix")
+        grid = grid_layout(rows, cols, PITCH_M, name="matrix")
         self.layout = replace(grid, wire_order=np.arange(rows * cols).reshape(rows, cols)[::-1].ravel())
         self.ports = (Rs485(baud=baud),)
         self.inputs = Registers(INPUTS)
         self.inputs["model"] = model == "6x6"
-        self.delivered = {"unit": unit, "speed": SPEEDS[baud]}
+        self.delivered = {"unit": unit, "speed": SPEED_CODES[baud]}
         self.registers = Registers(HOLDING, kept={**self.delivered, **self.flash})
         self.rtu = Rtu(counters=self.counters, gap_ns=silence_ns(baud))
         self.period_ns = PERIODS_NS[self.registers["rate"]]
 
     def measure(self, reading: Reading, t_ns: int) -> Counts:
-        """ADC values 0..4095, shape ``(n,)``; 0 below the threshold."""
+        """Return ADC values 0..4095, shape ``(n,)``; 0 below the threshold."""
         counts = quantize(self.layout.push(reading["force"]), COUNTS_PER_NEWTON, 0, 4095)
         counts = np.where(counts < self.registers["threshold"], 0, counts)
         self.inputs["values"] = np.pad(self.layout.on_wire(counts), (0, 36 - len(counts)))
         return counts
 
     def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
-        """Modbus requests in chunks of any size."""
+        """Answer Modbus requests, which arrive in chunks of any size."""
         unit = self.registers["unit"]
         banks = Banks(holding=self, inputs=self.inputs, functions=(3, 4, 6, 16))
         answers = self.rtu.answers(data, t_ns, {unit: banks})
@@ -152,11 +155,11 @@ class DfrobotTactile(Device):
         return answers if new == unit or not answers else [*answers[:-1], rtu(new, answers[-1][1:-2])]
 
     def read(self, address: int, n: int, t_ns: int) -> bytes:
-        """Holding registers."""
+        """Return holding registers."""
         return self.registers.read(address, n)
 
     def write(self, address: int, data: bytes, t_ns: int) -> Sequence[str]:
-        """Store, and do what was ordered."""
+        """Store what the host writes, and execute its orders."""
         written = self.registers.write(address, data)
         if "reset" in written:
             unit = self.registers["unit"]
@@ -167,7 +170,7 @@ class DfrobotTactile(Device):
 
     @property
     def commands(self) -> tuple[Command, ...]:
-        """Of a sensor as it comes."""
+        """Requests to a sensor with unit 1."""
         if self.registers["unit"] != 1:
             return ()
         return tuple(

@@ -76,22 +76,28 @@ TOUCH = Frame("""
 """)
 SDK = "digity 0.2.5"
 FINGERS = ("thumb", "index", "middle", "ring", "little")
-PLACES = ((-0.06, 0.0, 0.0), (-0.033, 0.05, 0.0), (-0.011, 0.06, 0.0), (0.011, 0.055, 0.0), (0.033, 0.04, 0.0))
-"""Fingertips of a left hand seen from its palm, fingers up [m]."""
-PITCH = 0.006
+FINGERTIP_PLACES_M = (
+    (-0.06, 0.0, 0.0),
+    (-0.033, 0.05, 0.0),
+    (-0.011, 0.06, 0.0),
+    (0.011, 0.055, 0.0),
+    (0.033, 0.04, 0.0),
+)
+"""The fingertips of a left hand, seen from its palm, fingers up."""
+PITCH_M = 0.006
 
 Record = Literal["angles", "imu", "touch"]
-PARTS: dict[Record, int] = {"angles": 1, "imu": 2, "touch": 3}
+RECORD_PARTS: dict[Record, int] = {"angles": 1, "imu": 2, "touch": 3}
 AXES: tuple[Axis, ...] = ("x", "y", "z")
-MOTION: dict[Quantity, tuple[str, float]] = {
+MOTION_SCALES: dict[Quantity, tuple[str, float]] = {
     "acceleration": ("m/s^2", 16384 / 9.80665),
     "angular_velocity": ("rad/s", 131 * 180 / np.pi),
 }
-"""Unit, and counts for one of it."""
+"""The unit of a quantity, and its counts per unit."""
 
 
 class DigityExohand(Device):
-    """Five boards that stream, one a finger."""
+    """Five boards that stream, one for each finger."""
 
     name = "digity_exohand"
     kind = "glove"
@@ -121,23 +127,23 @@ class DigityExohand(Device):
     def __init__(
         self,
         *,
-        side: Annotated[Literal["right", "left"], Option("the hand that it fits")] = "right",
-        records: Annotated[tuple[Record, ...], Option("what a packet holds, in order")] = tuple(PARTS),
+        side: Annotated[Literal["right", "left"], Option("hand that the glove fits")] = "right",
+        records: Annotated[tuple[Record, ...], Option("records of a packet, in order")] = tuple(RECORD_PARTS),
         angles: Annotated[
-            tuple[float, float, float, float, float], Option("of every finger", unit="deg", low=-327, high=327)
+            tuple[float, float, float, float, float], Option("angles of every finger", unit="deg", low=-327, high=327)
         ] = (0.0, 0.0, 0.0, 0.0, 0.0),
-        counts_per_newton: Annotated[float, Option("of touch", unit="1/N", low=1e-6)] = 400.0,
+        counts_per_newton: Annotated[float, Option("scale of touch", unit="1/N", low=1e-6)] = 400.0,
     ):
         self.title = f"Digity exohand, {side}"
-        tips = {name: (x if side == "left" else -x, y, z) for name, (x, y, z) in zip(FINGERS, PLACES)}
-        self.layout = stack(*(grid_layout(3, 2, PITCH, name=name, origin=at, link=name) for name, at in tips.items()))
+        tips = {name: (x if side == "left" else -x, y, z) for name, (x, y, z) in zip(FINGERS, FINGERTIP_PLACES_M)}
+        self.layout = stack(*(grid_layout(3, 2, PITCH_M, name=name, origin=at, link=name) for name, at in tips.items()))
         boards = points({f"{name} board": at for name, at in tips.items()})
-        self.senses = ("force", *(Sense(each, at=boards) for each in MOTION))
+        self.senses = ("force", *(Sense(each, at=boards) for each in MOTION_SCALES))
         self.columns = (
             Column(name="touch", unit="N", counts_per_unit=counts_per_newton, low=0, high=4095, push=1),
             *(
                 Column(name=axis, axis=axis, sense=sense, unit=unit, counts_per_unit=scale, low=-0x8000, high=0x7FFF)
-                for sense, (unit, scale) in MOTION.items()
+                for sense, (unit, scale) in MOTION_SCALES.items()
                 for axis in AXES
             ),
         )
@@ -146,14 +152,16 @@ class DigityExohand(Device):
         self.sequence = 0
 
     def measure(self, reading: Reading, t_ns: int) -> Counts:
-        """By sense: touch 0..4095 of 30 channels, finger by finger; x, y, z of acceleration and angular velocity."""
+        """Return, by sense, touch 0..4095 of 30 channels by finger; x, y, z of acceleration and angular velocity."""
         self.counts = quantize(self.layout.push(reading["force"]), self.counts_per_newton, 0, 4095)
-        motion = {sense: quantize(reading[sense], scale, -0x8000, 0x7FFF) for sense, (_, scale) in MOTION.items()}
+        motion = {
+            sense: quantize(reading[sense], scale, -0x8000, 0x7FFF) for sense, (_, scale) in MOTION_SCALES.items()
+        }
         self.motion, self.felt_ns = np.concatenate(list(motion.values()), axis=1), t_ns
         return {"force": self.counts, **motion}
 
     def stream(self, t_ns: int, name: str) -> Transmissions:
-        """Return a packet of each finger."""
+        """Return one packet for each finger."""
         self.sequence = self.sequence + 1 & 0xFFFF
         touch = self.layout.on_wire(self.counts).reshape(len(FINGERS), -1)
         return [
@@ -168,4 +176,6 @@ class DigityExohand(Device):
             "imu": lambda ident: IMU.pack(id=ident, time=time, step=step, motion=self.motion[finger]),
             "touch": lambda ident: TOUCH.pack(id=ident, time=time, touch=touch),
         }
-        return bytes([len(self.records)]) + b"".join(made[kind](finger << 4 | PARTS[kind]) for kind in self.records)
+        return bytes([len(self.records)]) + b"".join(
+            made[kind](finger << 4 | RECORD_PARTS[kind]) for kind in self.records
+        )

@@ -1,12 +1,12 @@
-"""WACOH DynPick: a six-axis force-torque sensor that answers a letter with a line.
+"""WACOH DynPick: a six-axis force-torque sensor that answers letters with lines.
 
-Wire: 921600 8N1 through a CP210x bridge (10C4:EA60). The host sends letters; what they answer ends with CR LF.
+Wire: 921600 8N1 through a CP210x bridge (10C4:EA60). The host sends letters; answers end with CR LF.
 
-    R    a digit that counts the answers, then Fx Fy Fz Mx My Mz as four hexadecimal digits each, 2000 (8192) where
-         nothing acts: 27 characters
+    R    a digit that counts the answers, then Fx Fy Fz Mx My Mz as four hexadecimal digits each, 2000 (8192) for
+         zero: 27 characters
     S    starts such a line after each conversion; no answer
     E    stops them; no answer
-    O    what acts now is zero from now on; no answer
+    O    the present force and torque become zero; no answer
     p    counts per newton and newton metre of the six axes, with commas: numbers of six and seven characters, 46 in all
     T    temperature [1/16 deg C], four hexadecimal digits
     V    product and firmware, text
@@ -39,20 +39,24 @@ from firmware_protocols import (
 from firmware_protocols.adc import quantize
 from firmware_protocols.device import Axis
 
-REST, HIGH = 8192, 16383
+REST_COUNTS = 8192
+MAX_COUNTS = 16383
 COUNTS_PER_DEG = 16.0
-PERIOD_NS, DIVIDERS = 2_000_000, "1248"
-WIDTHS = (6, 6, 6, 7, 7, 7)
-"""Characters of a number in the answer to p."""
+PERIOD_NS = 2_000_000
+DIVIDERS = "1248"
+SENSITIVITY_WIDTHS = (6, 6, 6, 7, 7, 7)
+"""The characters of each number in the answer to p."""
 AXES: tuple[Axis, ...] = ("x", "y", "z")
-TORK, UMEMOTO = "tork-a/dynpick_driver@d5ea649", "UmemotoCtrl/Matlab-Python-for-Dynpick@4bb2812"
-RUST, KOBE = "Amelia10007/dynpick-force-torque-sensor-rs@89f6db0", "KobeKosenRobotics/Dynpick_Driver@a8bc768"
+TORK = "tork-a/dynpick_driver@d5ea649"
+UMEMOTO = "UmemotoCtrl/Matlab-Python-for-Dynpick@4bb2812"
+RUST = "Amelia10007/dynpick-force-torque-sensor-rs@89f6db0"
+KOBE = "KobeKosenRobotics/Dynpick_Driver@a8bc768"
 ALL = "main.cpp, test-com.c, DynPick.py, lib.rs, dynpick.cpp (all whole)"
 ORIGIN = points({"origin": (0.0, 0.0, 0.0)})
 
 
 class DynPick(Device):
-    """Force and torque of a tool, a line for each request or conversion."""
+    """A sensor of force and torque on a tool, which sends a line for each request or conversion."""
 
     name = "dynpick"
     kind = "force-torque sensor"
@@ -94,13 +98,15 @@ class DynPick(Device):
         self,
         *,
         tool: Annotated[
-            tuple[float, float, float], Option("where the tool is touched, from the sensor's origin", unit="m")
+            tuple[float, float, float], Option("point of contact on the tool, from the sensor's origin", unit="m")
         ] = (0.0, 0.0, 0.05),
-        counts_per_newton: Annotated[float, Option("of the three forces", unit="1/N", low=1e-3, high=99999)] = 50.0,
+        counts_per_newton: Annotated[
+            float, Option("scale of the three forces", unit="1/N", low=1e-3, high=99999)
+        ] = 50.0,
         counts_per_newton_metre: Annotated[
-            float, Option("of the torques", unit="1/Nm", low=1e-3, high=999999)
+            float, Option("scale of the torques", unit="1/Nm", low=1e-3, high=999999)
         ] = 1500.0,
-        version: Annotated[str, Option("the answer to V: product and firmware")] = "DynPick 1.00",
+        version: Annotated[str, Option("answer to V: product and firmware")] = "DynPick 1.00",
     ):
         self.layout = points({"tool": tool})
         self.scale = np.array([counts_per_newton] * 3 + [counts_per_newton_metre] * 3)
@@ -108,7 +114,7 @@ class DynPick(Device):
             *(
                 Column(
                     name=f"{letter}{axis}", axis=axis, sense="wrench", unit=unit, counts_per_unit=scale,
-                    low=0, high=HIGH, rest=REST,
+                    low=0, high=MAX_COUNTS, rest=REST_COUNTS,
                 )
                 for letter, unit, scale in (("F", "N", counts_per_newton), ("M", "Nm", counts_per_newton_metre))
                 for axis in AXES
@@ -122,7 +128,7 @@ class DynPick(Device):
 
     @property
     def commands(self) -> tuple[Command, ...]:
-        """The letters."""
+        """The letters, each with its answer."""
         tork, umemoto, rust = self.sources
         return (
             Command(name="read", request="52", reply="30 ..{24} 0D 0A", origin=tork),
@@ -137,18 +143,18 @@ class DynPick(Device):
         )
 
     def measure(self, reading: Reading, t_ns: int) -> Counts:
-        """By sense: Fx Fy Fz Mx My Mz, 8192 where nothing acts, ``(1, 6)``; temperature [1/16 deg C] ``(1,)``."""
+        """Return, by sense, Fx Fy Fz Mx My Mz, 8192 for zero, ``(1, 6)``; temperature [1/16 deg C] ``(1,)``."""
         self.felt = reading["wrench"]
-        self.counts = quantize(self.felt - self.zero, self.scale, 0, HIGH, rest=REST)
+        self.counts = quantize(self.felt - self.zero, self.scale, 0, MAX_COUNTS, rest=REST_COUNTS)
         self.warmth = quantize(reading["temperature"], COUNTS_PER_DEG)
         return {"wrench": self.counts, "temperature": self.warmth}
 
     def stream(self, t_ns: int, name: str) -> Transmissions:
-        """Return a line, between S and E."""
+        """Return one line, between S and E."""
         return [_line(self._reading())] if self.streaming else ()
 
     def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
-        """Letters, F behind its digit."""
+        """Answer letters; the digit of F precedes it."""
         return [_line(answer) for letter in data.decode("latin-1") for answer in self._answer(letter)]
 
     def _reading(self) -> str:
@@ -163,7 +169,7 @@ class DynPick(Device):
         if letter == "R":
             return [self._reading()]
         if letter == "p":
-            return [",".join(f"{scale:.5f}"[:width] for scale, width in zip(self.scale.tolist(), WIDTHS))]
+            return [",".join(f"{scale:.5f}"[:width] for scale, width in zip(self.scale.tolist(), SENSITIVITY_WIDTHS))]
         if letter == "T":
             return [f"{self.warmth[0]:04X}"]
         if letter == "V":

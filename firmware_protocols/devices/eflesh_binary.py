@@ -1,16 +1,16 @@
 r"""eFlesh, the board with a binary stream: five MLX90393 on SPI below a printed magnetic skin, an ESP32.
 
 Wire: 921600 8N1 through a CP2102 bridge (10C4:EA60). Device to host only: there is no command. One ``FRAME`` per
-measurement, 184.6 a second. Opening the port restarts the board through DTR: it sends rubbish for seconds, and hosts
+measurement, 184.6 a second. Opening the port restarts the board through DTR: it sends garbage for seconds, and hosts
 wait 2.5 s.
 
 Sensors in wire order: 1 lower right, 2 lower left, 3 upper right, 4 upper left, 5 centre. The magnet over sensor 4 is
 built in upside down: its Bz is negative. Steps are 1.2 uT (x, y) and 1.9 uT (z), full scale 39.4 and 63.4 mT
-(RES_19). With RES_16 steps and full scale are an eighth, and what exceeds them wraps: a press jumps by 15.86 mT. A
+(RES_19). With RES_16 steps and full scale are an eighth, and larger values wrap: a press jumps by 15.86 mT. A
 sensor that does not answer sends 0.0 three times. With an oversampling that takes longer than a period, two frames of
 three are all zero.
 
-Other eFlesh boards speak the stream of ``anyskin``; this board's other firmware is text.
+Other eFlesh boards send the stream of ``anyskin``; this board's other firmware sends text.
 
 Try it: ``tactemu run eflesh_binary``, then ``skin_reader(port, 921600, ...)`` of eflesh_calib/skin_stream.py.
 """
@@ -48,17 +48,17 @@ FRAME = Frame("""
     last  xor8 from 2        check
 """)
 SOURCE = "Jnkdog-debug/eflesh-touch@8bbca5c"
-PLACES = ((1, -1), (-1, -1), (1, 1), (-1, 1), (0, 0))
-PITCH = 0.007
+CHIP_PLACES_IN_PITCHES = ((1, -1), (-1, -1), (1, 1), (-1, 1), (0, 0))
+PITCH_M = 0.007
 REST_UT = (7800.0, 6200.0, 6000.0, -3700.0, 4400.0)
-"""Bz of the untouched skin."""
+"""Bz of the untouched skin at each chip."""
 STEP_UT = np.array([0.150, 0.150, 0.242])
-"""RES_16; RES_19 drops three bits."""
+"""The steps of x, y and z with RES_16; RES_19 drops three bits."""
 AXES: tuple[Axis, ...] = ("x", "y", "z")
 
 
 class EfleshBinary(Device):
-    """Five three-axis magnetometers, one frame for all."""
+    """Five three-axis magnetometers that share one frame."""
 
     name = "eflesh_binary"
     kind = "fingertip"
@@ -108,19 +108,19 @@ class EfleshBinary(Device):
         zero_frames: Annotated[bool, Option("the oversampling is too slow: two frames of three are zero")] = False,
         gains: Annotated[
             tuple[float, float, float],
-            Option("of the force along x, y and z of a sensor, z out of the skin", unit="uT/N"),
+            Option("field per force along x, y and z of a sensor, z out of the skin", unit="uT/N"),
         ] = (500.0, 500.0, -1000.0),
         sees: Annotated[
             Literal["force", "field"],
-            Option("force through `gains`, or the field that a transducer of the scene makes"),
+            Option("force times `gains`, or the field that a transducer of the scene gives"),
         ] = "force",
     ):
         self.sees: Quantity = sees
         self.senses = (self.sees,)
         self.layout = Layout(
-            positions=PITCH * np.array([(x, y, 0.0) for x, y in PLACES]),
+            positions=PITCH_M * np.array([(x, y, 0.0) for x, y in CHIP_PLACES_IN_PITCHES]),
             normals=np.array([0.0, 0.0, 1.0]),
-            patches=(Patch(name="skin", start=0, rows=0, cols=5, pitch=PITCH),),
+            patches=(Patch(name="skin", start=0, rows=0, cols=5, pitch=PITCH_M),),
         )
         self.step, self.wraps = STEP_UT * 2.0 ** (resolution - 16), resolution == 16
         self.columns = tuple(
@@ -134,9 +134,9 @@ class EfleshBinary(Device):
         self.frame, self.sequence = FRAME.bind(wire_order=self.layout.wire_order), 0
 
     def measure(self, reading: Reading, t_ns: int) -> Counts:
-        """Return field [uT] as it is sent, float32 ``(5, 3)``: Bx, By, Bz."""
-        felt = self.layout.to_taxel_frame(reading[self.sees])
-        raw = np.rint((self.magnet(felt) if self.sees == "force" else 1e6 * felt) / self.step)
+        """Return the field [uT] as it is sent, float32 ``(5, 3)``: Bx, By, Bz."""
+        local = self.layout.to_taxel_frame(reading[self.sees])
+        raw = np.rint((self.magnet(local) if self.sees == "force" else 1e6 * local) / self.step)
         raw = (raw + 0x8000) % 0x10000 - 0x8000 if self.wraps else np.clip(raw, -0x8000, 0x7FFF)
         ready = self.answering & (not self.zero_frames or self.conversions % 3 == 0)
         self.conversions += 1
@@ -150,5 +150,5 @@ class EfleshBinary(Device):
         return [frame]
 
     def lines(self, dtr: bool, rts: bool, t_ns: int, port: str) -> Transmissions:
-        """DTR of an opened port restarts the board."""
+        """Restart the board when DTR of an opened port is set."""
         return [Restart()] if dtr else ()

@@ -1,21 +1,22 @@
-r"""Feetech STS3215 servos on one line: the six of an SO-101 arm, with what they feel of loads.
+r"""Feetech STS3215 servos on one line: the six of an SO-101 arm, with the loads that they measure.
 
-Wire: one-wire TTL behind an adapter, half duplex, 1 000 000 8N1; packets as :mod:`firmware_protocols.protocols.feetech`
-says. Nobody speaks unasked. All numbers are little-endian; signs are sign and magnitude. A servo is a memory:
+Wire: one-wire TTL behind an adapter, half duplex, 1 000 000 8N1; packets as in
+:mod:`firmware_protocols.protocols.feetech`. Servos transmit only in reply. All numbers are little-endian; signs are
+sign and magnitude. A servo is a memory:
 
     read position of 1   FF FF 01 04 02 38 02 BE                  FF FF 01 04 00 2A 08 C8     (2090)
     sync read of six     FF FF FE 0A 82 38 02 01 02 03 04 05 06 26
     sync write           FF FF FE 0A 83 2A 02 01 00 08 02 64 09 D0
 
-Registers below 40 survive power-off if they are written while ``lock`` is 0; with ``lock`` 1 they act, and are lost.
+Registers below 40 survive power-off if they are written while ``lock`` is 0; with ``lock`` 1 they act, but are lost.
 4096 steps are a turn. What a servo calls its position is its encoder minus ``offset``, 0..4095 unless bit 4 of
-``phase`` is set. ``torque`` 0 lets the shaft go, 1 holds it, 2 damps, 128 makes where it is 2048. ``mode`` 0 goes to
+``phase`` is set. ``torque`` 0 releases the shaft, 1 holds it, 2 damps, 128 makes its position 2048. ``mode`` 0 goes to
 ``goal`` within ``low`` and ``high``, 1 turns at ``goal_speed``, 2 with ``pwm``. In mode 0 ``goal_speed`` is the speed
 limit, 0 the greatest (50 x ``top_speed``) steps/s. The current (69) reads 0.
 
 ``status`` is in every answer: bit 0 voltage, 2 temperature, 5 overload. The driver of LeRobot reads a copy of the goal
-at 71, the vendor's table has it at 67. LeRobot takes the line speeds 5, 6, 7 for 57600, 38400, 19200 as is done here;
-the vendor's table says 76800, 57600, 38400.
+at 71, the vendor's table has it at 67. LeRobot takes the line speeds 5, 6, 7 for 57600, 38400, 19200, and so does
+this model; the vendor's table has 76800, 57600, 38400.
 
 Try it: ``tactemu run feetech_sts3215 --port pty:/tmp/arm``, then LeRobot's ``FeetechMotorsBus("/tmp/arm", ...)``.
 """
@@ -102,16 +103,25 @@ MAP = RegisterMap("""
     86  u1            factor          = 1
 """)
 BAUDS = (1_000_000, 500_000, 250_000, 128_000, 115_200, 57_600, 38_400, 19_200)
-TURN, MIDDLE, FAR, SEVERAL_TURNS, MAKE_MIDDLE = 4096, 2048, 2**40, 0x10, 128
-HOLDING, POSITION, SPEED, PWM = 1, 0, 1, 2
-VOLTAGE, HEAT, OVERLOAD = 1, 4, 32
+COUNTS_PER_TURN = 4096
+MIDDLE_COUNTS = 2048
+SHAFT_STOP_COUNTS = 2**40
+SEVERAL_TURNS = 0x10
+MAKE_MIDDLE = 128
+HOLDING = 1
+POSITION = 0
+SPEED = 1
+PWM = 2
+VOLTAGE = 1
+TEMPERATURE = 4
+OVERLOAD = 32
 ORDERS = {"torque", "mode", "goal", "pwm", "goal_speed", "top_speed", "low", "high", "offset"}
 LIMB = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper")
-SWING_NS = 4_000_000_000
+SWING_PERIOD_NS = 4_000_000_000
 
 
 class Servo:
-    """One servo: a memory that moves a shaft of the line, and tells where it is."""
+    """One servo of the line: a memory that moves a shaft, and gives its position."""
 
     def __init__(self, arm: FeetechSts3215, index: int, ident: int):
         self.arm, self.index = arm, index
@@ -122,48 +132,49 @@ class Servo:
 
     @property
     def id(self) -> int:
-        """0..253."""
+        """The id of the servo, 0..253."""
         return self.registers["id"]
 
     @property
     def delay_ns(self) -> int:
-        """Return delay."""
+        """The delay before an answer [ns]."""
         return 2000 * self.registers["delay"]
 
     @property
     def confirms(self) -> bool:
-        """Whether it answers writes, too."""
+        """True if the servo answers writes, too."""
         return self.registers["answers"] != 0
 
     @property
     def status(self) -> int:
-        """What is wrong with it."""
+        """The status bits: voltage, temperature, overload."""
         get, volts = self.registers.__getitem__, self.arm.volts
         fine = get("least_volts") <= volts <= get("most_volts")
         hot = self.arm.warmth[self.index] > get("hottest")
-        return VOLTAGE * (not fine) | HEAT * bool(hot) | OVERLOAD * bool(self.arm.overloaded[self.index])
+        return VOLTAGE * (not fine) | TEMPERATURE * bool(hot) | OVERLOAD * bool(self.arm.overloaded[self.index])
 
     # -- the shaft -------------------------------------------------------------------------------------------------
 
     def place(self, t_ns: int) -> float:
-        """Its position [steps]."""
+        """Return the position of the servo [steps]."""
         by_hand = self.by_hand + (self._swung(t_ns) if self.registers["torque"] == 0 else 0.0)
         place = self.arm.motors.positions(t_ns)[self.index] + by_hand - self.registers["offset"]
-        return place if self.registers["phase"] & SEVERAL_TURNS else place % TURN
+        return place if self.registers["phase"] & SEVERAL_TURNS else place % COUNTS_PER_TURN
 
     def _swung(self, t_ns: int) -> float:
-        """How far a hand has moved it since it was released [steps]."""
+        """Return how far a hand has moved the shaft since its release [steps]."""
         there, then = (
-            np.sin(2 * np.pi * (time_ns / SWING_NS - self.index / len(LIMB))) for time_ns in (t_ns, self.released_ns)
+            np.sin(2 * np.pi * (time_ns / SWING_PERIOD_NS - self.index / len(LIMB)))
+            for time_ns in (t_ns, self.released_ns)
         )
         return float(self.arm.swing[self.index] * (there - then))
 
     def _present(self, name: str, t_ns: int) -> float:
-        """What a register that can only be read shows."""
+        """Return the present value of a read-only register."""
         match name:
             case "position":
                 several = self.registers["phase"] & SEVERAL_TURNS
-                return round(self.place(t_ns)) if several else round(self.place(t_ns)) % TURN
+                return round(self.place(t_ns)) if several else round(self.place(t_ns)) % COUNTS_PER_TURN
             case "speed":
                 return self.arm.motors.velocities(t_ns)[self.index]
             case "moving":
@@ -192,7 +203,7 @@ class Servo:
         return self.registers.read(address, n)
 
     def write(self, address: int, data: bytes, t_ns: int) -> Sequence[str]:
-        """Store, keep what is unlocked, and go."""
+        """Store what the host writes, keep it in flash if unlocked, and move the shaft."""
         place, held = self.place(t_ns), self.registers["torque"]
         written = self.registers.write(address, data)
         if held == 0 and "torque" in written:
@@ -201,7 +212,7 @@ class Servo:
             self.released_ns = t_ns
         if self.registers["torque"] == MAKE_MIDDLE:
             self.registers["torque"] = 0
-            self.registers["offset"] = self.registers["offset"] + round(place) - MIDDLE
+            self.registers["offset"] = self.registers["offset"] + round(place) - MIDDLE_COUNTS
             written.append("offset")
         if self.registers["lock"] == 0:
             kept = {name: self.registers.all(name) for name in written if MAP.by_name[name].flash}
@@ -215,7 +226,7 @@ class Servo:
         return written
 
     def _go(self, t_ns: int) -> None:
-        """Do what the registers say."""
+        """Move the shaft as the registers order."""
         get, motors = self.registers.__getitem__, self.arm.motors
         top = 50 * get("top_speed")
         limits = self.arm.limits.copy()
@@ -239,7 +250,7 @@ _READ = "lerobot 0.4.4 motors/feetech/, robots/so_follower/; feetech-servo-sdk 1
 
 
 class FeetechSts3215(Device):
-    """Servos on one line."""
+    """Servos on one line, addressed by id."""
 
     name = "feetech_sts3215"
     kind = "hand"
@@ -285,19 +296,19 @@ class FeetechSts3215(Device):
     def __init__(
         self,
         *,
-        ids: Annotated[tuple[int, ...], Option("as delivered; register 5 tells and changes it")] = (1, 2, 3, 4, 5, 6),
+        ids: Annotated[tuple[int, ...], Option("ids as delivered; register 5 holds them")] = (1, 2, 3, 4, 5, 6),
         encoders: Annotated[
-            float | tuple[float, ...], Option("where the shafts are at power-up, before offsets", unit="steps")
+            float | tuple[float, ...], Option("positions of the shafts at power-up, before offsets", unit="steps")
         ] = 2048.0,
         swing: Annotated[
             float | tuple[float, ...],
-            Option("how far a hand moves released shafts to and fro, as it does a leader's", unit="rad", low=0.0),
+            Option("amplitude of a hand that moves released shafts to and fro, as a leader's", unit="rad", low=0.0),
         ] = 0.0,
         full_torque: Annotated[float, Option("load that reads 1000", unit="Nm", low=0.01)] = 2.94,
         volts: Annotated[float, Option("supply", unit="V", low=0.0, high=25.5)] = 12.1,
     ):
         n, self.full_torque = len(ids), full_torque
-        self.swing = np.broadcast_to(np.asarray(swing, float) / (2 * np.pi) * TURN, n)
+        self.swing = np.broadcast_to(np.asarray(swing, float) / (2 * np.pi) * COUNTS_PER_TURN, n)
         self.volts = round(10 * volts)
         self.layout = points({})
         self.names = [LIMB[ident - 1] if 1 <= ident <= len(LIMB) else f"servo {ident}" for ident in ids]
@@ -306,8 +317,8 @@ class FeetechSts3215(Device):
         scale = 1000 / full_torque
         self.columns = (Column(name="load", sense="load", unit="Nm", counts_per_unit=scale, low=-1000, high=1000),)
         self.motors = Motors(
-            np.broadcast_to(encoders, n), low=-FAR, high=FAR, time_constant_s=0.02, names=self.names,
-            unit=2 * np.pi / TURN, zero=MIDDLE, strength=full_torque,
+            np.broadcast_to(encoders, n), low=-SHAFT_STOP_COUNTS, high=SHAFT_STOP_COUNTS, time_constant_s=0.02,
+            names=self.names, unit=2 * np.pi / COUNTS_PER_TURN, zero=MIDDLE_COUNTS, strength=full_torque,
         )  # fmt: skip
         self.limits = np.full(n, 50.0 * MAP.by_name["top_speed"].default)  # type: ignore[operator]
         self.motors.limit_speed(self.limits, 0)
@@ -319,16 +330,16 @@ class FeetechSts3215(Device):
         self.speak_at(self.servos[0].registers["baud"])
 
     def limit_torques(self) -> None:
-        """In an engine a servo does at most its limit, and nothing while its torque is off."""
+        """Limit the torques in an engine: to each servo's limit, and to 0 while its torque is off."""
         get = [servo.registers.__getitem__ for servo in self.servos]
         self.motors.limit_force([each("torque_limit") / 1000 * (each("torque") == HOLDING) for each in get])
 
     def speak_at(self, code: int) -> None:
-        """The line's speed from now on."""
+        """Set the speed of the line."""
         self.ports = (Rs485(baud=BAUDS[code]),)
 
     def measure(self, reading: Reading, t_ns: int) -> Counts:
-        """What each motor does against its load [0.1 % of its torque], shape ``(n_servos,)``."""
+        """Return the torque of each motor against its load [0.1 % of full torque], shape ``(n_servos,)``."""
         self.counts = quantize(-reading["load"], 1000 / self.full_torque, -1000, 1000)
         self.warmth = quantize(reading["temperature"], 1.0, 0, 255)
         get = [servo.registers.__getitem__ for servo in self.servos]
@@ -340,21 +351,22 @@ class FeetechSts3215(Device):
         return self.counts
 
     def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
-        """Packets in chunks of any size."""
+        """Answer packets, which arrive in chunks of any size."""
         answers = self.line.answers(data, t_ns, self.servos)
         return [Sent(answer.frame, delay_ns=answer.delay_ns, turn=answer.turn) for answer in answers]
 
     def joints(self, t_ns: int) -> Mapping[str, float]:
-        """How far each shaft is from the middle of its turn [rad]."""
+        """Return the angle of each shaft from the middle of its turn [rad], by name."""
         return {
-            name: float((servo.place(t_ns) - MIDDLE) * 2 * np.pi / TURN) for name, servo in zip(self.names, self.servos)
+            name: float((servo.place(t_ns) - MIDDLE_COUNTS) * 2 * np.pi / COUNTS_PER_TURN)
+            for name, servo in zip(self.names, self.servos)
         }
 
     # -- datasheet -------------------------------------------------------------------------------------------------
 
     @property
     def commands(self) -> tuple[Command, ...]:
-        """Each instruction, to the arm as it comes."""
+        """Each instruction, to an arm with default options."""
         driver, table = "as lerobot 0.4.4 sends it", "vendor's memory table; sum by feetech-servo-sdk 1.0.0"
         done = "FF FF 01 02 00 FC"
         if self.options:

@@ -9,7 +9,7 @@ FlexiTac, 12 x 32 taxels as a rule. One frame per scan:
     2       rows x cols  uint8 per taxel, row by row: the 10-bit ADC, shifted right by 2
 
 No length, no checksum, no escape: a driver that first finds AA 55 inside an image that stands still never recovers.
-Taxels below AA (a push of less than 1.7 N here) cannot do that. Zeroing is the driver's: the median of 30 frames.
+Taxels below AA (a push of less than 1.7 N here) cannot do that. The driver zeroes, with the median of 30 frames.
 
 3D-ViTac, its forerunner, 16 x 16 taxels: a scan is text, 16 lines of 16 decimal numbers of 8 bits, a space behind each,
 row by row, each line ended by CR LF, and an empty line after them. A reader takes any line below ten characters for the
@@ -30,7 +30,7 @@ from firmware_protocols.facts import assumed, measured, stated
 
 MARKER = b"\xaa\x55"
 ADC_MAX = 1023
-PITCH = 0.002
+PITCH_M = 0.002
 HARDWARE = "FlexiTac/FlexiTac_Hardware_Repo@9cf98bf"
 VITAC = "binghao-huang/3D-ViTac_Tactile_Hardware@e151ea6"
 
@@ -61,24 +61,24 @@ class FlexiTac(Device):
         measured("timing", "a scan every 9.7 ms, give or take 1.6 to 1.9", "jsheng45/ViTac-Tactile-Sensing@0889c972"),
     )
     shift = 2
-    """What the firmware drops of the ADC's bits."""
+    """The number of ADC bits that the firmware drops."""
 
     def __init__(
         self,
         *,
-        rows: Annotated[int, Option("as the board was flashed", low=1, high=256)] = 12,
-        cols: Annotated[int, Option("as the board was flashed", low=1, high=256)] = 32,
+        rows: Annotated[int, Option("rows, as in the firmware of the board", low=1, high=256)] = 12,
+        cols: Annotated[int, Option("columns, as in the firmware of the board", low=1, high=256)] = 32,
         baseline: Annotated[int, Option("10-bit ADC value of an untouched taxel", low=0, high=ADC_MAX - 1)] = 80,
-        half_force: Annotated[float, Option("push half way from rest to full scale", unit="N", low=1e-6)] = 1.0,
+        half_force: Annotated[float, Option("normal force half way from rest to full scale", unit="N", low=1e-6)] = 1.0,
     ):
         self.title = f"FlexiTac {rows} x {cols} tactile matrix"
-        self.layout = grid_layout(rows, cols, PITCH, name="matrix")
+        self.layout = grid_layout(rows, cols, PITCH_M, name="matrix")
         self.baseline, self.half_force = baseline, half_force
         low, high = baseline >> self.shift, ADC_MAX >> self.shift
         self.columns = (Column(name="touch", low=low, high=high, rest=low, push=1),)
 
     def measure(self, reading: Reading, t_ns: int) -> Counts:
-        """What the driver calls raw: 0..255, shape ``(rows * cols,)``."""
+        """Return what the driver calls raw: 0..255, shape ``(rows * cols,)``."""
         push = np.maximum(self.layout.push(reading["force"]), 0.0)
         adc = self.baseline + (ADC_MAX - self.baseline) * push / (push + self.half_force)
         self.counts = adc.astype(np.int64) >> self.shift
@@ -90,7 +90,7 @@ class FlexiTac(Device):
 
 
 class ViTac3d(FlexiTac):
-    """The same matrix as text."""
+    """A matrix of 16 x 16 taxels that sends text."""
 
     name = "vitac_3d"
     evidence = ("firmware", "driver")
@@ -110,12 +110,12 @@ class ViTac3d(FlexiTac):
         self,
         *,
         baseline: Annotated[int, Option("10-bit ADC value of an untouched taxel", low=0, high=ADC_MAX - 1)] = 80,
-        half_force: Annotated[float, Option("push half way from rest to full scale", unit="N", low=1e-6)] = 1.0,
+        half_force: Annotated[float, Option("normal force half way from rest to full scale", unit="N", low=1e-6)] = 1.0,
     ):
         super().__init__(rows=16, cols=16, baseline=baseline, half_force=half_force)
         self.title = "3D-ViTac 16 x 16 tactile matrix, text"
 
     def stream(self, t_ns: int, name: str) -> Transmissions:
-        """Return one scan, as it is printed."""
+        """Return one scan, as lines of text."""
         rows = self.layout.on_wire(self.counts).reshape(16, 16).tolist()
         return ["".join("".join(f"{value} " for value in row) + "\r\n" for row in [*rows, []]).encode("ascii")]

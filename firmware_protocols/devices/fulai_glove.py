@@ -1,7 +1,7 @@
 r"""Fulai tactile glove: eight zones of resistive taxels, three versions of the hardware, left and right.
 
 Wire: serial at 2 000 000 8N1, DTR set. It streams from power-up: float32 little-endian, ADC counts 0..4095, then the
-"JustFloat" tail, a float infinity (``FRAME``). The number of floats tells the version:
+"JustFloat" tail, a float infinity (``FRAME``). The number of floats gives the version:
 
     hardware  floats  thumb  each finger  palm  thenar  hypothenar
     3.0       415     50     50           42    45      78
@@ -9,19 +9,19 @@ Wire: serial at 2 000 000 8N1, DTR set. It streams from power-up: float32 little
     3.2       615     82+8   90           42    38+7    78        +8, +7: slots behind the zone that hold no taxel
 
 Zones follow in this order, each row by row from the fingertips, left to right; those of a left hand's palm, thenar and
-hypothenar right to left. Rows get narrower at the edges (``FINGER`` ...).
+hypothenar right to left. Rows get narrower at the edges (``FINGER_ROWS`` ...).
 
 Text to the glove, lines ended by CR LF:
 
     line               answer
     vofa off           - (stops the stream)
-    vofa on            - (goes on)
+    vofa on            - (resumes the stream)
     bridge info get    OK BRIDGE MODEL=FuLai_SensorGlove FW= HW= PROTOCOL= HAND= HAND_DEFAULT= HAND_SOURCE= IAP=
     any other          ERR unknown command
 
-Old firmware does not know the third (``identity=false``): the driver is then told hand and version by its user, or
-finds the version by the length of three frames. No checksum. Taring (30 frames) and newtons are the driver's. A 0
-before a taxel at 1022 or 4088 makes the tail inside a frame: the driver throws that frame away.
+Old firmware does not support the third (``identity=false``): the user of the driver then gives hand and version, or the
+driver finds the version by the length of three frames. No checksum. The driver does the taring (30 frames) and the
+scaling to newtons. A 0 before a taxel at 1022 or 4088 forms the tail inside a frame: the driver drops that frame.
 
 Try it: ``tactemu run fulai_glove``, then ``tactile-stream PORT G-001 left``.
 """
@@ -44,35 +44,36 @@ FRAME = Frame("""
     0     <f4 x slots     adc    0..4095, zone after zone
     ..    00 00 80 7F     tail   float infinity
 """)
-UNKNOWN = b"ERR unknown command\r\n"
+UNKNOWN_COMMAND = b"ERR unknown command\r\n"
 ADC_MAX = 4095
 SDK = "fulai-tactile 1.0.5"
 
 Rows = tuple[tuple[int, int], ...]
-"""First column and number of taxels of each row, of a left hand seen from its palm, fingers up."""
-FINGER: Rows = ((2, 4), (1, 6))
-PALM: Rows = ((0, 14),) * 3
-THENAR: dict[str, Rows] = {
+"""The first column and the number of taxels of each row, of a left hand seen from its palm, fingers up."""
+FINGER_ROWS: Rows = ((2, 4), (1, 6))
+PALM_ROWS: Rows = ((0, 14),) * 3
+THENAR_ROWS: dict[str, Rows] = {
     "3.0": ((0, 3), (0, 5), (0, 5), (0, 6), (0, 6), (0, 6), (1, 5), (2, 4), (2, 3), (3, 2)),
     "3.1": ((0, 2), (0, 3), (0, 4), (0, 5), (0, 5), (0, 5), (0, 5), (1, 4), (1, 3), (2, 1)),
     "3.2": ((0, 2), (0, 3), (0, 4), (0, 5), (0, 5), (0, 5), (0, 5), (1, 4), (1, 3), (2, 2)),
 }
-HYPOTHENAR_31: Rows = ((4, 6), (3, 7), (3, 7), (2, 7), (2, 7), (2, 7), (1, 8), (1, 7), (0, 8), (0, 8))
-HYPOTHENAR: Rows = ((3, 7), (3, 7), (2, 8), (2, 8), (2, 7), (1, 8), (1, 8), (0, 9), (0, 8), (0, 8))
-SPANS_32 = {"thumb": 90, "thenar": 45}
-"""Slots of zones that have more of them than taxels."""
+HYPOTHENAR_ROWS_31: Rows = ((4, 6), (3, 7), (3, 7), (2, 7), (2, 7), (2, 7), (1, 8), (1, 7), (0, 8), (0, 8))
+HYPOTHENAR_ROWS: Rows = ((3, 7), (3, 7), (2, 8), (2, 8), (2, 7), (1, 8), (1, 8), (0, 9), (0, 8), (0, 8))
+SLOTS_32 = {"thumb": 90, "thenar": 45}
+"""The slots of the zones of hardware 3.2 that have more slots than taxels."""
 
-PLACES = {
+ZONE_CENTRES_M = {
     "thumb": (-0.060, 0.040), "index": (-0.032, 0.090), "middle": (-0.010, 0.100), "ring": (0.012, 0.092),
     "little": (0.034, 0.075), "palm": (0.0, 0.040), "thenar": (-0.022, 0.0), "hypothenar": (0.022, 0.0),
 }  # fmt: skip
-"""Middle of each zone of a left hand seen from its palm, fingers up [m]."""
-FINGERS = tuple(PLACES)[:5]
-FINE, COARSE = 0.002, 0.004
+"""The middle of each zone of a left hand, seen from its palm, fingers up."""
+FINGERS = tuple(ZONE_CENTRES_M)[:5]
+FINGER_PITCH_M = 0.002
+PALM_PITCH_M = 0.004
 
 
 class FulaiGlove(Device):
-    """A glove that streams floats, and says who it is."""
+    """A glove that streams floats and answers a request for its identity."""
 
     name = "fulai_glove"
     kind = "glove"
@@ -105,11 +106,11 @@ class FulaiGlove(Device):
         self,
         *,
         hardware: Annotated[Literal["3.0", "3.1", "3.2"], Option("version")] = "3.1",
-        hand: Annotated[Literal["left", "right"], Option("the hand that it fits")] = "left",
-        identity: Annotated[bool, Option("knows `bridge info get`; old firmware does not")] = True,
-        firmware: Annotated[str, Option("version that the identity tells, without spaces")] = "3.5.0",
+        hand: Annotated[Literal["left", "right"], Option("hand that the glove fits")] = "left",
+        identity: Annotated[bool, Option("answers `bridge info get`; old firmware does not")] = True,
+        firmware: Annotated[str, Option("version in the identity, without spaces")] = "3.5.0",
         baseline: Annotated[int, Option("ADC value of an untouched taxel", low=0, high=ADC_MAX - 1)] = 100,
-        half_force: Annotated[float, Option("push half way from rest to full scale", unit="N", low=1e-6)] = 1.0,
+        half_force: Annotated[float, Option("normal force half way from rest to full scale", unit="N", low=1e-6)] = 1.0,
     ):
         self.title = f"Fulai tactile glove V{hardware}, {hand}"
         self.rate_hz = 80.0 if hardware == "3.2" else 100.0
@@ -127,18 +128,18 @@ class FulaiGlove(Device):
         self.lines_in = Lines(counters=self.counters)
 
     def measure(self, reading: Reading, t_ns: int) -> Counts:
-        """ADC counts of each taxel, zone after zone."""
+        """Return ADC counts of each taxel, zone after zone."""
         push = np.maximum(self.layout.push(reading["force"]), 0.0)
         self.counts = quantize(push / (push + self.half_force), ADC_MAX - self.baseline, 0, ADC_MAX, self.baseline)
         return self.counts
 
     def stream(self, t_ns: int, name: str) -> Transmissions:
-        """Return one frame, unless it was stopped."""
+        """Return one frame, unless the stream was stopped."""
         self.floats[self.slots] = self.layout.on_wire(self.counts)
         return [self.frame.pack(adc=self.floats)] if self.streaming else ()
 
     def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
-        """Return lines of text."""
+        """Answer lines of text."""
         return [answer for line in self.lines_in.cut(data) for answer in self._obey(line)]
 
     def _obey(self, line: bytes) -> Transmissions:
@@ -147,15 +148,15 @@ class FulaiGlove(Device):
             self.streaming = line == b"vofa on"
             return ()
         if line == b"bridge info get":
-            return [self.answer if self.identity else UNKNOWN]
+            return [self.answer if self.identity else UNKNOWN_COMMAND]
         self.counters["unknown_command"] += 1
-        return [UNKNOWN]
+        return [UNKNOWN_COMMAND]
 
     @property
     def commands(self) -> tuple[Command, ...]:
-        """What the driver sends when it opens and closes."""
+        """The driver's lines at open and close."""
         origin = "fulai-tactile 1.0.5 identity.py, session.py"
-        asked = (self.answer if self.identity else UNKNOWN).hex()
+        asked = (self.answer if self.identity else UNKNOWN_COMMAND).hex()
         return (
             Command(name="stop", request=b"vofa off\r\n", origin=origin),
             Command(name="identity", request=b"bridge info get\r\n", reply=asked, origin=origin),
@@ -164,32 +165,32 @@ class FulaiGlove(Device):
 
 
 def _zones(hardware: str) -> dict[str, Rows]:
-    """Return rows by the name of the zone, in the order of the wire."""
-    whole = dict.fromkeys(FINGERS, 10 if hardware == "3.2" else 5)
+    """Return the rows of each zone by name, in wire order."""
+    full_rows = dict.fromkeys(FINGERS, 10 if hardware == "3.2" else 5)
     if hardware == "3.2":
-        whole["thumb"] = 9
-    fingers = {name: FINGER + ((0, 8),) * rows for name, rows in whole.items()}
-    hypothenar = HYPOTHENAR_31 if hardware == "3.1" else HYPOTHENAR
-    return {**fingers, "palm": PALM, "thenar": THENAR[hardware], "hypothenar": hypothenar}
+        full_rows["thumb"] = 9
+    fingers = {name: FINGER_ROWS + ((0, 8),) * rows for name, rows in full_rows.items()}
+    hypothenar = HYPOTHENAR_ROWS_31 if hardware == "3.1" else HYPOTHENAR_ROWS
+    return {**fingers, "palm": PALM_ROWS, "thenar": THENAR_ROWS[hardware], "hypothenar": hypothenar}
 
 
 def _slots(zones: dict[str, Rows], hardware: str) -> tuple[np.ndarray, int]:
-    """Where each taxel's float stands in a frame, and how many floats that has."""
+    """Return the slot of each taxel's float in a frame, and the number of floats in a frame."""
     taxels = {name: sum(count for _, count in rows) for name, rows in zones.items()}
-    spans = taxels | SPANS_32 if hardware == "3.2" else taxels
+    spans = taxels | SLOTS_32 if hardware == "3.2" else taxels
     starts = np.cumsum([0, *spans.values()])
     return np.concatenate([start + np.arange(n) for start, n in zip(starts, taxels.values())]), int(starts[-1])
 
 
 def _zone(name: str, rows: Rows, hand: str) -> Layout:
-    """Return one zone, its taxels as they are numbered."""
+    """Return one zone, with its taxels in the order of their numbers."""
     finger, mirrored = name in FINGERS, -1 if hand == "right" else 1
     cells = np.array(
         [(col, row) for row, (first, n) in enumerate(rows) for col in range(first, first + n)[:: 1 if finger else -1]]
     )
-    pitch = FINE if finger else COARSE
+    pitch = FINGER_PITCH_M if finger else PALM_PITCH_M
     x, y = (pitch * (cells - cells.max(axis=0) / 2)).T
-    middle_x, middle_y = PLACES[name]
+    middle_x, middle_y = ZONE_CENTRES_M[name]
     places = np.stack([mirrored * middle_x + (x if finger else mirrored * x), middle_y - y, 0 * x], axis=-1)
     patch = Patch(name=name, start=0, rows=0, cols=len(places), pitch=pitch, link=name if finger else "palm")
     return Layout(positions=places, normals=np.array([0.0, 0.0, 1.0]), patches=(patch,))

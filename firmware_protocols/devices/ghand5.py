@@ -12,19 +12,19 @@ first. Input registers (function 04):
     1080  1              bits 8 to 12: thumb .. little finger are valid; low byte: error
     1081  3 a finger     resultant Fx, Fy (signed), Fz, each in the high byte
     1090  57, then 4x47  taxels of the thumb (38), index .. little finger (31 each): bytes Fx, Fy (signed), Fz, row by
-                         row; a byte 00 fills up the last register of a finger
+                         row; a byte 00 completes the last register of a finger
 
 Holding registers (functions 03, 06, 16):
 
     0000  1              unit, in force at once
-    0001  1              0100 clears faults; the low byte then reads 1, which is done
+    0001  1              0100 clears faults; the low byte then reads 1, for done
     0002  1              1 initialises the joints
     0010  1              high byte: mode, 0 position, 1 torque, 2 speed; low byte: 1 stops
     0011  2 a motor      angle to go to [0.1 deg], speed and torque [%], of the 13 joints that have one
-    002B  1              0100 touch on, 0200 off, 0400 makes what is felt now zero
+    002B  1              0100 touch on, 0200 off, 0400 makes the present forces zero
     2007  3              motor driver's version
 
-Forces are in 0.1 N. The hand also speaks CAN-FD and EtherCAT; they are not in this model.
+Forces are in 0.1 N. The hand also has CAN-FD and EtherCAT, which are not in this model.
 
 Try it: ``tactemu run ghand5``, then send 31 04 10 80 00 10 F1 1E; or ``GHand(ProductType.GHand5, CommType.RS485)``.
 """
@@ -52,7 +52,7 @@ JOINTS = {
     "ring dip": (), "ring pip": (0, 90), "ring mcp": (0, 90),
     "little dip": (), "little pip": (0, 74), "little mcp": (0, 90),
 }  # fmt: skip
-DRIVEN = [k for k, stops in enumerate(JOINTS.values()) if stops]
+DRIVEN_JOINTS = [k for k, stops in enumerate(JOINTS.values()) if stops]
 INPUTS = RegisterMap("""
     8192  u1 x 16   name         r
     8208  u1 x 16   hardware     r
@@ -80,18 +80,22 @@ HOLDING = RegisterMap("""
     87     u1        touch_done
     16398  >u2 x 3   drivers     = 1, 0, 0  r
 """)
-"""By byte: two for each register."""
-ORDER, JOINT = np.dtype([("angle", ">i2"), ("speed", "i1"), ("torque", "i1")]), np.dtype(">u1, u1, >i2, i1, i1")
+"""Offsets count bytes: two for each register."""
+ORDER_TYPE = np.dtype([("angle", ">i2"), ("speed", "i1"), ("torque", "i1")])
+JOINT_TYPE = np.dtype(">u1, u1, >i2, i1, i1")
 BAUD = 1_000_000
 UNITS = {"left": 0x31, "right": 0x32}
-ON, OFF, ZERO = 1, 2, 4
-FULL_SPEED = 180.0
+TOUCH_ON = 1
+TOUCH_OFF = 2
+TOUCH_ZERO = 4
+FULL_SPEED_DEG_PER_S = 180.0
 TAXELS = {"thumb": 38, "index": 31, "middle": 31, "ring": 31, "little": 31}
 ALL_VALID = 0x1F
-PAD = (0.012, 0.018)
-BETWEEN_FINGERS = 0.025
+PAD_SIZE_M = (0.012, 0.018)
+FINGER_SPACING_M = 0.025
 COUNTS_PER_NEWTON = 10.0
-LOW, HIGH = np.array([-128, -128, 0]), np.array([127, 127, 255])
+LOW_COUNTS = np.array([-128, -128, 0])
+HIGH_COUNTS = np.array([127, 127, 255])
 AXES: tuple[Axis, ...] = ("x", "y", "z")
 _SDK = "gli-sdk/GHand-Python-SDK@3ebbadf"
 _COMM = f"{_SDK} src/ghand/comm/rs485_comm.py"
@@ -99,7 +103,7 @@ _READ = "rs485_comm.py, canfd_comm.py, modbus_codec.py, ghand.py, types.py, conf
 
 
 class GHand5(Device):
-    """Five fingertips and thirteen motors, asked for by register."""
+    """A hand of five fingertips and thirteen motors, which a driver polls by register."""
 
     name = "ghand5"
     kind = "hand"
@@ -108,7 +112,7 @@ class GHand5(Device):
     columns = tuple(
         Column(name=f"F{axis}", axis=axis, unit="N", counts_per_unit=COUNTS_PER_NEWTON, low=low, high=high,
                push=1 if axis == "z" else 0)
-        for axis, low, high in zip(AXES, LOW.tolist(), HIGH.tolist())
+        for axis, low, high in zip(AXES, LOW_COUNTS.tolist(), HIGH_COUNTS.tolist())
     )  # fmt: skip
     evidence = ("driver",)
     sources = (f"{_SDK} (the vendor's own)",)
@@ -136,12 +140,12 @@ class GHand5(Device):
         self,
         *,
         side: Annotated[Literal["right", "left"], Option("which hand; sets the unit")] = "left",
-        model: Annotated[str, Option("in register 1000; at most 16 characters of ASCII")] = "GHand 5",
-        firmware: Annotated[str, Option("in register 1010; at most 16 characters of ASCII")] = "v1.0.0",
-        serial: Annotated[int, Option("in register 1018", low=0, high=2**128 - 1)] = 1,
+        model: Annotated[str, Option("text in register 1000; at most 16 characters of ASCII")] = "GHand 5",
+        firmware: Annotated[str, Option("text in register 1010; at most 16 characters of ASCII")] = "v1.0.0",
+        serial: Annotated[int, Option("number in register 1018", low=0, high=2**128 - 1)] = 1,
     ):
-        pads = [filled(count, *PAD, name=name, link=name) for name, count in TAXELS.items()]
-        self.layout = stack(*(place(pad, (k * BETWEEN_FINGERS, 0.0, 0.0)) for k, pad in enumerate(pads)))
+        pads = [filled(count, *PAD_SIZE_M, name=name, link=name) for name, count in TAXELS.items()]
+        self.layout = stack(*(place(pad, (k * FINGER_SPACING_M, 0.0, 0.0)) for k, pad in enumerate(pads)))
         self.inputs = Registers(INPUTS)
         for name, text in (("name", model), ("hardware", "v1.0.0"), ("firmware", firmware)):
             self.inputs[name] = np.frombuffer(text.encode("ascii")[:16].ljust(16, b"\0"), np.uint8)
@@ -150,12 +154,14 @@ class GHand5(Device):
         self.holding = Registers(HOLDING, kept={"unit": UNITS[side], **self.flash})
         self.rtu = Rtu(counters=self.counters, gap_ns=silence_ns(BAUD))
         low, high = np.array([stops for stops in JOINTS.values() if stops], float).T
-        self.motors = Motors(np.maximum(low, 0.0), low=low, high=high, time_constant_s=0.0, speed_limit=FULL_SPEED)
+        self.motors = Motors(
+            np.maximum(low, 0.0), low=low, high=high, time_constant_s=0.0, speed_limit=FULL_SPEED_DEG_PER_S
+        )
         self.forces = self.zero = np.zeros((len(self.layout), 3))
         self.on = True
 
     def measure(self, reading: Reading, t_ns: int) -> Counts:
-        """Fx, Fy, Fz of each taxel [0.1 N], a push positive, shape ``(162, 3)``."""
+        """Return Fx, Fy, Fz of each taxel [0.1 N], a push positive, shape ``(162, 3)``."""
         self.forces = self.layout.to_taxel_frame(reading["force"]) * [1, 1, -1]
         forces = (self.forces - self.zero) * self.on
         counts = _counts(forces)
@@ -163,33 +169,33 @@ class GHand5(Device):
         sums = _counts(np.array([forces[taxels].sum(axis=0) for taxels in fingers]))
         self.inputs["resultant"] = np.stack([sums & 0xFF, 0 * sums], axis=-1).ravel()
         sent = self.layout.on_wire(counts & 0xFF)
-        self.inputs["taxels"] = np.concatenate([_whole(sent[taxels].ravel()) for taxels in fingers])
+        self.inputs["taxels"] = np.concatenate([_padded(sent[taxels].ravel()) for taxels in fingers])
         self.inputs["state"] = ALL_VALID * self.on
         return counts
 
     def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
-        """Modbus requests in chunks of any size."""
+        """Answer Modbus requests, which arrive in chunks of any size."""
         self._report(t_ns)
         banks = Banks(inputs=self.inputs, holding=self, functions=(3, 4, 6, 16))
         return self.rtu.answers(data, t_ns, {self.holding["unit"]: banks})
 
     def _report(self, t_ns: int) -> None:
-        """Bring the joints' registers up to date."""
-        moving, orders, joints = self.motors.moving(t_ns), self._orders(), np.zeros(len(JOINTS), JOINT)
-        joints["f0"][DRIVEN], joints["f3"][DRIVEN] = moving, np.where(moving, orders["speed"], 0)
-        joints["f2"][DRIVEN] = np.rint(10 * self.motors.positions(t_ns))
+        """Update the registers of the joints."""
+        moving, orders, joints = self.motors.moving(t_ns), self._orders(), np.zeros(len(JOINTS), JOINT_TYPE)
+        joints["f0"][DRIVEN_JOINTS], joints["f3"][DRIVEN_JOINTS] = moving, np.where(moving, orders["speed"], 0)
+        joints["f2"][DRIVEN_JOINTS] = np.rint(10 * self.motors.positions(t_ns))
         self.inputs["joints"] = np.frombuffer(joints.tobytes(), np.uint8)
         self.inputs["running"] = moving.any()
 
     def _orders(self) -> np.ndarray:
-        return np.frombuffer(bytes(self.holding.all("orders")), ORDER)
+        return np.frombuffer(bytes(self.holding.all("orders")), ORDER_TYPE)
 
     def read(self, address: int, n: int, t_ns: int) -> bytes:
-        """Holding registers."""
+        """Return holding registers."""
         return self.holding.read(address, n)
 
     def write(self, address: int, data: bytes, t_ns: int) -> Sequence[str]:
-        """Store, and do what was ordered."""
+        """Store what the host writes, and execute its orders."""
         written = self.holding.write(address, data)
         self.flash.update(self.holding.kept())
         if self.holding["clear"]:
@@ -200,26 +206,26 @@ class GHand5(Device):
             self.motors.go(self.motors.positions(t_ns), t_ns)
         elif "orders" in written and self.holding["mode"] == 0:
             orders, first, end = self._orders(), max(address - 34, 0) // 4, (address + len(data) - 34 + 3) // 4
-            self.motors.limit_speed(FULL_SPEED * np.abs(orders["speed"]) / 100, t_ns)
-            goals = np.full(len(DRIVEN), np.nan)
+            self.motors.limit_speed(FULL_SPEED_DEG_PER_S * np.abs(orders["speed"]) / 100, t_ns)
+            goals = np.full(len(DRIVEN_JOINTS), np.nan)
             goals[first:end] = orders["angle"][first:end] / 10
             self.motors.go(goals, t_ns)
         self.holding.reset("stop", "initialise", "touch")
         return written
 
     def _order_touch(self, order: int) -> None:
-        if order == ZERO:
+        if order == TOUCH_ZERO:
             self.zero = self.forces
-        elif order in (ON, OFF):
-            self.on = order == ON
+        elif order in (TOUCH_ON, TOUCH_OFF):
+            self.on = order == TOUCH_ON
 
     def joints(self, t_ns: int) -> Mapping[str, float]:
-        """Where the joints are that have a motor [rad]."""
-        return dict(zip([list(JOINTS)[k] for k in DRIVEN], np.deg2rad(self.motors.positions(t_ns)).tolist()))
+        """Return the angles of the joints that have a motor [rad], by name."""
+        return dict(zip([list(JOINTS)[k] for k in DRIVEN_JOINTS], np.deg2rad(self.motors.positions(t_ns)).tolist()))
 
     @property
     def commands(self) -> tuple[Command, ...]:
-        """What is felt by a left hand, what it says of itself, and orders."""
+        """Requests for touch and identity, and orders, to a hand with default options."""
         if self.options:
             return ()
         origin = f"{_SDK}; CRC by a second program"
@@ -259,10 +265,10 @@ _EXAMPLES = (
 
 
 def _counts(forces: np.ndarray) -> np.ndarray:
-    """Of forces [N], shape ``(n, 3)``."""
-    return np.clip(quantize(forces, COUNTS_PER_NEWTON, LOW.min(), HIGH.max()), LOW, HIGH)
+    """Return counts of forces [N], shape ``(n, 3)``."""
+    return np.clip(quantize(forces, COUNTS_PER_NEWTON, LOW_COUNTS.min(), HIGH_COUNTS.max()), LOW_COUNTS, HIGH_COUNTS)
 
 
-def _whole(data: np.ndarray) -> np.ndarray:
-    """Return bytes that fill whole registers."""
+def _padded(data: np.ndarray) -> np.ndarray:
+    """Return ``data``, padded with a byte 0 to complete its last register."""
     return np.append(data, [0] * (len(data) % 2))

@@ -89,11 +89,17 @@ TAIL = Frame("""
     7    u1        ending          out of range, pads 3 to 0; four bits of flags
 """)
 TRIANGLES = 16
-NO_ACK, NOT_CONNECTED = 1, 2
+NO_ACK = 1
+NOT_CONNECTED = 2
 TO_ALL = 0xF
-NEW, OLD = 4, 3
+NEW = 4
+OLD = 3
 """Classes of identifiers."""
-TEMPERATURE, PALM_OR_TIP, ERGO_HAND, TEST_MODE, TEMPERATURE_V2 = 0, 1, 3, 7, 8
+TEMPERATURE = 0
+PALM_OR_TIP = 1
+ERGO_HAND = 3
+TEST_MODE = 7
+TEMPERATURE_V2 = 8
 GAINS = {
     TEMPERATURE: (70, 96, 83, 38, 38, 70, 0, 45, 77, 164, 0, 77),
     PALM_OR_TIP: (0,) * PADS,
@@ -104,8 +110,12 @@ GAINS = {
 ERGO_ORDER = np.array([0, 4, 8, 12, 16, 9, 10, 11, 13, 15, 1, 2, 3, 5, 6, 7])
 """The chip that each triangle of an ergoCub hand is sent from; 0 to 4 are fingertips, which it does not compensate."""
 ORDER = np.arange(16)
-CHIPS, ABSENT, SCANS = 17, 0xFFFF, 5
-BOARD_TYPE, VERSION, PROTOCOL = 11, (1, 25, 0), (2, 0)
+CHIPS = 17
+ABSENT = 0xFFFF
+SCANS = 5
+BOARD_TYPE = 11
+VERSION = (1, 25, 0)
+PROTOCOL = (2, 0)
 INFORMATION = b"skin".ljust(32, b"\0")
 FINGERS = ("index", "middle", "ring", "little", "thumb")
 HAND = (0, 1, 2, 3, 4, 8, 9, 10, 11)
@@ -124,9 +134,13 @@ PATTERN = np.array(
 """How far below its calibration each pad of a hand's fingertips was at rest, in raw counts, finger by finger."""
 
 _MASK = 1 << np.arange(PADS)
-REST, RAW_MAX = 0x6000, 0xFFFF
-RAW_PER_NEWTON, RAW_PER_DEG = 600.0, 20.0
-NO_LOAD, OLD_NO_LOAD, SHIFT = 245, 240, 2
+REST = 0x6000
+RAW_MAX = 0xFFFF
+RAW_PER_NEWTON = 600.0
+RAW_PER_DEG = 20.0
+NO_LOAD = 245
+OLD_NO_LOAD = 240
+SHIFT = 2
 
 
 class Blank(NamedTuple):
@@ -514,7 +528,8 @@ class IcubSkin(Device[CanFrame]):
 
 
 _VERSION = "icub-firmware@b429921 embot_prot_can.cpp:354, embot_prot_can_bootloader.cpp BROADCAST"
-_DRIVER, _MESSAGES = "icub-main@24c1a00 CanBusSkin.cpp", "icub-firmware-shared@62f2818 iCubCanProto_classes.h"
+_DRIVER = "icub-main@24c1a00 CanBusSkin.cpp"
+_MESSAGES = "icub-firmware-shared@62f2818 iCubCanProto_classes.h"
 _SET_UP = (
     ("board set-up", "4D 00 32 F0", "compensated, 50 ms, no load 240; clears triangles", _DRIVER),
     ("triangle set-up", "50 00 0F 02 01 00 22", "all triangles; recalibrates, stops", _DRIVER),

@@ -41,7 +41,8 @@ SIDE = 0.030
 HEIGHT = SIDE * np.sqrt(3) / 2
 
 FOREARM_RADIUS = 0.040
-TIP_PITCH, TIP_RADIUS = 0.004, 0.007
+TIP_PITCH = 0.004
+TIP_RADIUS = 0.007
 
 
 class Sheet(NamedTuple):

@@ -103,12 +103,20 @@ BAUDS = (115200, 57600, 19200, 921600, 921600)
 FUNCTIONS = (3, 6, 16)
 ORDERS = ("clear_errors", "save", "restore", "zero_force")
 GRAMS = 1000 / 9.80665
-OPEN, CLOSED_POSITION, FULL_SCALE = 1000.0, 2000, 4096
-FULL_STROKE_S, STROKE_RAD, MOVING_MA = 0.6, 1.6, 200
-MOST_FORCE, LEVER_M, AT_ITS_FORCE, FULL_MA = 3000, 0.07, 3, 2000
+OPEN = 1000.0
+CLOSED_POSITION = 2000
+FULL_SCALE = 4096
+FULL_STROKE_S = 0.6
+STROKE_RAD = 1.6
+MOVING_MA = 200
+MOST_FORCE = 3000
+LEVER_M = 0.07
+AT_ITS_FORCE = 3
+FULL_MA = 2000
 STRENGTH_NM = MOST_FORCE / GRAMS * LEVER_M
 
-FINE, COARSE = 0.0015, 0.004
+FINE = 0.0015
+COARSE = 0.004
 FINGER = (("tip", 3, 3, 0.033), ("top", 12, 8, 0.021), ("pad", 10, 8, 0.0))
 THUMB = (("tip", 3, 3, 0.048), ("top", 12, 8, 0.036), ("middle", 3, 3, 0.023), ("pad", 12, 8, 0.01))
 """Matrices along a finger: name, rows, columns, height of the centre above the finger's base [m]."""
@@ -314,7 +322,7 @@ class InspireRh56dftp(Device):
         return values.reshape(-1, 2)[:, ::-1].ravel() if self.swapped else values
 
     def write(self, address: int, data: bytes, t_ns: int) -> Sequence[str]:
-        """Store, and do what was ordered."""
+        """Store what the host writes, and execute its orders."""
         written = self.registers.write(address, data)
         if "position_set" in written:
             self.motors.go((CLOSED_POSITION - self._given("position_set")) / 2, t_ns)

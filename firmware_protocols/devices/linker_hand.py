@@ -82,16 +82,22 @@ from firmware_protocols.layouts import stack
 from firmware_protocols.motors import Motors
 
 FINGERS = ("thumb", "index", "middle", "ring", "little")
-FINGER_SPACING, PALM_DISTANCE = 0.025, 0.06
+FINGER_SPACING = 0.025
+PALM_DISTANCE = 0.06
 PITCH = 0.0015
 COUNTS_PER_NEWTON = 500.0
-FIRST_FINGER, PALM = 0xB1, 5
+FIRST_FINGER = 0xB1
+PALM = 5
 BROADCAST = 0xFF
 JOINTS = {"thumb_flex": 1.2, "thumb_abd": 1.5, "index": 1.6, "middle": 1.6, "ring": 1.6, "pinky": 1.6}
 """Joints of a hand with six, and how far each goes from open (255) to closed (0) [rad]."""
-STROKE_S, STRENGTH_NM, OVERLOAD, OVERLOADED = 0.5, 0.8, 0.9, 8
+STROKE_S = 0.5
+STRENGTH_NM = 0.8
+OVERLOAD = 0.9
+OVERLOADED = 8
 SERIAL_BYTES = 24
-OLDER_IDENTITY, OLDER_VERSIONS = b"\x06\x16", b"\x24\x11\x00"
+OLDER_IDENTITY = b"\x06\x16"
+OLDER_VERSIONS = b"\x24\x11\x00"
 """Mechanical version and number; software 2.4, hardware 1.1, revision."""
 MOST_JOINTS = 30
 VALUES_PER_FRAME = 5
@@ -244,7 +250,8 @@ Shown = Annotated[Literal["present", "set"], Option("what speeds and torques ans
 
 READ = "linkerhand-python-sdk@b371361 and -ros2-sdk@bba0b9d core/can, doc; linkerbot 0.5.4 hand; the vendor's table"
 """Files that were read whole for what is assumed."""
-ROS2, PYTHON = "linkerhand-ros2-sdk@bba0b9d", "linkerhand-python-sdk@b371361"
+ROS2 = "linkerhand-ros2-sdk@bba0b9d"
+PYTHON = "linkerhand-python-sdk@b371361"
 SDKS = f"linkerbot 0.5.4, linker-bot/{PYTHON}, linker-bot/linkerhand-cpp-sdk@a0100cf"
 L21_TOPIC = f"{ROS2} doc/Topic-Reference.md:140, what an L21 published"
 FACTS = (

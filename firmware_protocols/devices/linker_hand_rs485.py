@@ -52,7 +52,7 @@ MAP = RegisterMap(
     """,
     size=2 * 168,
 )
-"""By byte: two for each register."""
+"""Offsets count bytes: two for each register."""
 BAUD = 115200
 SDK_FILE = "linkerhand-python-sdk@b371361 LinkerHand/core/rs485/linker_hand_l10_rs485.py"
 READ = "linkerhand-python-sdk@b371361 and linkerhand-ros2-sdk@bba0b9d core/rs485, doc"
@@ -108,7 +108,7 @@ class LinkerHandL10Rs485(Device):
         return self.counts
 
     def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
-        """Modbus requests in chunks of any size."""
+        """Answer Modbus requests, which arrive in chunks of any size."""
         return self.rtu.answers(data, t_ns, {self.unit: Banks(holding=self, inputs=self, functions=(3, 4, 6, 16))})
 
     def read(self, address: int, n: int, t_ns: int) -> bytes:
@@ -142,7 +142,8 @@ _SELECT = (
     "06 00 46 00 04 6E 25",
     "06 00 46 00 05 AF E5",
 )
-_MATRIX, _SHOWN = "04 00 48 00 60 77 CD", "04 C0 ..{192} ..{2}"
+_MATRIX = "04 00 48 00 60 77 CD"
+_SHOWN = "04 C0 ..{192} ..{2}"
 _EXAMPLES = (
     # without the unit; a write of one register comes back as it was
     *((f"select finger {k}", select, "", (), _SDK) for k, select in enumerate(_SELECT, 1)),

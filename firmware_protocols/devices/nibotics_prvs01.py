@@ -65,7 +65,9 @@ ORDER = Frame("""
     0     <u2 x 7           positions
     14    u1 x 7            speeds
 """)
-MICROPHONES, GENERAL_KIND, ORDER_KIND = 1, 2, 3
+MICROPHONES = 1
+GENERAL_KIND = 2
+ORDER_KIND = 3
 FINGERS = {
     # name: centre in the palm's frame [m]
     "little": (-0.033, 0.08, 0.0), "ring": (-0.011, 0.095, 0.0), "middle": (0.011, 0.1, 0.0),
@@ -74,8 +76,10 @@ FINGERS = {
 ACTUATORS = ("pinky", "ring", "middle", "index", "thumb_radial_extension", "thumb_flexion", "thumb_grasp")
 PALM_CHANNELS = range(20, 24)
 HEARD = np.full(14, 2048)
-COUNTS_PER_SPEED, FASTEST = 41.0, 250
-PER_G, PER_DEGREE = 4096 / 9.80665, 32.8
+COUNTS_PER_SPEED = 41.0
+FASTEST = 250
+PER_G = 4096 / 9.80665
+PER_DEGREE = 32.8
 
 
 _PACKAGE = "nibotics-hand 0.1.0"

@@ -6,7 +6,7 @@ sum, answered by ``SERIAL_NUMBER``; ``DATA`` unasked, its length 0A with 3 axes,
 
     speed   0 stops, 1, 3, 10, 33, 100: period [ms]
     cutoff  0 none, 1..6: low-pass at 500, 150, 50, 15, 5, 1.5 Hz
-    zero    FF: what is felt now is zero, 00: no zero
+    zero    FF: what is measured now becomes zero, 00: no zero
 
 Status: bits 9..4 overload of Fx Fy Fz Tx Ty Tz, bit 3 more than one sensor, bits 2..0 the sensor. The manual of the
 same vendor's Ethernet converter (``onrobot_hex``) has the axes the other way round, Fx in bit 4; the driver's author
@@ -75,11 +75,14 @@ SERIAL_NUMBER = Frame("""
     last  >sum16          sum
 """)
 SERIAL_REQUEST = b"\xab\x00\x12\x08"
-ACCEPTED, BAD_SUM, BAD_VALUE = 0, 1, 2
+ACCEPTED = 0
+BAD_SUM = 1
+BAD_VALUE = 2
 
 SPEEDS = (0, 1, 3, 10, 33, 100)
 CUTOFF_HZ = (None, 500.0, 150.0, 50.0, 15.0, 5.0, 1.5)
-ZERO, NO_ZERO = 0xFF, 0x00
+ZERO = 0xFF
+NO_ZERO = 0x00
 
 FORCE_COUNTS = (7925 / 300, 8641 / 300, 6049 / 2000)
 TORQUE_COUNTS = 1000.0

@@ -40,8 +40,10 @@ FINGERS = {
     "pinky": (-0.034, 0.075, 0.0), "ring": (-0.012, 0.092, 0.0), "middle": (0.010, 0.100, 0.0),
     "index": (0.032, 0.090, 0.0), "thumb": (0.060, 0.040, 0.0),
 }  # fmt: skip
-LINKS, SECOND = 4, 20
-LINK_M, SECOND_M = 0.02, 0.006
+LINKS = 4
+SECOND = 20
+LINK_M = 0.02
+SECOND_M = 0.006
 """From link to link of a finger, and from the first magnetometer of a board to the second [m]."""
 AXES: tuple[Axis, ...] = ("x", "y", "z")
 COUNTS_PER_UT = 32768 / 5000
@@ -50,7 +52,9 @@ REST_UT = (-38.0, 21.0, 412.0)
 TICK_NS = 15_625
 START_NS = 4_500_000_000
 """Time that the glove takes to start one board [ns]."""
-VARINT, MESSAGE, FLOAT = 0, 2, 5
+VARINT = 0
+MESSAGE = 2
+FLOAT = 5
 """Wire types of protobuf."""
 
 

@@ -59,10 +59,16 @@ REPLY = Frame("""
 """)
 PDF = "vendor PDF V1.5"
 DRIVER = "Gabriel-Ning/paxini_driver@113ab44"
-HEAD, TAIL = b"\x55\xaa\x7b\x7b", b"\x55\xaa\x7d\x7d"
-FIXED, REGION = 0x0E, 0x7B
-VERSION, SET_MODE, GET_MODE = (0x60, 0xA001), (0x70, 0xC00C), (0x70, 0xC00D)
-SELECT_PORT, READ, WRITE_CONFIG = (0x70, 0xB10A), (0x70, 0xC006), (0x70, 0xB002)
+HEAD = b"\x55\xaa\x7b\x7b"
+TAIL = b"\x55\xaa\x7d\x7d"
+FIXED = 0x0E
+REGION = 0x7B
+VERSION = (0x60, 0xA001)
+SET_MODE = (0x70, 0xC00C)
+GET_MODE = (0x70, 0xC00D)
+SELECT_PORT = (0x70, 0xB10A)
+READ = (0x70, 0xC006)
+WRITE_CONFIG = (0x70, 0xB002)
 DATA_LENGTH = {VERSION: 0, GET_MODE: 0, SET_MODE: 1, SELECT_PORT: 1, READ: 5, WRITE_CONFIG: 2}
 MAINS = {main for main, _ in DATA_LENGTH}
 ZERO = b"\x03\x01"
@@ -71,7 +77,14 @@ LONGEST_DATA = 64
 OBEYED = b"\0"
 """State of the module in the answer to a zero, whatever the error byte says."""
 
-OK, BAD_LENGTH, BAD_LRC, BAD_MAIN, BAD_SUB, TOO_LONG, BAD_PARAMETER, NO_DATA = range(8)
+OK = 0
+BAD_LENGTH = 1
+BAD_LRC = 2
+BAD_MAIN = 3
+BAD_SUB = 4
+TOO_LONG = 5
+BAD_PARAMETER = 6
+NO_DATA = 7
 
 
 class PaxiniGen2(Px6axDevice):

@@ -31,9 +31,11 @@ Model = Literal[
 ]
 
 NEWTON_PER_COUNT = 0.1
-LOW, HIGH = np.array([-128, -128, 0]), np.array([127, 127, 255])
+LOW = np.array([-128, -128, 0])
+HIGH = np.array([127, 127, 255])
 
-RESULTANT, TAXEL_DATA = 0x3F0, 0x40E
+RESULTANT = 0x3F0
+TAXEL_DATA = 0x40E
 GAP_NS = 50_000_000
 """Silence after which a half request is forgotten [ns]; an assumption."""
 

@@ -9,7 +9,7 @@ everybody's: here a single module answers to it, several do not.
     taxels       FB        0x40E    3 n          the same per taxel
     both         FB        0x3F0    30 + 3 n     taxels start at +30
     version      FB        6100     100          ASCII, padded with 00; holds the module's part code
-    zero         79        3        1            none; 01: what is felt now is zero, 00: accepted, changes nothing
+    zero         79        3        1            none; 01 makes the present value zero, 00: accepted, changes nothing
 
 Real boards answer reads with status 01 although the data are good, and writes with 00; other codes as the GEN2 box.
 The vendor's viewer and PaXini's application do not look at it, paxini-sdk takes 00 and 01; fengjh97/paxini takes 00
@@ -56,19 +56,29 @@ REPLY = Frame("""
     14    bytes       data                  reads
     last  lrc8        check
 """)
-SHORTEST, LONGEST_DATA = 14, 64
-READ, WRITE = 0xFB, 0x79
-VERSION, VERSION_BYTES = 6100, 100
-ZERO, EVERYBODY = 3, 0xFF
+SHORTEST = 14
+LONGEST_DATA = 64
+READ = 0xFB
+WRITE = 0x79
+VERSION = 6100
+VERSION_BYTES = 100
+ZERO = 3
+EVERYBODY = 0xFF
 
-WRITTEN, READ_DONE, BAD_LENGTH, BAD_LRC, BAD_FUNCTION, BAD_ADDRESS = 0, 1, 1, 2, 3, 6
+WRITTEN = 0
+READ_DONE = 1
+BAD_LENGTH = 1
+BAD_LRC = 2
+BAD_FUNCTION = 3
+BAD_ADDRESS = 6
 PART_CODES = {
     "L3530": "DP03A", "M2826": "DP03B", "S2716": "DP03C", "S1813C": "DP03D", "S3013": "DP03E", "S1813E": "DP03F",
     "S2015": "DP03G", "M2324": "IP03A", "S1610": "IP03B", "L5325": "CP03A", "M3025": "CP03B", "M2020": "MC03A",
 }  # fmt: skip
 """The part code is PXSR-STD and this; hosts pick the model by looking for it in the version text."""
 
-TOOLKIT, ROS2 = "yknxh/paxini-toolkit@1596843", "adnan-saood/paxini_ros2@25009ba"
+TOOLKIT = "yknxh/paxini-toolkit@1596843"
+ROS2 = "adnan-saood/paxini_ros2@25009ba"
 
 
 class PaxiniPx6ax(Px6axDevice):

@@ -98,10 +98,16 @@ MAP = RegisterMap(
     """,
     size=512,
 )
-ZERO, VERSION, RESTART = 0x12, 0x13, 0x14
-ALL, HAND, FIRST_TIP = 0xFF, 0x80, 0x11
+ZERO = 0x12
+VERSION = 0x13
+RESTART = 0x14
+ALL = 0xFF
+HAND = 0x80
+FIRST_TIP = 0x11
 DONE = b"\x10\0"
-JOINTS, POINTS, POSITION = 12, 120, 3
+JOINTS = 12
+POINTS = 120
+POSITION = 3
 AXES: tuple[Axis, ...] = ("x", "y", "z")
 JOINT_VERSION = b"\x07\0\0\x01"
 RESTART_NS = 500_000_000

@@ -54,15 +54,21 @@ MAP = RegisterMap("""
     1024  >u2 x 2   serial        r   register 512: low word, high word
     1028  >u2       year          r   register 514
 """)
-BAUD, UNIT = 19200, 9
+BAUD = 19200
+UNIT = 9
 LETTERS = tuple(b"FTS")
-START, STOPS = 0x0200, 50
+START = 0x0200
+STOPS = 50
 STOP = STOPS * b"\xff"
-WRENCH_COUNTS, COUNTS_PER_MS2 = np.array([100.0] * 3 + [1000.0] * 3), 1000 / 9.80665
-LOW, HIGH = -0x8000, 0x7FFF
+WRENCH_COUNTS = np.array([100.0] * 3 + [1000.0] * 3)
+COUNTS_PER_MS2 = 1000 / 9.80665
+LOW = -0x8000
+HIGH = 0x7FFF
 ORIGIN = points({"origin": (0.0, 0.0, 0.0)})
 AXES: tuple[Axis, ...] = ("x", "y", "z")
-ROS, C, PYTHON = "ros-industrial-attic/robotiq@45196f6", "secorolab/robotiq_ft@f63b3d8", "ft300python 1.0.2"
+ROS = "ros-industrial-attic/robotiq@45196f6"
+C = "secorolab/robotiq_ft@f63b3d8"
+PYTHON = "ft300python 1.0.2"
 COM = f"{ROS} robotiq_ft_sensor/src/rq_sensor_com.cpp"
 ALL = "rq_sensor_com.cpp, rq_sensor_state.cpp, rq_sensor.cpp, ft300_modbusrtu.py, ft300_stream.py (all whole)"
 

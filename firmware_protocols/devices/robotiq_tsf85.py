@@ -63,19 +63,27 @@ PACKET = Frame("""
     3    u1       length = len(data)
     4    bytes    data
 """)
-READ, AUTOSEND_SYNC, AUTOSEND_ASYNC, BOOTLOADER, VERSION = 0x61, 0x58, 0x59, 0xE2, 0xE3
+READ = 0x61
+AUTOSEND_SYNC = 0x58
+AUTOSEND_ASYNC = 0x59
+BOOTLOADER = 0xE2
+VERSION = 0xE3
 DATA_LENGTH = {READ: 0, AUTOSEND_SYNC: 1, AUTOSEND_ASYNC: 1, BOOTLOADER: 0, VERSION: 0}
 
-FINGERS, ROWS, COLS = 2, 7, 4
+FINGERS = 2
+ROWS = 7
+COLS = 4
 PITCH = 0.005
-OPENING, PAD_HEIGHT = 0.085, 0.06
+OPENING = 0.085
+PAD_HEIGHT = 0.06
 
 ACCELERATION_PER_MS2 = 16384 / 9.80665
 RATE_PER_RAD_S = 131 * 180 / np.pi
 TEMPERATURE_PER_DEG = 100
 
 VENDOR = "robotiq/tactile_sensors@8cb0219"
-PROTOCOL, QUICK = f"{VENDOR} sensor_quickstart/protocol.py", f"{VENDOR} sensor_quickstart/quick_connect.py"
+PROTOCOL = f"{VENDOR} sensor_quickstart/protocol.py"
+QUICK = f"{VENDOR} sensor_quickstart/quick_connect.py"
 ALL = (
     "sensor_quickstart/*.py, web/app.js, sdk_cpp/*, firmware/bootloader_host.py, all READMEs, pyrobotiqtactile (whole)"
 )

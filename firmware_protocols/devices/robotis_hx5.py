@@ -61,7 +61,10 @@ FINGERS = {
     "thumb": (0.06, 0.03, 0.0), "index": (0.033, 0.09, 0.0), "middle": (0.011, 0.1, 0.0),
     "ring": (-0.011, 0.095, 0.0), "little": (-0.033, 0.08, 0.0),
 }  # fmt: skip
-TABLES, TABLE_BYTES, DATA_BYTES, MOTORS = 1024, 198, 72, 4
+TABLES = 1024
+TABLE_BYTES = 198
+DATA_BYTES = 72
+MOTORS = 4
 MIDDLES = ", ".join(["0, 0, 0, 8"] * MOTORS + ["0"] * (DATA_BYTES - 4 * MOTORS))
 """Goals of four motors: no current, 2048."""
 MAP = RegisterMap(
@@ -148,12 +151,16 @@ SENSOR = RegisterMap(
     72   u1 x 9     pressures     r
     """
 )
-DHI, MODELS_AT = "ROBOTIS-GIT/dynamixel_hardware_interface@db2b903 ", "param/dxl_model"
+DHI = "ROBOTIS-GIT/dynamixel_hardware_interface@db2b903 "
+MODELS_AT = "param/dxl_model"
 HAND = "ROBOTIS-GIT/robotis_hand@d59e479 robotis_hand_description/ros2_control/hx5_d20_rev2/*.xacro"
 LOOKED = f"{DHI}src, scripts, {MODELS_AT}; ROBOTIS-GIT/robotis_hand@d59e479 (all); ROBOTIS-GIT/DynamixelSDK@2ded684d"
 MODELS = {110: 260, 140: 261}
 SYNC = MAP.by_name["sync"].address
-RAD_PER_COUNT, SPEED_PER_COUNT, MIDDLE, TURNS_ON = 0.001534, 0.02397, 2048, 8
+RAD_PER_COUNT = 0.001534
+SPEED_PER_COUNT = 0.02397
+MIDDLE = 2048
+TURNS_ON = 8
 
 
 class Node:
@@ -463,7 +470,7 @@ class RobotisHx5(Device):
         return self.counts
 
     def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
-        """Packets in chunks of any size."""
+        """Answer packets, which arrive in chunks of any size."""
         nodes = [self.controller, *self.nodes]
         answers = self.line.answers(data, t_ns, nodes)
         for ident, node in enumerate(nodes, self.hand):
@@ -488,8 +495,10 @@ class RobotisHx5(Device):
 
 
 _ORIGIN = "hx5_d20_rr.model; packets by dynamixel-sdk 4.1.0"
-_HEAD, _SYNC = "FF FF FD 00", "FF FF FD 00 6E 06 00 03 46 00 01 53 0F"
-_DONE, _NINE = f"{_HEAD} 6E 04 00 55 00 09 1F", f"{_HEAD} 6E 0D 00 55 00 ..{{9}} ..{{2}}"
+_HEAD = "FF FF FD 00"
+_SYNC = "FF FF FD 00 6E 06 00 03 46 00 01 53 0F"
+_DONE = f"{_HEAD} 6E 04 00 55 00 09 1F"
+_NINE = f"{_HEAD} 6E 0D 00 55 00 ..{{9}} ..{{2}}"
 _NINE_FAST = f"{_HEAD} FE 0E 00 55 00 6E ..{{9}} ..{{2}}"
 _EXAMPLES = (
     # name, request, reply, what goes before

@@ -127,7 +127,7 @@ SECOND = RegisterMap(
     """,
     writable=((2010, 2034), (2040, 2170), (2190, 2210), (2230, 2290), (2310, 2330), (2370, 2568)),
 )
-"""By byte: two for each register."""
+"""Offsets count bytes: two for each register."""
 PARTS = {
     "thumb": (9, 4, 1),
     "index": (12, 5, 2),
@@ -145,9 +145,13 @@ BAD_VALUE = 3
 OPEN = np.array([3670, 17837, 17606, 17656, 17486, 0])
 CLOSED = np.array([226, 10022, 9781, 10138, 9884, 8998])
 """Angles [0.01 deg]."""
-FULL_STROKE_S, MOVING_MA, FULL = 1.0, 200, 0xFFFF
+FULL_STROKE_S = 1.0
+MOVING_MA = 200
+FULL = 0xFFFF
 JOINTS = ("thumb", "index", "middle", "ring", "little", "thumb root")
-DOTS_PER_NEWTON, PER_NEWTON, MILLINEWTONS = 50.0, 100.0, 1000.0
+DOTS_PER_NEWTON = 50.0
+PER_NEWTON = 100.0
+MILLINEWTONS = 1000.0
 Touch = Literal["dots", "three_axis", "finger"]
 BASES = {
     "thumb": (0.06, 0.02), "index": (0.033, 0.09), "middle": (0.011, 0.1), "ring": (-0.011, 0.095),
@@ -155,7 +159,8 @@ BASES = {
 }  # fmt: skip
 
 
-_DEMOS, _FIRMWARE = "oymotion/roh_gen2_demos@026e86b", "oymotion/roh_firmware@4697700"
+_DEMOS = "oymotion/roh_gen2_demos@026e86b"
+_FIRMWARE = "oymotion/roh_firmware@4697700"
 _DOC = f"{_FIRMWARE} protocol/OHandModBusRTUProtocol_EN.md"
 _READ = "roh_gen2_demos (whole), OHandModBusRTUProtocol_EN.md, RELEASE_INFO.md, unienv-rohand"
 
@@ -253,7 +258,7 @@ class RoHand(Device):
     # -- requests --------------------------------------------------------------------------------------------------
 
     def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
-        """Modbus requests in chunks of any size."""
+        """Answer Modbus requests, which arrive in chunks of any size."""
         if self.updating:
             self.counters["ignored"] += 1
             return ()

@@ -11,7 +11,7 @@ whole numbers, nothing between the commas of a sensor that is not there; one tha
     enabletime, disabletime      #OK             with the two fields of time, or without
     setepoch,SEC,MSEC            #OK             what the time is now
     setperiod,MSEC               #OK             between lines
-    calibrate                    #OK             what is felt now is zero
+    calibrate                    #OK             what is measured now becomes zero
     getversion, softwareversion  #OK,VERSION
     dumpsensors, dumponboard, resume  #OK
 
@@ -153,13 +153,13 @@ class SeedFts3(Device):
         return [f"@,{','.join(fields)},\r\n".encode("ascii")]
 
     def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
-        """Commands in chunks of any size, with or without an end."""
+        """Obey commands, which arrive in chunks of any size, with or without a line end."""
         lines = self.lines_in.cut(data)
         self.wake_ns = t_ns + SILENCE_NS if self.lines_in.begun else None
         return [answer for line in lines for answer in self._obey(line, t_ns)]
 
     def wake(self, t_ns: int) -> Transmissions:
-        """A silence ends a command."""
+        """Obey the command that a silence has ended."""
         return [answer for line in self.lines_in.end() for answer in self._obey(line, t_ns)]
 
     def _obey(self, line: bytes, t_ns: int) -> list[bytes]:

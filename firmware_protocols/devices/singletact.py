@@ -85,11 +85,20 @@ SETTINGS = Frame("""
     13    01              calibrated
     14    00              unused
 """)
-READ, WRITE, SWITCH, CALIBRATE = 1, 2, 3, 4
-REQUEST_BYTES, LONGEST_READ, LONGEST_WRITE = 15, 61, 28
-MEMORY, WRITABLE = 192, 128
-SCALING, UNITY = slice(10, 12), 100
-FLASH_NS, DEAD_NS, TICK_NS = 50_000_000, 100_000_000, 100_000
+READ = 1
+WRITE = 2
+SWITCH = 3
+CALIBRATE = 4
+REQUEST_BYTES = 15
+LONGEST_READ = 61
+LONGEST_WRITE = 28
+MEMORY = 192
+WRITABLE = 128
+SCALING = slice(10, 12)
+UNITY = 100
+FLASH_NS = 50_000_000
+DEAD_NS = 100_000_000
+TICK_NS = 100_000
 HEADS = {"usb": 0xAA, "arduino": 0xFF}
 PIDS = {"usb": 0x8036, "arduino": 0x0043}
 EVERY = 4
@@ -97,9 +106,12 @@ EVERY = 4
 TAIL = b"\xfe" * 4
 FILLER = b"\0"
 """What hosts send behind a request to read; the board drops it."""
-REST, FULL = 255, 1023
-NET, PYTHON = "SingleTact/NETInterface@30c0e82", "philip-long/singletact-python-wrapper@659796f"
-FIRMWARE, ROS2 = "SingleTact/WinAppArduinoInterface@5e9c026", "matteogrisenti/SingleTact_ROS2_Package@5296909"
+REST = 255
+FULL = 1023
+NET = "SingleTact/NETInterface@30c0e82"
+PYTHON = "philip-long/singletact-python-wrapper@659796f"
+FIRMWARE = "SingleTact/WinAppArduinoInterface@5e9c026"
+ROS2 = "matteogrisenti/SingleTact_ROS2_Package@5296909"
 PI = "SingleTact/RaspberryPiDemo@f3c2357 pps-singletact.py"
 ALL = "SingleTactDemo.ino, SingleTactLibrary/*.cs, Demo/GUI.cs, pps-singletact.py, both Python drivers (all whole)"
 

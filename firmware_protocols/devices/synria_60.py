@@ -64,9 +64,11 @@ VALUES = Frame("""
     0     <u2            size = len(values)
     2     bytes          values
 """)
-READ_TEXT, READ_ALL = 0x41, 0x42
+READ_TEXT = 0x41
+READ_ALL = 0x42
 SIZES = {READ_TEXT: 5, READ_ALL: 4}
-ADC, ADC_MAX = 0, 4095
+ADC = 0
+ADC_MAX = 4095
 
 
 _README = "tactile-pressure-sdk 2.0.0 METADATA"
@@ -134,7 +136,7 @@ class Synria60(Device):
         return self.counts
 
     def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
-        """Modbus requests in chunks of any size."""
+        """Answer Modbus requests, which arrive in chunks of any size."""
         banks, answers = Banks(holding=self, functions=(3, 6), own=self._own), []
         for at in range(len(data)):  # byte by byte: a new unit is that of the next request, even in the same chunk
             answers += self.rtu.answers(data[at : at + 1], t_ns, {self.registers["unit"]: banks})

@@ -68,12 +68,18 @@ module unitree_hg { module msg { module dds_ {
 }; }; };
 """
 MODULE = "unitree_hg::msg::dds_"
-MOTORS, PADS, SLOTS = 7, 9, 12
+MOTORS = 7
+PADS = 9
+SLOTS = 12
 STATE = layout(IDL, "HandState_", motor_state=MOTORS, press_sensor_state=PADS)
 COMMAND = layout(IDL, "HandCmd_", motor_cmd=MOTORS)
-NO_CELL, REST, FULL = 30_000.0, 100_000.0, 400_000.0
+NO_CELL = 30_000.0
+REST = 100_000.0
+FULL = 400_000.0
 ODD_PADS = (1, 3, 5)
-STATUS, ON, TIMEOUT = 0x70, 0x10, 0x80
+STATUS = 0x70
+ON = 0x10
+TIMEOUT = 0x80
 TIMEOUT_NS = 1_000_000_000
 STOPS_RAD = {
     "left": ((-1.05, -0.724, 0.0, -1.57, -1.75, -1.57, -1.75), (1.05, 1.05, 1.75, 0.0, 0.0, 0.0, 0.0)),
@@ -83,7 +89,9 @@ STOPS_RAD = {
 ROOM = 25
 SLOWER = 25
 """State messages for one of the slower copy."""
-COLS, PITCH, PAD_PITCH = 3, 0.005, 0.025
+COLS = 3
+PITCH = 0.005
+PAD_PITCH = 0.025
 Cells = tuple[int, ...]
 
 

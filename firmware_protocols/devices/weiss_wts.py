@@ -9,7 +9,7 @@ a DSACON32m's, its CRC is always there and counts the preamble, too. An answer r
     20  flags, or nothing    ``FRAME``, the next one
     21  flags, ms 2 bytes    nothing; then frames with id 00 every so many ms, as often as it scans with 0
     22  -                    nothing; no more frames
-    23  flags, or nothing    nothing; what is felt now is zero, with 00 no more
+    23  flags, or nothing    nothing; what is measured now becomes zero, with 00 no more
     30  -                    ``MATRIX``
     34  threshold 2 bytes    nothing; a texel below it reads 0
     35  -                    threshold, 2 bytes
@@ -84,9 +84,22 @@ SYSTEM = Frame("""
     2     00 10            firmware    1.0.0, four bits each from the highest, then its kind
     4     <u4              serial
 """)
-LOOP, PUSHED, SINGLE, START, STOP, TARE, MATRIX_INFO = 0x06, 0x00, 0x20, 0x21, 0x22, 0x23, 0x30
-SET_THRESHOLD, THRESHOLD, SET_GAIN, GAIN, TYPE = 0x34, 0x35, 0x36, 0x37, 0x38
-TEMPERATURE, SYSTEM_INFO, SET_TAG, TAG = 0x46, 0x50, 0x51, 0x52
+LOOP = 0x06
+PUSHED = 0x00
+SINGLE = 0x20
+START = 0x21
+STOP = 0x22
+TARE = 0x23
+MATRIX_INFO = 0x30
+SET_THRESHOLD = 0x34
+THRESHOLD = 0x35
+SET_GAIN = 0x36
+GAIN = 0x37
+TYPE = 0x38
+TEMPERATURE = 0x46
+SYSTEM_INFO = 0x50
+SET_TAG = 0x51
+TAG = 0x52
 LONGEST = 64
 PAYLOAD_BYTES = {
     **dict.fromkeys((STOP, MATRIX_INFO, THRESHOLD, GAIN, TYPE, TEMPERATURE, SYSTEM_INFO, TAG), (0,)),
@@ -100,7 +113,8 @@ SCAN_NS = 10_000_000
 PITCH = 0.0034
 FULL_SCALE = 4095
 BOARD = points({"board": (0.0, 0.0, -0.005)})
-CPP, PYTHON = "ksatyaki/wts_driver@82c46ac", "CNCR-NTU/wts-ft@bbb00b0"
+CPP = "ksatyaki/wts_driver@82c46ac"
+PYTHON = "CNCR-NTU/wts-ft@bbb00b0"
 MANUAL = "Weiss Robotics, WTS Command Set Reference Manual, March 2013"
 BOTH = "wts_driver.cpp, common.cpp, serial_comm.cpp, wts_ft_interface.py (all whole)"
 

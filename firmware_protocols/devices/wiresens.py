@@ -46,12 +46,16 @@ PACKET = Frame("""
     ..    <u4              number     of the packet
     ..    77 72            end        wr
 """)
-ADC_MAX, REST = 4095, 3103
-SILENCE_NS, LONGEST = 1_000_000_000, 4096
+ADC_MAX = 4095
+REST = 3103
+SILENCE_NS = 1_000_000_000
+LONGEST = 4096
 WAITING = b"Building kit\r\nWaiting for serial input...\r\n"
-SAVED, TAKEN = b"Loaded data from EEPROM\r\n", b"JSON String saved to EEPROM\r\n"
+SAVED = b"Loaded data from EEPROM\r\n"
+TAKEN = b"JSON String saved to EEPROM\r\n"
 READY = b"Initializing Toolkit\r\nSet Resistance to 31250.00\r\n"
-PYTHON, FIRMWARE = "WiReSens-Toolkit/WiReSensPy@2e9297c", "WiReSens-Toolkit/WiReSensToolkit-Arduino@e3cb34a"
+PYTHON = "WiReSens-Toolkit/WiReSensPy@2e9297c"
+FIRMWARE = "WiReSens-Toolkit/WiReSensToolkit-Arduino@e3cb34a"
 CPP = f"{FIRMWARE} src/WiSensToolkit.cpp"
 BOTH = "WiSensToolkit.cpp, WiSensToolkit.h, GenericReceiver.py, Sensor.py, TouchSensorWireless.py, utils.py (all whole)"
 

@@ -218,7 +218,7 @@ def run_proxy(
     from contextlib import ExitStack
 
     from firmware_protocols import Serial
-    from tactemu.emulator.replay import USUAL_BAUD, line_of
+    from tactemu.emulator.replay import DEFAULT_BAUD, line_note
     from tactemu.judge.proxy import Proxy, RealBus, RealSerial
     from tactemu.scene.building import make_device
     from tactemu.truth import Truth
@@ -227,9 +227,9 @@ def run_proxy(
     model = make_device(device, options_of(options)) if device else None
     own = next((each.baud for each in model.ports if isinstance(each, Serial)), None) if model else None
     with ExitStack() as stack:
-        side = RealBus(real) if real.startswith("can:") else RealSerial(real, baud or own or USUAL_BAUD)
+        side = RealBus(real) if real.startswith("can:") else RealSerial(real, baud or own or DEFAULT_BAUD)
         stack.callback(side.close)
-        recorder = stack.enter_context(Recorder(record, line=line_of(real, baud))) if record is not None else None
+        recorder = stack.enter_context(Recorder(record, line=line_note(real, baud))) if record is not None else None
         log = Truth(truth) if truth is not None else Truth()
         proxy = Proxy(model, side, port, faults, seed or 0, log, recorder, device or "sensor")
         stack.enter_context(ended_by_signals(lambda: setattr(proxy, "stopped", True)))

@@ -32,18 +32,18 @@ def record_stream(source: str, file: Path, *, baud: int | None, seconds: float |
         TactemuError: the source or the file cannot be had.
     """
     from tactemu.base.clock import RealClock
-    from tactemu.emulator.replay import USUAL_BAUD, line_of, record
+    from tactemu.emulator.replay import DEFAULT_BAUD, line_note, record
     from tactemu.truth.recorder import Recorder
 
     clock = RealClock()
     end_ns = None if seconds is None else round(seconds * 1e9)
-    with ended_by_signals() as interrupted, Recorder(file, line=line_of(source, baud)) as recorder:
+    with ended_by_signals() as interrupted, Recorder(file, line=line_note(source, baud)) as recorder:
         print(f"recording {source} to {file}", flush=True)
         record(
             source,
             recorder,
             clock=clock,
-            baud=baud or USUAL_BAUD,
+            baud=baud or DEFAULT_BAUD,
             stop=lambda _: interrupted() or (end_ns is not None and clock.now_ns() >= end_ns),
         )
         count = recorder.count
@@ -71,7 +71,7 @@ def replay_file(
     from tactemu.base.errors import TransportError
     from tactemu.cli.socket import control_socket
     from tactemu.control.replay_control import ReplayControl
-    from tactemu.emulator.replay import Replay, replay_spec
+    from tactemu.emulator.replay import Replay, connector_for
     from tactemu.transports import create
     from tactemu.truth.recording import load
     from tactemu.wire.line_models import line_model_for
@@ -79,9 +79,9 @@ def replay_file(
 
     recording = load(file, skin)
     transport = create(port)
-    if transport.scheme not in ("memory", *line_model_for(replay_spec(recording)).schemes):
+    if transport.scheme not in ("memory", *line_model_for(connector_for(recording)).schemes):
         raise TransportError(f"{file} holds a {recording.kind} stream and cannot be played to {port}")
-    wire = Wire(transport, replay_spec(recording), pacing=False, faults=faults)
+    wire = Wire(transport, connector_for(recording), pacing=False, faults=faults)
     player = Replay(recording, wire, clock=RealClock(), speed=speed, loop=loop)
     wire.open()
     try:

@@ -124,7 +124,7 @@ def advice(emulator: Emulator, channel: Channel) -> str:
     if late <= MISSED_SHARE * max(statistics.samples, 1):
         return ""
     found = f"{late} of {statistics.samples + statistics.missed} samples were not taken in time: "
-    period_us = min(p for p in (channel.period_ns(s) for s in channel.ticks) if p) / 1e3
+    period_us = min(p for p in (channel.period_ns(s) for s in channel.timers) if p) / 1e3
     simulation = emulator.simulation
     if simulation is None or simulation.plan is None:
         return f"{found}nothing is simulated, so the machine is too busy or the rate too high"

@@ -208,7 +208,7 @@ class Control:
 
     def _go(self, name: str, legs: Sequence[Waypoint], wait: bool) -> TaskResult:
         end_s = self.steered[name].follow(self._now_s, legs)
-        return TaskResult(round(end_s * 1e9), sampled=True) if wait and not self._lockstep else TaskResult()
+        return TaskResult(round(end_s * 1e9), until_sampled=True) if wait and not self._lockstep else TaskResult()
 
     def _body(self, name: str | None) -> str:
         if not self.steered:
@@ -230,19 +230,19 @@ class Control:
         if checked.skin is not None:
             self.channel(checked.skin)
         apply_event(self.emulator, checked, self._now_s)
-        self.emulator.act()
+        self.emulator.run_due_actions()
 
     def _fault(self, fault: str, skin: str | None = None) -> TaskResult:
         self._inject_event(fault=fault, skin=skin)
-        return TaskResult(settled=True)
+        return TaskResult(until_settled=True)
 
     def _unplug(self, seconds: float | None = None, skin: str | None = None) -> TaskResult:
         self._inject_event(fault="unplug", until=seconds, skin=skin)
-        return TaskResult(settled=True)  # the port has gone
+        return TaskResult(until_settled=True)  # the port has gone
 
     def _mend(self, fault: str | None = None, skin: str | None = None) -> TaskResult:
         mend(self._wires(skin), fault)
-        return TaskResult(settled=True)  # the port is there again
+        return TaskResult(until_settled=True)  # the port is there again
 
     def _set(self, options: Mapping[str, Any], **when: Any) -> None:
         self._inject_event(set=dict(options), until=when.pop("seconds", None), **when)
@@ -288,7 +288,7 @@ class Control:
         else:
             end = now + round(seconds * 1e9)
         clock.go_on(end if until is None else round(until * 1e9))
-        return TaskResult(clock.end_ns, clock.end_ns / 1e9, settled=True)
+        return TaskResult(clock.end_ns, clock.end_ns / 1e9, until_settled=True)
 
     # -- saving
 

@@ -31,7 +31,7 @@ class Loop(Protocol):
         ...
 
     @property
-    def settled(self) -> bool:
+    def is_settled(self) -> bool:
         """Whether everything that is due in this turn has been done."""
         ...
 
@@ -48,9 +48,9 @@ class TaskResult:
     """When it will be done; past: it is."""
     result: Any = None
     """What it gives, or a function that whoever waits calls for it: what takes long is no work for the loop."""
-    sampled: bool = False
+    until_sampled: bool = False
     """It is done when every device, beside those that are silent, has sampled the scene of that time."""
-    settled: bool = False
+    until_settled: bool = False
     """It is done when nothing else is due by then."""
 
 
@@ -103,7 +103,7 @@ class LoopTask:
             self.failed = error
             self._finish()
             return
-        if self.outcome.done_ns <= emulator.now_ns and not (self.outcome.sampled or self.outcome.settled):
+        if self.outcome.done_ns <= emulator.now_ns and not (self.outcome.until_sampled or self.outcome.until_settled):
             self._finish()
         else:
             emulator.call(self._arrive, self.outcome.done_ns)
@@ -113,9 +113,9 @@ class LoopTask:
         older than the sample: look again until one has seen the time."""
         emulator, outcome = self._emulator, self.outcome
         now = emulator.now_ns
-        if outcome.settled and not emulator.settled:
+        if outcome.until_settled and not emulator.is_settled:
             emulator.call(self._arrive, now)
-        elif outcome.sampled and not isinstance(emulator.clock, LockstepClock) and self._unseen(now):
+        elif outcome.until_sampled and not isinstance(emulator.clock, LockstepClock) and self._unseen(now):
             emulator.call(self._arrive, now + LOOK_AGAIN_NS)
         else:
             self._finish()

@@ -16,12 +16,12 @@ from tactemu.base.options import number
 from tactemu.base.random_streams import stream_key
 from tactemu.emulator.channel import Channel, Source
 from tactemu.emulator.emulator import Emulator
-from tactemu.emulator.playback import Playback, RecordedReadings, recorded
-from tactemu.emulator.port_assignment import PortAssignment, plugs_of
+from tactemu.emulator.playback import Playback, RecordedReadings, recorded_readings
+from tactemu.emulator.port_assignment import PortAssignment, assign_ports
 from tactemu.emulator.sampling import SampleClock
 from tactemu.emulator.scenario import faults_of, laws_needed, schedule
 from tactemu.emulator.sensing import NullSource, SenseReader
-from tactemu.emulator.sources import given_by, without
+from tactemu.emulator.sources import resolve_source, without_replaced
 from tactemu.geometry.limits import RATE_RANGE_HZ
 from tactemu.geometry.motion import Joint
 from tactemu.scene.building import build_scene, make_devices
@@ -94,7 +94,7 @@ class Assembled:
     """Those that are on bodies, by name."""
     posed: frozenset[str]
     """Bodies that a source of the user's poses."""
-    again: Callable[..., Assembled] = field(repr=False)
+    reassemble: Callable[..., Assembled] = field(repr=False)
     """Assembles another of the same, with a port, a clock and a truth of its own."""
 
     def fork(
@@ -121,7 +121,7 @@ class Assembled:
             TactemuError: a port cannot be had.
         """
         state = self.emulator.snapshot() if state is None else state
-        other = self.again(port=port, clock=clock or VirtualClock(), truth=truth)
+        other = self.reassemble(port=port, clock=clock or VirtualClock(), truth=truth)
         other.emulator.restore(state)
         return other
 
@@ -151,11 +151,11 @@ def assemble(
     seed = world.seed if run_options.seed is None else run_options.seed
     wire_seed = stream_key(seed, f"environment {run_options.env}") if run_options.env else seed
     devices = make_devices(loaded)
-    given = given_by(source, loaded, devices, lambda scene: _built(scene, run_options, world, seed, like))
-    loaded = without(loaded, given)
+    given = resolve_source(source, loaded, devices, lambda scene: _built(scene, run_options, world, seed, like))
+    loaded = without_replaced(loaded, given)
     events = (*loaded.tables.scenario, *run_options.scenario)
     _check_faults(loaded)
-    plugs = plugs_of(
+    assignments = assign_ports(
         loaded.tables.skin,
         devices,
         run_options.port,
@@ -163,7 +163,7 @@ def assemble(
         usual_network=run_options.usual_network,
     )
     truth = truth or Truth()
-    wires = _wires(loaded.tables.skin, events, plugs, run_options, wire_seed, truth)
+    wires = _wires(loaded.tables.skin, events, assignments, run_options, wire_seed, truth)
     laws = {name: (*run_options.adjustable, *laws_needed(events, name)) for name in devices}
     channels: dict[str, Channel] = {}
 
@@ -180,7 +180,7 @@ def assemble(
     for skin in loaded.tables.skin:
         device = devices[skin.title]
         felt = fed.get(skin.title) or played.get(skin.title) or placed.get(skin.title) or NullSource()
-        own = {plug.connector.name: wires[plug.address] for plug in plugs if plug.skin == skin.title}
+        own = {each.connector.name: wires[each.address] for each in assignments if each.skin == skin.title}
         channels[skin.title] = _channel(skin, device, SenseReader(felt, device), own, run_options, wire_seed)
     followed = [*played.values(), *([given.readings] if given.readings else [])]
     advanced = Playback(simulation, followed) if followed else simulation
@@ -188,7 +188,7 @@ def assemble(
     emulator = Emulator(advanced, channels.values(), clock=clock, truth=truth, recipe=_recipe(whole, run_options))
     schedule(emulator, events)
 
-    def again(*, port: str | Mapping[str, str] | None, clock: Clock | None, truth: Truth | None) -> Assembled:
+    def reassemble(*, port: str | Mapping[str, str] | None, clock: Clock | None, truth: Truth | None) -> Assembled:
         own = {name: copy(motion) if isinstance(motion, Steered) else motion for name, motion in whole.motions.items()}
         skins = tuple(skin.model_copy(update={"port": None, "ports": {}}) for skin in whole.tables.skin)
         tables = whole.tables.model_copy(update={"skin": skins})
@@ -198,7 +198,7 @@ def assemble(
             clock=clock, truth=truth, source=own_source, like=simulation,
         )  # fmt: skip
 
-    return Assembled(emulator, simulation, scene, loaded, placed, frozenset(given.posed), again)
+    return Assembled(emulator, simulation, scene, loaded, placed, frozenset(given.posed_bodies), reassemble)
 
 
 def _built(scene: Scene, run_options: RunOptions, world: SceneTable, seed: int, like: Simulation | None) -> Simulation:
@@ -277,7 +277,7 @@ def _driven(loaded: LoadedScene, devices: dict[str, Device], local_ns: Callable[
 def _recordings(loaded: LoadedScene, devices: dict[str, Device]) -> dict[str, RecordedReadings]:
     """Return the recordings that skins play in place of physics, by the skin's name."""
     return {
-        skin.title: recorded(loaded.folder / skin.readings, skin.readings_of, skin.title, devices[skin.title])
+        skin.title: recorded_readings(loaded.folder / skin.readings, skin.readings_of, skin.title, devices[skin.title])
         for skin in loaded.tables.skin
         if skin.readings is not None
     }
@@ -286,16 +286,16 @@ def _recordings(loaded: LoadedScene, devices: dict[str, Device]) -> dict[str, Re
 def _wires(
     skins: Sequence[SkinTable],
     events: Sequence[EventTable],
-    plugs: Sequence[PortAssignment],
+    assignments: Sequence[PortAssignment],
     run_options: RunOptions,
     seed: int,
     truth: Truth,
 ) -> dict[str, Wire]:
     """Return one wire per port. Skins that share one add their faults up."""
     wires: dict[str, Wire] = {}
-    for address in dict.fromkeys(plug.address for plug in plugs):
-        names = [plug.skin for plug in plugs if plug.address == address]
-        connector = next(plug.connector for plug in plugs if plug.address == address)
+    for address in dict.fromkeys(assignment.address for assignment in assignments):
+        names = [assignment.skin for assignment in assignments if assignment.address == address]
+        connector = next(assignment.connector for assignment in assignments if assignment.address == address)
         here = [skin for skin in skins if skin.title in names]
         faults = [*(fault for skin in here for fault in skin.faults), *run_options.faults, *faults_of(events, names)]
         paced = {skin.pacing for skin in here}

@@ -36,14 +36,14 @@ class Source(Protocol):
         ...
 
 
-Seen = tuple[dict[str, np.ndarray], dict[str, np.ndarray]]
+StreamReadings = tuple[dict[str, np.ndarray], dict[str, np.ndarray]]
 """What the senses of a stream see, ideal and measured, by key."""
-SampledReadings = dict[tuple, Seen]
+SampledReadings = dict[tuple, StreamReadings]
 """By device, time and keys."""
 
 
 @dataclass
-class Ticks:
+class StreamTimer:
     """When one stream of a device converts."""
 
     sampling: SampleClock
@@ -53,32 +53,32 @@ class Ticks:
     """Number of the next conversion since counting began."""
     burst: int = 1
     """Looks at the skin per conversion, evenly over its period."""
-    seen: list[Seen] = field(default_factory=list)
+    readings: list[StreamReadings] = field(default_factory=list)
     """What was seen so far of the next conversion."""
     due_ns: int = 0
     """When the skin is looked at next; the loop asks for it at every turn."""
 
     def __post_init__(self):
-        if self.burst < 1 or len(self.seen) >= self.burst:
-            raise ValueError(f"expected fewer looks than {self.burst} of a conversion, got {len(self.seen)}")
+        if self.burst < 1 or len(self.readings) >= self.burst:
+            raise ValueError(f"expected fewer sampled than {self.burst} of a conversion, got {len(self.readings)}")
 
     def start(self, now_ns: int, period_ns: int) -> None:
         """Count anew from now."""
         self.sampling = self.sampling.restarted(now_ns, period_ns)
         self.running = True
-        self._await(1)
+        self._schedule(1)
 
     def next(self, missed: int) -> None:
         """On to the conversion after the one due, and after those whose time has wholly passed."""
-        self._await(self.count + 1 + missed)
+        self._schedule(self.count + 1 + missed)
 
-    def saw(self, read: Seen) -> None:
+    def add_reading(self, read: StreamReadings) -> None:
         """One look of several of the conversion that is due."""
-        self._await(self.count, [*self.seen, read])
+        self._schedule(self.count, [*self.readings, read])
 
-    def _await(self, count: int, seen: Sequence[Seen] = ()) -> None:
-        count = self.sampling.taken(count) if self.sampling.missed else count
-        self.count, self.seen = count, list(seen)
+    def _schedule(self, count: int, seen: Sequence[StreamReadings] = ()) -> None:
+        count = self.sampling.first_taken(count) if self.sampling.missed else count
+        self.count, self.readings = count, list(seen)
         self.due_ns = self.sampling.due_ns(count)
         if left := self.burst - 1 - len(seen):
             self.due_ns -= (self.due_ns - self.sampling.due_ns(count - 1)) * left // self.burst
@@ -116,24 +116,24 @@ class Channel:
     def __post_init__(self):
         self.alarm_ns: int | None = None
         """When the device's own clock wakes it."""
-        self.held: dict[str, tuple[int, dict[str, np.ndarray]]] = {}
+        self.held_readings: dict[str, tuple[int, dict[str, np.ndarray]]] = {}
         """By stream, what was read at the last refresh, and the number of that."""
         self._ports = self.device.ports
-        ticks: dict[str, Ticks] = {}
-        self.ticks: Mapping[str, Ticks] = ticks
+        timers: dict[str, StreamTimer] = {}
+        self.timers: Mapping[str, StreamTimer] = timers
         """By stream."""
-        self._ask()
+        self._read_senses()
         for stream in self.device.periods:
             name = f"{self.sampling.name}/{stream}" if stream else self.sampling.name
             burst = max((sense.burst for sense in self._senses[stream]), default=1)
-            ticks[stream] = Ticks(replace(self.sampling, name=name), burst=burst)
+            timers[stream] = StreamTimer(replace(self.sampling, name=name), burst=burst)
         for stream in self.wanted_periods:
             if stream not in self.device.periods:
                 named = [name for name in self.device.periods if name]
                 has = f"has the streams {', '.join(named)}" if named else "has one stream; give the rate alone"
                 raise DeviceError(f"{self.name}: rate_hz: no stream {stream!r}: {self.device.name} {has}")
 
-    def _ask(self) -> None:
+    def _read_senses(self) -> None:
         """What its streams sense, which does not change while it has power."""
         self._senses = {stream: self.device.senses_of(stream) for stream in self.device.periods}
 
@@ -168,33 +168,33 @@ class Channel:
 
     def rates_hz(self) -> dict[str, float]:
         """Return the sampling rate in force, by stream."""
-        return {name: 1e9 / period if (period := self.period_ns(name)) else 0.0 for name in self.ticks}
+        return {name: 1e9 / period if (period := self.period_ns(name)) else 0.0 for name in self.timers}
 
     def begin(self, now_ns: int) -> None:
         """The device has booted: every stream counts from now."""
-        for stream, ticks in self.ticks.items():
+        for stream, timer in self.timers.items():
             if period := self.period_ns(stream):
-                ticks.start(now_ns, period)
+                timer.start(now_ns, period)
 
     def halt(self) -> None:
         """The device has restarted: nothing is sampled until :meth:`begin`."""
         self.alarm_ns = None
-        self.held.clear()
-        self._ask()
-        self.plug()
-        for ticks in self.ticks.values():
-            ticks.running = False
+        self.held_readings.clear()
+        self._read_senses()
+        self.attach_wires()
+        for timer in self.timers.values():
+            timer.running = False
 
-    def follow(self, now_ns: int) -> None:
+    def apply_changes(self, now_ns: int) -> None:
         """After a call into the device: its periods and line settings may have changed."""
-        for stream, ticks in self.ticks.items():
+        for stream, timer in self.timers.items():
             period = self.period_ns(stream)
             if not period:
-                ticks.running = False
-            elif not ticks.running or period != ticks.sampling.period_ns:
-                ticks.start(now_ns, period)
+                timer.running = False
+            elif not timer.running or period != timer.sampling.period_ns:
+                timer.start(now_ns, period)
         if self.device.ports is not self._ports:
-            self.plug()
+            self.attach_wires()
 
     def defer_statistics(self, injected: Counter[str]) -> Callable[[], dict[str, Any]]:
         """What gives the statistics and counters of this device as they are now, as plain data; other threads than the
@@ -211,61 +211,61 @@ class Channel:
             **{name: dict(sorted(each.items())) for name, each in counts.items()},
         }
 
-    def plug(self) -> None:
+    def attach_wires(self) -> None:
         """Tell the wires what is plugged into them."""
         self._ports = self.device.ports
         for port, wire in self.wires.items():
             wire.attach(self.name, self.device.connector(port))
 
-    def resumed(self) -> None:
+    def after_restore(self) -> None:
         """A state was restored: its wires have the settings that they had then."""
         self._ports = self.device.ports
 
     def due(self, now_ns: int) -> list[tuple[int, str]]:
         """Streams whose time has come, with that time."""
-        return [(each.due_ns, name) for name, each in self.ticks.items() if each.running and each.due_ns <= now_ns]
+        return [(each.due_ns, name) for name, each in self.timers.items() if each.running and each.due_ns <= now_ns]
 
     def next_due_ns(self) -> int | None:
         """When the next of its streams converts."""
-        return min([ticks.due_ns for ticks in self.ticks.values() if ticks.running], default=None)
+        return min([timer.due_ns for timer in self.timers.values() if timer.running], default=None)
 
     # -- calls into the device -----------------------------------------------------------------------------------------
 
-    def read(self, stream: str, t_ns: int, looks: SampledReadings | None = None) -> Seen:
+    def read(self, stream: str, t_ns: int, sampled: SampledReadings | None = None) -> StreamReadings:
         """What the senses of one stream see at ``t_ns``, to which the simulation has been brought.
 
-        ``looks`` are those taken since anything changed: boards that sample together share one.
+        ``sampled`` are those taken since anything changed: boards that sample together share one.
         """
         senses, source = self._senses[stream], self.source
         key = (self.name, t_ns, *[sense.key for sense in senses])
-        if looks is not None and key in looks:
-            return looks[key]
+        if sampled is not None and key in sampled:
+            return sampled[key]
         ideal = {sense.key: source.sense(sense, t_ns, True) for sense in senses}
         seen = ideal, {sense.key: source.sense(sense, t_ns) for sense in senses}
         if self.refresh_ns:
-            seen = ideal, self._held(stream, t_ns, seen[1])
-        if looks is not None:
-            looks[key] = seen
+            seen = ideal, self._refreshed(stream, t_ns, seen[1])
+        if sampled is not None:
+            sampled[key] = seen
         return seen
 
-    def _held(self, stream: str, t_ns: int, measured: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    def _refreshed(self, stream: str, t_ns: int, measured: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
         """What a register holds that is renewed once in each refresh, by the first look."""
         number = self.local_ns(t_ns) // self.refresh_ns
-        if stream not in self.held or self.held[stream][0] != number:
-            self.held[stream] = number, {key: np.array(values) for key, values in measured.items()}
-        return self.held[stream][1]
+        if stream not in self.held_readings or self.held_readings[stream][0] != number:
+            self.held_readings[stream] = number, {key: np.array(values) for key, values in measured.items()}
+        return self.held_readings[stream][1]
 
-    def whole(self, stream: str, last: Seen) -> Seen:
+    def complete_conversion(self, stream: str, last: StreamReadings) -> StreamReadings:
         """Return a conversion that ends with the look ``last``: senses with a burst have a last axis of all looks."""
-        ticks = self.ticks[stream]
-        if ticks.burst == 1:
+        timer = self.timers[stream]
+        if timer.burst == 1:
             return last
-        looks = [*ticks.seen, last]
-        looks = [last] * (ticks.burst - len(looks)) + looks  # none before: at boot, or asked for out of turn
+        sampled = [*timer.readings, last]
+        sampled = [last] * (timer.burst - len(sampled)) + sampled  # none before: at boot, or asked for out of turn
         bursts = {sense.key: sense.burst for sense in self._senses[stream]}
         ideal, measured = (
             {
-                key: np.stack([read[side][key] for read in looks], -1) if n > 1 else last[side][key]
+                key: np.stack([read[side][key] for read in sampled], -1) if n > 1 else last[side][key]
                 for key, n in bursts.items()
             }
             for side in (0, 1)

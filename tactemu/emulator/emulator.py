@@ -76,7 +76,7 @@ class Emulator:
     """
 
     TRANSIENT_FIELDS: ClassVar[tuple[str, ...]] = (
-        "catch_up_steps", "clock", "look_ahead_ns", "recipe", "_calls", "_channels", "_resumed", "_stop_requested",
+        "catch_up_steps", "clock", "look_ahead_ns", "recipe", "_calls", "_channels", "_is_restored", "_stop_requested",
     )  # fmt: skip
 
     def __init__(
@@ -108,7 +108,7 @@ class Emulator:
         self._outbox: Agenda[Action] = Agenda(self._is_valid)
         """Samples until their release times."""
         self._calls = Calls()
-        self._resumed = False
+        self._is_restored = False
         """Whether it goes on from a state, rather than from power-up."""
 
     # -- life ------------------------------------------------------------------------------------------------------
@@ -122,18 +122,18 @@ class Emulator:
         """
         try:
             for channel in self.channels:
-                channel.plug()
+                channel.attach_wires()
             for wire in self.wires:
                 wire.is_paused, wire.is_real_time = self.clock.is_paused, not self.clock.virtual
                 wire.open()
             self._calls.open()
             self.clock.start()
-            if self._resumed:
+            if self._is_restored:
                 self.clock.set_ns(self.now_ns)
             else:  # the same moments, whatever the clock
                 self.now_ns = self.clock.now_ns() if self.clock.virtual else 0
             self.truth.begin(self.clock.origin_ns, block_when_full=self.clock.virtual)
-            for channel in () if self._resumed else self.channels:
+            for channel in () if self._is_restored else self.channels:
                 self._power_on(channel)
         except BaseException:
             self.close()
@@ -165,7 +165,7 @@ class Emulator:
 
     def _boot(self, channel: Channel, now: int) -> None:
         """One conversion of everything that nobody asked for, the banner, and then the periods."""
-        for stream in channel.ticks:
+        for stream in channel.timers:
             self._convert(channel, stream, now, channel.local_ns(now))
         channel.begin(now)
         self._call(channel, now, "boot", channel.local_ns(now))
@@ -197,15 +197,15 @@ class Emulator:
     def step(self, end_ns: int | None = None) -> None:
         """One turn: commands in, samples taken, frames out, calls, then wait for whatever comes next."""
         now = self.now_ns = self.clock.now_ns()
-        self.act()
+        self.run_due_actions()
         for wire in self.wires:
-            self._listen(wire, now)
+            self._receive(wire, now)
             if not self.clock.virtual:  # an answer does not wait for the physics of a sample
                 wire.flush(self.clock.now_ns())
-        looks: SampledReadings = {}
+        sampled: SampledReadings = {}
         sent_ns = now
         for channel, stream in self._due(now):
-            self._sample(channel, stream, now, looks)
+            self._sample(channel, stream, now, sampled)
             if not self.clock.virtual and self.clock.now_ns() - sent_ns > _SAMPLING_NS:
                 self._send_due(now)  # what is ready of some boards does not wait for the samples of many others
                 sent_ns = self.clock.now_ns()
@@ -213,15 +213,15 @@ class Emulator:
         self._calls.run(now)
         self._wait(end_ns, self._look_ahead(end_ns))
 
-    def _listen(self, wire: Wire, now: int) -> None:
+    def _receive(self, wire: Wire, now: int) -> None:
         """Commands and port events, from the wire to every device on it."""
         for event in wire.receive(now):
             for channel in self.channels:
                 for port, each in channel.wires.items():
                     if each is wire:
-                        self._hand_over(channel, port, event, now)
+                        self._dispatch(channel, port, event, now)
 
-    def _hand_over(self, channel: Channel, port: str, event: Event | ReceivedData, now: int) -> None:
+    def _dispatch(self, channel: Channel, port: str, event: Event | ReceivedData, now: int) -> None:
         local = channel.local_ns(now)
         match event:
             case ReceivedData():
@@ -265,32 +265,32 @@ class Emulator:
         samples = [channel.next_due_ns() for channel in self.channels]
         return [t_ns for t_ns in (*samples, *others) if t_ns is not None]
 
-    def _sample(self, channel: Channel, stream: str, now: int, looks: SampledReadings) -> None:
+    def _sample(self, channel: Channel, stream: str, now: int, sampled: SampledReadings) -> None:
         """Simulation up to the sample's time, reading, device, and out after the sampling delay."""
-        ticks = channel.ticks[stream]
-        if not ticks.running:
+        timer = channel.timers[stream]
+        if not timer.running:
             return
-        due, count = ticks.due_ns, ticks.count
+        due, count = timer.due_ns, timer.count
         if due < channel.silent_until_ns:
-            ticks.next(0)
+            timer.next(0)
             channel.statistics.silent += 1
             return
-        if len(ticks.seen) < ticks.burst - 1:
+        if len(timer.readings) < timer.burst - 1:
             self._advance(channel, stream, due)
-            ticks.saw(channel.read(stream, due, looks))
+            timer.add_reading(channel.read(stream, due, sampled))
             return
-        stamp, release = ticks.sampling.stamp_ns(count), ticks.sampling.release_ns(count, due)
-        number = self._convert(channel, stream, due, stamp, looks)
+        stamp, release = timer.sampling.stamp_ns(count), timer.sampling.release_ns(count, due)
+        number = self._convert(channel, stream, due, stamp, sampled)
         self._call(channel, now, "stream", stamp, stream, release_ns=release, sample=number)
         self._count(channel, stream, count, due)
 
     def _convert(
-        self, channel: Channel, stream: str, t_ns: int, stamp_ns: int, looks: SampledReadings | None = None
+        self, channel: Channel, stream: str, t_ns: int, stamp_ns: int, sampled: SampledReadings | None = None
     ) -> int:
         """Return one conversion at ``t_ns``, logged; returns its number."""
         number, channel.samples = channel.samples, channel.samples + 1
         self._advance(channel, stream, t_ns)
-        ideal, measured = channel.whole(stream, channel.read(stream, t_ns, looks))
+        ideal, measured = channel.complete_conversion(stream, channel.read(stream, t_ns, sampled))
         counts = channel.measure(stream, measured, stamp_ns)
         for key, values, sense in _by_sense(counts, measured):
             self.truth.sample(t_ns, channel.name, ideal[key], measured[key], values, number=number, sense=sense)
@@ -342,11 +342,11 @@ class Emulator:
         """Statistics, and on to the next sample: those whose time has wholly passed are missed, never made up."""
         late_ns = self.clock.now_ns() - due
         channel.statistics.add_sample(stream, due, late_ns)
-        ticks = channel.ticks[stream]
-        if ticks.running and ticks.count == count:  # unless the call has started it anew
-            past_ns = self.clock.now_ns() - ticks.sampling.due_ns(count + 1)
-            missed = max(0, past_ns // ticks.sampling.period_ns)
-            ticks.next(missed)
+        timer = channel.timers[stream]
+        if timer.running and timer.count == count:  # unless the call has started it anew
+            past_ns = self.clock.now_ns() - timer.sampling.due_ns(count + 1)
+            missed = max(0, past_ns // timer.sampling.period_ns)
+            timer.next(missed)
             channel.statistics.missed += missed
 
     # -- what leaves -------------------------------------------------------------------------------------------------
@@ -387,7 +387,7 @@ class Emulator:
                 channel.wires[to].send(together, now, source=channel.name, sample=sample)
             else:
                 self._outbox.put(release_ns, Action("send", channel.name, (to, together, release_ns, sample)))
-        channel.follow(now)
+        channel.apply_changes(now)
         if channel.device.wake_ns != channel.alarm_ns:
             self._set_alarm(channel, now)
 
@@ -432,7 +432,7 @@ class Emulator:
         thread, or before it runs."""
         self._agenda.put(t_ns, action)
 
-    def act(self) -> None:
+    def run_due_actions(self) -> None:
         """Do what is planned until now."""
         for action in self._agenda.due(self.now_ns):
             self._do(action)
@@ -473,7 +473,7 @@ class Emulator:
             case "revive", (taxels,):
                 return all(taxel in every for taxel in taxels)
             case "convert", (stream, _):
-                return stream in channel.ticks
+                return stream in channel.timers
             case "send", (port, *_):
                 return port in channel.wires
         return True
@@ -501,7 +501,7 @@ class Emulator:
         from tactemu.emulator.saving import snapshots
 
         snapshots.restore(self, state)
-        self._resumed = True
+        self._is_restored = True
 
     def save(self, path: str | Path) -> int:
         """Write the state to a file; returns its size [byte]. Call as :meth:`snapshot`.
@@ -539,18 +539,18 @@ class Emulator:
     def _inject(self, channel: Channel, what: str, detail: str = "") -> None:
         self.truth.inject(self.now_ns, channel.name, what, detail)
 
-    def _plans(self) -> list[int | None]:
+    def _pending_times(self) -> list[int | None]:
         """When something is due, samples aside."""
         return [*(wire.next_due_ns() for wire in self.wires), self._agenda.next_ns, self._outbox.next_ns]
 
     @property
-    def settled(self) -> bool:
+    def is_settled(self) -> bool:
         """Whether everything that is due in this turn has been done."""
-        return min(self._deadlines(*self._plans()), default=self.now_ns + 1) > self.now_ns
+        return min(self._deadlines(*self._pending_times()), default=self.now_ns + 1) > self.now_ns
 
     def _wait(self, end_ns: int | None, look_ns: int | None) -> None:
         """Until whatever comes next, or until it is time to look ahead again."""
-        deadlines = self._deadlines(*self._plans(), self._calls.next_ns, look_ns, end_ns)
+        deadlines = self._deadlines(*self._pending_times(), self._calls.next_ns, look_ns, end_ns)
         filenos = [fileno for wire in self.wires for fileno in wire.filenos()] + self._calls.filenos
         poll = any(not wire.filenos() for wire in self.wires)
         self.clock.wait(min(deadlines, default=None), filenos, poll=poll)

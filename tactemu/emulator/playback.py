@@ -55,7 +55,7 @@ class RecordedReadings:
         """Move to this time."""
         self._now = max(0, int(np.searchsorted(self.times_ns, t_ns, side="right")) - 1)
 
-    def around(self, name: str, t_ns: int, link: str = "") -> Any:
+    def ambient(self, name: str, t_ns: int, link: str = "") -> Any:
         """Not recorded: room temperature, at rest."""
         return AMBIENT[name]
 
@@ -64,7 +64,7 @@ class RecordedReadings:
         return (self._ideal if ground_truth else self._measured)[self._now]
 
 
-def recorded(path: Path, of: str | None, skin: str, device: Device) -> RecordedReadings:
+def recorded_readings(path: Path, of: str | None, skin: str, device: Device) -> RecordedReadings:
     """Return the samples of one device in a truth log, as a source for ``device``.
 
     Raises:

@@ -22,7 +22,7 @@ class PortAssignment:
     """``scheme:rest``, as for ``--port``."""
 
 
-def plugs_of(
+def assign_ports(
     skins: Sequence[SkinTable],
     devices: Mapping[str, Device],
     wish: str | Mapping[str, str] | None,
@@ -46,7 +46,7 @@ def plugs_of(
     """
     fresh_kinds = (fresh and not usual_network, fresh)
     wanted = {} if wish is None or isinstance(wish, str) else dict(wish)
-    plugs = []
+    assignments = []
     for skin in skins:
         device = devices[skin.title]
         single, named = skin.port, dict(skin.ports)
@@ -57,14 +57,14 @@ def plugs_of(
             for key in (f"{skin.title}/{connector.name}", connector.name):
                 if key in wanted:
                     named[connector.name] = wanted.pop(key)
-        plugs += _plugs_of_one(skin.title, device, single, named, fresh_kinds)
+        assignments += _assign_ports_of(skin.title, device, single, named, fresh_kinds)
     if wanted:
         known = [skin.title for skin in skins] + [f"{s.title}/{c.name}" for s in skins for c in devices[s.title].ports]
         raise DeviceError(f"no such port: {', '.join(wanted)} (there are: {', '.join(known)})")
-    return _shared([_own_memory(plug, plugs) for plug in plugs])
+    return _shared([_own_memory(assignment, assignments) for assignment in assignments])
 
 
-def _plugs_of_one(
+def _assign_ports_of(
     skin: str, device: Device, single: str | None, named: dict[str, str], fresh: tuple[bool, bool]
 ) -> list[PortAssignment]:
     """Where the connectors of one device go; ``fresh``: to new ports, if on the network, and if not."""
@@ -108,29 +108,29 @@ def _fitting(device: Device, address: str) -> Connector:
     return min(fits, key=lambda entry: entry[0])[1]
 
 
-def _own_memory(plug: PortAssignment, plugs: Sequence[PortAssignment]) -> PortAssignment:
+def _own_memory(assignment: PortAssignment, assignments: Sequence[PortAssignment]) -> PortAssignment:
     """``memory:`` given to several is one for each."""
-    if plug.address == "memory:" and sum(other.address == "memory:" for other in plugs) > 1:
-        name = f"{plug.skin}/{plug.connector.name}" if plug.connector.name else plug.skin
-        return PortAssignment(plug.skin, plug.connector, f"memory:{name}")
-    return plug
+    if assignment.address == "memory:" and sum(other.address == "memory:" for other in assignments) > 1:
+        name = f"{assignment.skin}/{assignment.connector.name}" if assignment.connector.name else assignment.skin
+        return PortAssignment(assignment.skin, assignment.connector, f"memory:{name}")
+    return assignment
 
 
-def _shared(plugs: list[PortAssignment]) -> list[PortAssignment]:
+def _shared(assignments: list[PortAssignment]) -> list[PortAssignment]:
     holders: dict[str, PortAssignment] = {}
-    for plug in plugs:
-        first = holders.setdefault(plug.address, plug)
-        if first is plug:
+    for each in assignments:
+        first = holders.setdefault(each.address, each)
+        if first is each:
             continue
         line_model = line_model_for(first.connector)
         if not line_model.is_shared:
             raise SceneError(
-                f"skins {plug.skin!r} and {first.skin!r} cannot share {plug.address}; only a CAN bus and an RS-485 "
+                f"skins {each.skin!r} and {first.skin!r} cannot share {each.address}; only a CAN bus and an RS-485 "
                 "line are shared. Give each skin a `port` of its own in the scene file"
             )
-        if not line_model.agrees(plug.connector):
+        if not line_model.agrees(each.connector):
             raise TransportError(
-                f"{plug.address}: {first.skin!r} needs {line_model.describe()} and {plug.skin!r} "
-                f"{line_model_for(plug.connector).describe()}; put them on two buses"
+                f"{each.address}: {first.skin!r} needs {line_model.describe()} and {each.skin!r} "
+                f"{line_model_for(each.connector).describe()}; put them on two buses"
             )
-    return plugs
+    return assignments

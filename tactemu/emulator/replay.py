@@ -18,13 +18,13 @@ from tactemu.truth.recorder import Recorder
 from tactemu.truth.recording import Entry, Recording
 from tactemu.wire.wire import Wire
 
-USUAL_BAUD = 115_200
+DEFAULT_BAUD = 115_200
 """Speed to which a serial port is set where nobody says [bit/s]."""
 _UARTS = ("ttyS", "ttyUSB", "ttyAMA", "ttyTHS", "ttymxc", "ttyO", "COM", "cu.usbserial", "tty.usbserial")
 """Names of ports with a UART behind them, as Linux, macOS and Windows have them."""
 
 
-def replay_spec(recording: Recording, baud: int | None = None) -> Connector:
+def connector_for(recording: Recording, baud: int | None = None) -> Connector:
     """Return the wire that a recording needs: CAN, a UART where its speed is known, else USB.
 
     The entries are as far apart as the line had them: make the wire that replays them with ``pacing=False``.
@@ -32,7 +32,7 @@ def replay_spec(recording: Recording, baud: int | None = None) -> Connector:
     if recording.kind == "can":
         return Can()
     baud = baud or recording.baud
-    return Serial(baud=baud or USUAL_BAUD, usb=baud is None)
+    return Serial(baud=baud or DEFAULT_BAUD, usb=baud is None)
 
 
 class Replay:
@@ -48,7 +48,7 @@ class Replay:
 
     simulation = None
     channels: Sequence[Any] = ()
-    settled = True
+    is_settled = True
     """As of an emulator without devices: who has something done in its loop may ask."""
 
     def __init__(self, recording: Recording, wire: Wire, *, clock: Clock, speed: float = 1.0, loop: bool = False):
@@ -68,7 +68,7 @@ class Replay:
         self._start_ns: int | None = None
 
     @property
-    def done(self) -> bool:
+    def is_done(self) -> bool:
         """Whether everything has been sent."""
         return self.position >= len(self.entries)
 
@@ -80,7 +80,7 @@ class Replay:
         end = None if seconds is None else self.clock.now_ns() + round(seconds * 1e9)
         self._calls.open()
         try:
-            while not self._stop_requested and not (self.done and self.wire.next_due_ns() is None):
+            while not self._stop_requested and not (self.is_done and self.wire.next_due_ns() is None):
                 now = self.now_ns = self.clock.now_ns()
                 if end is not None and now >= end:
                     break
@@ -117,12 +117,12 @@ class Replay:
 
     def step(self, now_ns: int) -> Entry | None:
         """Send the next frame, whatever its time; ``None`` at the end."""
-        if self.done:
+        if self.is_done:
             return None
         entry = self.entries[self.position]
         self.wire.send([entry.frame], now_ns, entry.device)
         self.position += 1
-        if self.done and self.loop:
+        if self.is_done and self.loop:
             self._restart(now_ns)
         return entry
 
@@ -130,7 +130,7 @@ class Replay:
         self._start_ns, self.position = now_ns, 0
 
     def _due_ns(self) -> int | None:
-        if self._start_ns is None or self.done:
+        if self._start_ns is None or self.is_done:
             return None
         return self._start_ns + round(self.entries[self.position].t_ns / self.speed)
 
@@ -141,7 +141,7 @@ class Replay:
         self.clock.wait(deadline, filenos + self._calls.filenos, poll=not filenos)
 
 
-def line_of(source: str, baud: int | None) -> str:
+def line_note(source: str, baud: int | None) -> str:
     """What a recording notes of the line that it is of: its speed, ``usb`` where it has none, nothing of CAN.
 
     A network connection and USB's own serial class know no speed, whatever a program sets; a port that nobody can look
@@ -152,11 +152,11 @@ def line_of(source: str, baud: int | None) -> str:
     name = os.path.basename(os.path.realpath(source))
     if baud is None and not name.startswith(_UARTS):
         return "usb"
-    return f"baud {baud or USUAL_BAUD}"
+    return f"baud {baud or DEFAULT_BAUD}"
 
 
 def record(
-    source: str, recorder: Recorder, *, clock: Clock, stop: Callable[[int], bool], baud: int = USUAL_BAUD
+    source: str, recorder: Recorder, *, clock: Clock, stop: Callable[[int], bool], baud: int = DEFAULT_BAUD
 ) -> None:
     """Write what a sensor sends to a file until ``stop(entries so far)`` is true; asked at least every 100 ms.
 

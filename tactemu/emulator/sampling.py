@@ -63,7 +63,7 @@ class SampleClock:
     def due_ns(self, k: int) -> int:
         """Absolute time of sample ``k``."""
         counted = k * self.period_ns
-        return self.start_ns + counted + self._late(counted)
+        return self.start_ns + counted + self._lateness_ns(counted)
 
     def stamp_ns(self, k: int) -> int:
         """What the device's clock shows when sample ``k`` is taken: exactly a period after the one before."""
@@ -77,7 +77,7 @@ class SampleClock:
             return shown + since
         counted = since
         for _ in range(20):  # Newton's method; two or three rounds at the skew of any real oscillator
-            wrong = counted + self._late(counted) - since
+            wrong = counted + self._lateness_ns(counted) - since
             if abs(wrong) <= 1:
                 break
             rate = 1.0 + 1e-6 * (self.skew_ppm + self.drift_ppm_per_s * counted * 1e-9)
@@ -87,26 +87,26 @@ class SampleClock:
     def world_ns(self, shown_ns: int) -> int:
         """Our time at which the device's clock shows ``shown_ns``."""
         counted = shown_ns - self._shown_at_start
-        return self.start_ns + counted + (self._late(counted) if counted > 0 else 0)
+        return self.start_ns + counted + (self._lateness_ns(counted) if counted > 0 else 0)
 
     @property
     def _shown_at_start(self) -> int:
         return self.start_ns if self.shown_ns is None else self.shown_ns
 
-    def _late(self, counted: int) -> int:
+    def _lateness_ns(self, counted: int) -> int:
         """How much longer than the count itself a count [ns] lasts."""
         ppm = self.skew_ppm + 0.5 * self.drift_ppm_per_s * (counted * 1e-9)
         # Never faster than nine tenths of its time, however long it drifts.
         return round(counted * max(ppm, -1e5)) // 1_000_000 if ppm else 0
 
-    def taken(self, k: int) -> int:
+    def first_taken(self, k: int) -> int:
         """Return the first sample from ``k`` on that is not missed."""
-        while self.missed and uniform_64(self._missing, k) < self.missed * 2**64:
+        while self.missed and uniform_64(self._missed_key, k) < self.missed * 2**64:
             k += 1
         return k
 
     @cached_property
-    def _missing(self) -> int:
+    def _missed_key(self) -> int:
         return stream_key(self.seed, f"{self.name}/missed/{self.restarts}")
 
     # -- what leaves -------------------------------------------------------------------------------------------------
@@ -124,12 +124,12 @@ class SampleClock:
         return release
 
     @cached_property
-    def _key(self) -> int:
+    def _jitter_key(self) -> int:
         return stream_key(self.seed, f"{self.name}/jitter/{self.restarts}")
 
     def _jitter(self, k: int) -> int:
         """Uniform in ``[0, jitter_ns]``, a function of the seed, the name and ``k`` alone."""
-        return (uniform_64(self._key, k) * (self.jitter_ns + 1)) >> 64 if self.jitter_ns else 0
+        return (uniform_64(self._jitter_key, k) * (self.jitter_ns + 1)) >> 64 if self.jitter_ns else 0
 
     def restarted(self, start_ns: int, period_ns: int) -> SampleClock:
         """Return the same oscillator, as far as it has drifted, counting anew from ``start_ns`` with another period."""

@@ -23,7 +23,7 @@ from tactemu.scene.schema import EventTable
 from tactemu.wire.faults.fault import Fault, parse
 
 
-def concerns(event: EventTable, skin: str) -> bool:
+def applies_to(event: EventTable, skin: str) -> bool:
     """Whether an event befalls this skin."""
     return event.skin in (None, skin)
 
@@ -36,7 +36,7 @@ def laws_needed(events: Iterable[EventTable], skin: str) -> tuple[str, ...]:
     """
     needed = set()
     for event in events:
-        if concerns(event, skin):
+        if applies_to(event, skin):
             needed |= {_changeable(event, option) for option in event.set}
             needed |= {"dead"} if event.dead else set()
     return tuple(sorted(needed))
@@ -56,7 +56,7 @@ def faults_of(events: Iterable[EventTable], skins: Sequence[str]) -> list[Fault]
     Raises:
         SceneError: a fault that cannot be parsed, or with a time of its own.
     """
-    concerned = (event for event in events if any(concerns(event, skin) for skin in skins))
+    concerned = (event for event in events if any(applies_to(event, skin) for skin in skins))
     return [timed_fault(event) for event in concerned if event.fault]
 
 
@@ -76,10 +76,10 @@ def schedule(emulator: Emulator, events: Iterable[EventTable], *, now_s: float =
     Raises:
         SceneError: an event that this scene cannot have.
     """
-    concerned = [(channel, event) for event in events for channel in emulator.channels if concerns(event, channel.name)]
-    for channel, event in concerned:
+    pairs = [(c, event) for event in events for c in emulator.channels if applies_to(event, c.name)]
+    for channel, event in pairs:
         _check(channel, event, "" if now_s else f"scenario at {event.at:g} s: ")
-    for channel, event in concerned:
+    for channel, event in pairs:
         _plan(emulator, channel, event, round(now_s * 1e9))
 
 
@@ -91,7 +91,7 @@ def apply_event(emulator: Emulator, event: EventTable, now_s: float) -> None:
     """
     schedule(emulator, [event], now_s=now_s)
     for wire in emulator.wires if event.fault else ():
-        if any(concerns(event, c.name) for c in emulator.channels if wire in c.wires.values()):
+        if any(applies_to(event, c.name) for c in emulator.channels if wire in c.wires.values()):
             wire.add_fault(timed_fault(event, now_s))
 
 

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from tactemu.imperfections import Imperfections
 
 
-class Skin(Protocol):
+class SkinReadings(Protocol):
     """What a placed sensor or a recording offers."""
 
     def quantity(self, name: str, ground_truth: bool = False) -> np.ndarray:
@@ -23,7 +23,7 @@ class Skin(Protocol):
         """
         ...
 
-    def around(self, name: str, t_ns: int, link: str = "") -> Any:
+    def ambient(self, name: str, t_ns: int, link: str = "") -> Any:
         """``temperature``, ``acceleration`` or ``angular_velocity`` of one link of the device; "" the first."""
         ...
 
@@ -48,10 +48,10 @@ class SenseReader:
 
     TRANSIENT_FIELDS: ClassVar[tuple[str, ...]] = ("_layout", "_device")
 
-    def __init__(self, skin: Skin, device: Device):
+    def __init__(self, skin: SkinReadings, device: Device):
         self.skin = skin
         self._layout, self._device = device.layout, device
-        self._around: tuple[int, dict[str | tuple[str, str], np.ndarray]] = (-1, {})
+        self._ambient: tuple[int, dict[str | tuple[str, str], np.ndarray]] = (-1, {})
         """What is around the links at a time, by quantity and link; and what the senses of it see, by key."""
 
     @property
@@ -76,9 +76,9 @@ class SenseReader:
                 motors = self._device.drives
                 return np.zeros(len(at)) if motors is None or not motors.embodied else motors.loads()
             case quantity:
-                if self._around[0] != t_ns:  # looked at once for all that is converted at a time
-                    self._around = (t_ns, {})
-                found = self._around[1]
+                if self._ambient[0] != t_ns:  # looked at once for all that is converted at a time
+                    self._ambient = (t_ns, {})
+                found = self._ambient[1]
                 if sense.key not in found:
                     if len(at.links) == 1:
                         value = self._at(t_ns, quantity, at.links[0])
@@ -89,9 +89,9 @@ class SenseReader:
                 return found[sense.key]
 
     def _at(self, t_ns: int, quantity: str, link: str) -> np.ndarray:
-        found = self._around[1]
+        found = self._ambient[1]
         if (quantity, link) not in found:
-            found[quantity, link] = np.asarray(self.skin.around(quantity, t_ns, link), float)
+            found[quantity, link] = np.asarray(self.skin.ambient(quantity, t_ns, link), float)
         return found[quantity, link]
 
 
@@ -106,7 +106,7 @@ class NullSource:
         """Nothing, shape ``(0, 3)`` or ``(0,)``."""
         return np.zeros((0, 3) if name in VECTORS else 0)
 
-    def around(self, name: str, t_ns: int, link: str = "") -> Any:
+    def ambient(self, name: str, t_ns: int, link: str = "") -> Any:
         """Return a room, at rest."""
         return AMBIENT[name]
 

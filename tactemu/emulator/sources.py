@@ -43,30 +43,30 @@ Function = Callable[[float], Any]
 
 
 @dataclass
-class Given:
+class SourceParts:
     """What a source stands in for."""
 
     sensors: dict[str, PlacedSkin] = field(default_factory=dict)
     """Skins that a scene of the user's feels with."""
     simulation: Simulation | None = None
     """That scene, built."""
-    readings: OwnReadings | None = None
-    poses: OwnPoses | None = None
+    readings: FunctionReadings | None = None
+    poses: FunctionPoses | None = None
 
     @property
-    def fed(self) -> set[str]:
+    def replaced_skins(self) -> set[str]:
         """Skins whose readings do not come from the scene."""
         return {*self.sensors, *(self.readings.skins if self.readings else ())}
 
     @property
-    def posed(self) -> set[str]:
+    def posed_bodies(self) -> set[str]:
         """Bodies that are not moved by their motions."""
         return set(self.poses.names) if self.poses else set()
 
 
-def given_by(
+def resolve_source(
     source: Any, loaded: LoadedScene, devices: dict[str, Device], build: Callable[[Scene], Simulation]
-) -> Given:
+) -> SourceParts:
     """What a source stands in for.
 
     Raises:
@@ -76,52 +76,52 @@ def given_by(
     from tactemu.sensors.simulation import Simulation
 
     if source is None:
-        return Given()
+        return SourceParts()
     if isinstance(source, Scene | Simulation):
-        sensors = _felt_by(source.sensors, devices)
+        sensors = _skins_of(source.sensors, devices)
         if isinstance(source, Scene):
-            return Given(sensors=sensors, simulation=build(source))
+            return SourceParts(sensors=sensors, simulation=build(source))
         if source.time_ns:
             raise SceneError(f"source: the simulation is at {source.time_ns * 1e-9:g} s; give it at its start: reset()")
-        return Given(sensors=sensors, simulation=source)
+        return SourceParts(sensors=sensors, simulation=source)
     if not callable(source):
         raise SceneError(f"source: expected a tactemu.Scene, built or not, or a function of time, got {source!r}")
-    return _asked(source, [body.name for body in loaded.tables.body if not body.fixed], devices)
+    return _from_function(source, [body.name for body in loaded.tables.body if not body.fixed], devices)
 
 
-def without(loaded: LoadedScene, given: Given) -> LoadedScene:
+def without_replaced(loaded: LoadedScene, given: SourceParts) -> LoadedScene:
     """Return the scene without what a source stands in for."""
-    motions = {name: motion for name, motion in loaded.motions.items() if name not in given.posed}
+    motions = {name: motion for name, motion in loaded.motions.items() if name not in given.posed_bodies}
     skins = tuple(
-        skin.model_copy(update={"link": None, "readings": None}) if skin.title in given.fed else skin
+        skin.model_copy(update={"link": None, "readings": None}) if skin.title in given.replaced_skins else skin
         for skin in loaded.tables.skin
     )
     return replace(loaded, motions=motions, tables=loaded.tables.model_copy(update={"skin": skins}))
 
 
-def _asked(function: Function, bodies: Sequence[str], devices: Mapping[str, Device]) -> Given:
+def _from_function(function: Function, bodies: Sequence[str], devices: Mapping[str, Device]) -> SourceParts:
     """What a function gives when it is called for the first time."""
-    first = _called(function, 0.0)
+    first = _call(function, 0.0)
     if isinstance(first, Mapping) and first and set(first) <= set(bodies):
-        return Given(poses=OwnPoses(function, first))
+        return SourceParts(poses=FunctionPoses(function, first))
     by_skin = isinstance(first, Mapping) and set(first) <= set(devices)
     if not by_skin and len(devices) != 1:
         raise SourceError(
             f"source at 0 s: expected a table of poses by body ({', '.join(bodies) or 'none that moves'}) "
-            f"or of readings by skin ({', '.join(devices)}), got {_seen(first)}"
+            f"or of readings by skin ({', '.join(devices)}), got {_shown(first)}"
         )
-    fed = {name: OwnSkin(name, devices[name]) for name in (first if by_skin else devices)}
-    return Given(readings=OwnReadings(function, fed, first, by_skin))
+    fed = {name: FunctionSkin(name, devices[name]) for name in (first if by_skin else devices)}
+    return SourceParts(readings=FunctionReadings(function, fed, first, by_skin))
 
 
-def _called(function: Function, t_s: float) -> Any:
+def _call(function: Function, t_s: float) -> Any:
     try:
         return function(t_s)
     except Exception as error:
         raise SourceError(f"source at {t_s:g} s raised {type(error).__name__}: {error}") from error
 
 
-def _seen(value: Any) -> str:
+def _shown(value: Any) -> str:
     """What was given, in a few words."""
     if isinstance(value, Mapping):
         return f"a table of {', '.join(map(repr, value)) or 'nothing'}"
@@ -131,7 +131,7 @@ def _seen(value: Any) -> str:
 # -- poses -------------------------------------------------------------------------------------------------------------
 
 
-class OwnPoses:
+class FunctionPoses:
     """Poses bodies of a simulation at each of its steps."""
 
     TRANSIENT_FIELDS: ClassVar[tuple[str, ...]] = ("names", "_function")
@@ -153,9 +153,9 @@ class OwnPoses:
         Raises:
             SourceError: the function raised, or what it gave is no pose of these bodies.
         """
-        given = _called(self._function, t_s)
+        given = _call(self._function, t_s)
         if not isinstance(given, Mapping) or set(given) != set(self.names):
-            raise SourceError(f"source at {t_s:g} s: expected poses of {', '.join(self.names)}, got {_seen(given)}")
+            raise SourceError(f"source at {t_s:g} s: expected poses of {', '.join(self.names)}, got {_shown(given)}")
         dt = t_s - self._t_s
         self._before = {name: _pose(name, given[name], self._before[name], t_s, dt) for name in self.names}
         self._t_s = t_s
@@ -193,7 +193,7 @@ def _pose(name: str, given: Any, before: Pose | None, t_s: float, dt: float) -> 
 # -- readings ----------------------------------------------------------------------------------------------------------
 
 
-class OwnSkin:
+class FunctionSkin:
     """What one skin feels by the user's function: readings as they are, spoilt by nothing."""
 
     TRANSIENT_FIELDS: ClassVar[tuple[str, ...]] = ("name", "_n", "_contact", "_wrenches")
@@ -205,7 +205,7 @@ class OwnSkin:
         self.wrench: np.ndarray | None = None
         """In place of what follows from the forces [N, Nm]."""
         self._values: dict[str, np.ndarray] = {}
-        self._around: dict[str, Any] = dict(AMBIENT)
+        self._ambient: dict[str, Any] = dict(AMBIENT)
 
     def put(self, given: Any, t_s: float) -> None:
         """Take what the function gave for ``t_s``.
@@ -217,9 +217,9 @@ class OwnSkin:
         optional = (*AMBIENT, "wrench") if self._wrenches else tuple(AMBIENT)
         if not set(self._contact) <= set(table) or not set(table) <= {*CONTACT, *optional}:
             expected = ", ".join((*self._contact, *(f"{name} (optional)" for name in optional)))
-            raise SourceError(f"source at {t_s:g} s: skin {self.name!r}: expected {expected}; got {_seen(given)}")
+            raise SourceError(f"source at {t_s:g} s: skin {self.name!r}: expected {expected}; got {_shown(given)}")
         self._values = {name: self._checked(name, table[name], t_s) for name in self._contact}
-        self._around = {
+        self._ambient = {
             name: self._checked(name, table[name], t_s) if name in table else AMBIENT[name] for name in AMBIENT
         }
         self.wrench = self._checked("wrench", table["wrench"], t_s) if "wrench" in table else None
@@ -232,7 +232,7 @@ class OwnSkin:
         try:
             array = np.array(value, float)
         except (TypeError, ValueError):
-            raise SourceError(f"{where}: expected numbers of shape {shape}, got {_seen(value)}") from None
+            raise SourceError(f"{where}: expected numbers of shape {shape}, got {_shown(value)}") from None
         if array.shape != shape:
             raise SourceError(f"{where}: expected shape {shape}, got {array.shape}")
         if not np.isfinite(array).all():
@@ -244,17 +244,17 @@ class OwnSkin:
         """Return the latest reading, shape ``(n_taxels,)`` or ``(n_taxels, 3)``, SI, device's frame."""
         return self._values[name]
 
-    def around(self, name: str, t_ns: int, link: str = "") -> Any:
+    def ambient(self, name: str, t_ns: int, link: str = "") -> Any:
         """What is around the device: a room, and at rest, unless the function says otherwise."""
-        return self._around[name]
+        return self._ambient[name]
 
 
-class OwnReadings:
+class FunctionReadings:
     """Asks the user's function for the readings of its skins, as the loop comes to their time."""
 
     TRANSIENT_FIELDS: ClassVar[tuple[str, ...]] = ("_function", "_by_skin")
 
-    def __init__(self, function: Function, skins: Mapping[str, OwnSkin], first: Any, by_skin: bool):
+    def __init__(self, function: Function, skins: Mapping[str, FunctionSkin], first: Any, by_skin: bool):
         self.skins = dict(skins)
         self._function, self._by_skin = function, by_skin
         self._t_ns = 0
@@ -269,13 +269,13 @@ class OwnReadings:
         if t_ns > self._t_ns:
             self._t_ns = t_ns
             t_s = t_ns * 1e-9
-            self._put(_called(self._function, t_s), t_s)
+            self._put(_call(self._function, t_s), t_s)
 
     def _put(self, given: Any, t_s: float) -> None:
         if not self._by_skin:
             given = dict.fromkeys(self.skins, given)
         elif not isinstance(given, Mapping) or set(given) != set(self.skins):
-            raise SourceError(f"source at {t_s:g} s: expected readings of {', '.join(self.skins)}, got {_seen(given)}")
+            raise SourceError(f"source at {t_s:g} s: expected readings of {', '.join(self.skins)}, got {_shown(given)}")
         for name, skin in self.skins.items():
             skin.put(given[name], t_s)
 
@@ -283,7 +283,7 @@ class OwnReadings:
 # -- a scene of the user's own -----------------------------------------------------------------------------------------
 
 
-def _felt_by(sensors: Sequence[Sensor], devices: Mapping[str, Device]) -> dict[str, PlacedSkin]:
+def _skins_of(sensors: Sequence[Sensor], devices: Mapping[str, Device]) -> dict[str, PlacedSkin]:
     """Return the sensors of the user's scene as skins of devices, by name.
 
     Raises:

@@ -97,7 +97,7 @@ class DriverRig:
     @property
     def period_s(self) -> float:
         """The shortest sampling period in force [s]."""
-        periods = [c.period_ns(stream) for c in self.emulator.channels for stream in c.ticks]
+        periods = [c.period_ns(stream) for c in self.emulator.channels for stream in c.timers]
         return min((period for period in periods if period), default=10_000_000) / 1e9
 
     def facts(self, since: int, rows: int) -> Facts:
@@ -164,7 +164,7 @@ class DriverRig:
         now = self.emulator.now_ns
         for channel in self.emulator.channels:
             channel.wanted_periods = {} if hz is None else dict.fromkeys(channel.device.periods, round(1e9 / hz))
-            channel.follow(now)
+            channel.apply_changes(now)
 
     def begin(self, trial: Trial) -> int:
         """Switch a trial's faults on, and do what it does; returns when."""
@@ -189,7 +189,7 @@ class DriverRig:
                     for port, wire in channel.wires.items():
                         connector: Any = channel.device.connector(port)
                         wire.attach(channel.name, replace(connector, baud=max(1200, connector.baud // 2)))
-                    self._undo.append(channel.plug)
+                    self._undo.append(channel.attach_wires)
             case "rate":
                 self.rate(trial.rate_hz)
                 self._undo.append(lambda: self.rate(self._usual_rate))

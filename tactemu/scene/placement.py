@@ -75,7 +75,7 @@ class PlacedSensor:
         """Return vectors of the link's frame, ``(..., 3)``, in the device's."""
         return rotation.rotate(self._back, vectors) if self._turned else vectors
 
-    def around(self, name: str, t_ns: int) -> np.ndarray | float:
+    def ambient(self, name: str, t_ns: int) -> np.ndarray | float:
         """What a chip beside its taxels feels, in the device's frame.
 
         ``temperature`` by the sensor's course; ``acceleration`` and ``angular_velocity`` by how its link moves.
@@ -141,10 +141,10 @@ class PlacedSkin:
             return self.parts[0].quantity(name, ground_truth)
         return self._joined([part.quantity(name, ground_truth) for part in self.parts])
 
-    def around(self, name: str, t_ns: int, link: str = "") -> np.ndarray | float:
+    def ambient(self, name: str, t_ns: int, link: str = "") -> np.ndarray | float:
         """Temperature, acceleration or turning of one link of the device; "" the first."""
         part = next((part for part in self.parts if link in part.part.links), self.parts[0])
-        return part.around(name, t_ns)
+        return part.ambient(name, t_ns)
 
     def positions(self, t_s: float) -> np.ndarray:
         """Return all taxels in the world at ``t_s`` [m], shape ``(n_taxels, 3)``."""

@@ -330,7 +330,7 @@ class Simulation(PoseInput):
                     array.numpy()[...] = values
                 else:
                     array.assign(values)
-            self.world.resumed()
+            self.world.after_restore()
 
         return take
 

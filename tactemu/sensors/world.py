@@ -214,7 +214,7 @@ class World:
         """Mark the host's copy as outdated for all bodies."""
         self._device_newer = set() if self._shared else set(range(self.n_bodies))
 
-    def resumed(self) -> None:
+    def after_restore(self) -> None:
         """Mark the host's copy as outdated after the device's array was restored."""
         self._dirty.clear()
         self.changed_on_device()

@@ -266,7 +266,7 @@ class Truth:
         self._taps = tuple(each for each in self._taps if each is not tap)
         self._has_sinks = bool(self._writers or self._taps)
 
-    def resumed(self) -> None:
+    def after_restore(self) -> None:
         """A state was restored: what memory keeps is of what came after it, counters go on from it."""
         self._memory.forget()
 

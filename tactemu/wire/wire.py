@@ -168,7 +168,7 @@ class Wire:
             self._plugged = plugged
         self.transport.hold(self._down is not None and self._down.kind == "halfopen")
 
-    def resumed(self) -> None:
+    def after_restore(self) -> None:
         """A state was restored: the port is as it was, but for who has it open."""
         if self._opened:
             self._plug()

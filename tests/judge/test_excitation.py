@@ -5,7 +5,7 @@ import pytest
 
 from firmware_protocols import Reading, calls, create
 from tactemu.emulator.sensing import SenseReader
-from tactemu.emulator.sources import OwnSkin
+from tactemu.emulator.sources import FunctionSkin
 from tactemu.judge.excitation import Excitation, Span, flattened
 
 N = 200
@@ -16,7 +16,7 @@ def felt(name):
     device = create(name)
     excitation = Excitation({name: Span(lambda: create(name))})
     excitation.mode = "random"
-    skin = OwnSkin(name, device)
+    skin = FunctionSkin(name, device)
     senses = SenseReader(skin, device)
     rows = []
     for k in range(N):

@@ -14,7 +14,7 @@ import serial
 from firmware_protocols import CanFrame
 from tactemu.base.clock import RealClock, VirtualClock
 from tactemu.base.errors import TactemuError, TransportError
-from tactemu.emulator.replay import Replay, line_of, record, replay_spec
+from tactemu.emulator.replay import Replay, connector_for, line_note, record
 from tactemu.transports import create
 from tactemu.truth.recorder import Recorder
 from tactemu.truth.recording import Entry, Recording, load
@@ -25,7 +25,7 @@ STREAM = Recording([Entry(k * 20_000_000, bytes([k]) * 10) for k in range(20)])
 
 def replay(recording, port, **options):
     clock = options.pop("clock", None) or VirtualClock()
-    wire = Wire(create(port), replay_spec(recording), pacing=False, faults=options.pop("faults", ()))
+    wire = Wire(create(port), connector_for(recording), pacing=False, faults=options.pop("faults", ()))
     wire.open()
     return Replay(recording, wire, clock=clock, **options), wire, clock
 
@@ -34,7 +34,7 @@ def replay(recording, port, **options):
 def test_speed(speed):
     player, wire, clock = replay(STREAM, "memory:", speed=speed)
     seen = []
-    while not player.done:
+    while not player.is_done:
         player.turn(clock.now_ns())
         seen += [(clock.now_ns(), frame) for frame in wire.transport.driver.read()]
         player._wait(None)
@@ -58,7 +58,7 @@ def test_stepwise():
         assert player.step(7) == entry
         wire.flush(7)
         assert wire.transport.driver.read() == [entry.frame]
-    assert player.step(7) is None and player.done
+    assert player.step(7) is None and player.is_done
 
 
 def test_looping_and_only_the_drivers_side():
@@ -169,10 +169,10 @@ def test_what_a_bus_carries_is_recorded(tmp_path):
     ],
 )
 def test_only_a_uart_has_a_speed(source, baud, line, tmp_path):
-    assert line_of(source, baud) == line
+    assert line_note(source, baud) == line
     with Recorder(tmp_path / "x.mcap", line=line) as recorder:
         recorder.add(Entry(0, b"frame"))
-    assert replay_spec(load(tmp_path / "x.mcap")).usb is not line.startswith("baud")
+    assert connector_for(load(tmp_path / "x.mcap")).usb is not line.startswith("baud")
 
 
 def test_a_full_disk_blames_the_file_not_the_source(tmp_path):
@@ -226,7 +226,7 @@ def test_timing_of_random_entries_is_kept_to_the_nanosecond():
     recording = Recording([Entry(int(t), bytes([k])) for k, t in enumerate(times)])
     player, wire, clock = replay(recording, "memory:")
     seen = []
-    while not player.done:
+    while not player.is_done:
         player.turn(clock.now_ns())
         seen += [clock.now_ns()] * len(wire.transport.driver.read())
         player._wait(None)

@@ -76,9 +76,9 @@ def placed(turn=(1.0, 0.0, 0.0, 0.0), motion=None, **options):
 
 
 def test_gravity_follows_the_skin():
-    assert np.allclose(placed().around("acceleration", 0), (0, 0, 9.80665))
+    assert np.allclose(placed().ambient("acceleration", 0), (0, 0, 9.80665))
     # the device's z lies along the link's x, so the link's up is the device's minus x
-    assert np.allclose(placed(QUARTER).around("acceleration", 0), (-9.80665, 0, 0))
+    assert np.allclose(placed(QUARTER).ambient("acceleration", 0), (-9.80665, 0, 0))
 
 
 def test_a_moving_link_is_felt_in_its_own_frame():
@@ -86,8 +86,8 @@ def test_a_moving_link_is_felt_in_its_own_frame():
     expected = rotation.rotate(
         rotation.from_rotation_vector((0, 0, -0.06)), (-1e-3 * Shaken.w**2 * np.sin(Shaken.w * 0.03), 0, 9.80665)
     )
-    assert np.allclose(moving.around("acceleration", 30_000_000), expected, atol=1e-4)
-    assert np.allclose(moving.around("angular_velocity", 30_000_000), (0, 0, 2.0))
+    assert np.allclose(moving.ambient("acceleration", 30_000_000), expected, atol=1e-4)
+    assert np.allclose(moving.ambient("angular_velocity", 30_000_000), (0, 0, 2.0))
 
 
 def test_a_link_posed_by_hand_is_felt_as_told():
@@ -99,12 +99,12 @@ def test_a_link_posed_by_hand_is_felt_as_told():
     for k, speed in enumerate((0.0, 0.02, 0.05)):
         sim.set_pose(pad, linear_velocity=(0, 0, speed), **told)
         sim.step()
-        acceleration = sensor.around("acceleration", 10_000_000 * k)
+        acceleration = sensor.ambient("acceleration", 10_000_000 * k)
     assert np.allclose(acceleration, (-3.0 - 9.80665, 0, 0))  # 0.03 m/s more in 10 ms; z is the device's -x
-    assert np.allclose(sensor.around("angular_velocity", 0), (-2.0, 0, 0))
+    assert np.allclose(sensor.ambient("angular_velocity", 0), (-2.0, 0, 0))
 
 
 def test_temperature_follows_its_course():
     sensor = placed(temperature_course=[(0, 25), (10, 45)], temperature_offset=1e-3)
-    assert sensor.around("temperature", 5_000_000_000) == pytest.approx(35.0)
-    assert placed().around("temperature", 0) == 25.0
+    assert sensor.ambient("temperature", 5_000_000_000) == pytest.approx(35.0)
+    assert placed().ambient("temperature", 0) == 25.0

@@ -12,7 +12,7 @@ A part may say otherwise, by methods:
 * ``state()``, and ``prepare_restore(state)``, which checks, changes nothing and returns what does: in place of
 attributes;
 * ``other_state()``: values that its state may have at other times, beside those of now;
-* ``resumed()``: called when all parts have their state.
+* ``after_restore()``: called when all parts have their state.
 """
 
 from __future__ import annotations
@@ -88,8 +88,8 @@ def prepare_restore(parts: Mapping[str, Any], state: Mapping[str, Any], t_ns: in
         for each in takes:
             each()
         for part in parts.values():
-            if hasattr(part, "resumed"):
-                part.resumed()
+            if hasattr(part, "after_restore"):
+                part.after_restore()
 
     return take
 
