@@ -1,1 +1,1 @@
-"""One file, one device family."""
+"""The device models: a module for each family of devices, and the modules that families share."""

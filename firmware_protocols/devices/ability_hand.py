@@ -1,8 +1,8 @@
 r"""PSYONIC Ability Hand: thirty touch sensors on five fingertips, and six motors, on one UART.
 
 Wire: 8N1 at one of 18 speeds, 460800 as delivered. The hand transmits only in reply, once per command. Each message
-ends in the byte that makes its byte sum 0, and is stuffed as in PPP (7E, 7D and 7E inside as 7D (x ^ 20), 7E).
-With stuffing off, as delivered, messages go as they are and a silence ends one.
+ends in the byte that makes its byte sum 0, and is stuffed as in PPP (7E, 7D and 7E inside as 7D (x ^ 20), 7E). With
+stuffing off, as delivered, messages go as they are and a silence ends one.
 
     header   payload           scale
     1v       six positions     32767 / 150 deg

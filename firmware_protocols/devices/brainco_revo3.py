@@ -22,11 +22,11 @@ The vendor's SDK reads two points of a matrix in one register, the first one in 
 The vendor's document has 60 registers a module, at 5240, 5300, 5360, 5420 ... (option ``packing=single``). The model
 assumes that points follow row by row.
 
-Identity: 101 the hand, 1 right, 2 left; 108 unit; 109 line (0 1 M, 1 2 M, 2 3 M, 4 5 Mbit/s); 110 CAN-FD (3 is
-5 Mbit/s); 135 kind of touch; 240..260 and 270..290 the joints' limits [0.01 deg]; 1800..1804 state, current [mA],
-voltage [10 mV], power [10 mW], temperature; 2000..2170 the joints, which stand still at 0; 3020 the joints that
-are fitted; 3060 and 3300 serial numbers and versions of their motors; 3030, 3040, 3050 firmware, hardware and serial
-number, 20 characters each, two in a register. The serial number of a left Ultra Touch begins BCUTL4.
+Identity: 101 the hand, 1 right, 2 left; 108 unit; 109 line (0 1 M, 1 2 M, 2 3 M, 4 5 Mbit/s); 110 CAN-FD (3 is 5
+Mbit/s); 135 kind of touch; 240..260 and 270..290 the joints' limits [0.01 deg]; 1800..1804 state, current [mA], voltage
+[10 mV], power [10 mW], temperature; 2000..2170 the joints, which stand still at 0; 3020 the joints that are fitted;
+3060 and 3300 serial numbers and versions of their motors; 3030, 3040, 3050 firmware, hardware and serial number, 20
+characters each, two in a register. The serial number of a left Ultra Touch begins BCUTL4.
 
 Try it: ``tactemu run brainco_revo3``, then
 ``await bc_revo3_sdk.Manager().connect_auto(port=..., protocol=ProtocolType.Modbus, slave_id=0x7E)``.

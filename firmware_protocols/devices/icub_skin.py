@@ -62,11 +62,11 @@ from firmware_protocols import (
 from firmware_protocols.adc import quantize
 from firmware_protocols.can_frames import CanFrames
 from firmware_protocols.devices.icub_triangles import (
-    PADS,
+    PADS_PER_TRIANGLE,
     PALM,
     SHEETS,
-    TAXELS,
-    THERMAL,
+    TAXEL_PADS,
+    THERMAL_PADS,
     TrianglePlace,
     fingertip,
     flat,
@@ -102,7 +102,7 @@ TEST_MODE = 7
 TEMPERATURE_V2 = 8
 GAINS = {
     TEMPERATURE: (70, 96, 83, 38, 38, 70, 0, 45, 77, 164, 0, 77),
-    PALM_OR_TIP: (0,) * PADS,
+    PALM_OR_TIP: (0,) * PADS_PER_TRIANGLE,
     ERGO_HAND: (58, 91, 39, 23, 35, 90, 0, 38, 68, 115, 0, 86),
     TEMPERATURE_V2: (58, 91, 39, 23, 35, 90, 0, 38, 68, 115, 0, 86),
 }
@@ -133,7 +133,7 @@ PATTERN = np.array(
 )
 """How far below its calibration each pad of a hand's fingertips was at rest, in raw counts, finger by finger."""
 
-_MASK = 1 << np.arange(PADS)
+_MASK = 1 << np.arange(PADS_PER_TRIANGLE)
 REST = 0x6000
 RAW_MAX = 0xFFFF
 RAW_PER_NEWTON = 600.0
@@ -195,20 +195,20 @@ class Board:
 
     def __post_init__(self):
         n = len(self.flags)
-        self.raw = np.full((CHIPS, PADS), ABSENT)
+        self.raw = np.full((CHIPS, PADS_PER_TRIANGLE), ABSENT)
         self.shift = np.full(TRIANGLES, SHIFT)
         self.enabled = np.ones(TRIANGLES, bool)
         self.unheard, self.calibrates = 0, False
-        self.pad_of = np.concatenate([PADS * k + np.array(pads) for k, pads in enumerate(self.feeling)])
-        self.taxel_of = np.full((n, PADS), len(self.pad_of))
+        self.pad_of = np.concatenate([PADS_PER_TRIANGLE * k + np.array(pads) for k, pads in enumerate(self.feeling)])
+        self.taxel_of = np.full((n, PADS_PER_TRIANGLE), len(self.pad_of))
         self.taxel_of.ravel()[self.pad_of] = np.arange(len(self.pad_of))
         self.pattern = np.where(self.taxel_of < len(self.pad_of), self.pattern, 0)
         sizes = np.array([len(pads) for pads in self.feeling])
         self.sizes, self.starts = sizes[:, None], np.cumsum(sizes) - sizes
         drifts = RAW_PER_DEG * np.array(GAINS[TEMPERATURE]) / 128
-        drifts[list(THERMAL)] = RAW_PER_DEG
-        self.per_deg = np.where(self.sizes == PADS, RAW_PER_DEG, drifts)
-        self.offset = np.full((CHIPS, PADS), ABSENT)
+        drifts[list(THERMAL_PADS)] = RAW_PER_DEG
+        self.per_deg = np.where(self.sizes == PADS_PER_TRIANGLE, RAW_PER_DEG, drifts)
+        self.offset = np.full((CHIPS, PADS_PER_TRIANGLE), ABSENT)
         self.raw[self.numbers] = np.where(self.flags[:, None] == NOT_CONNECTED, ABSENT, REST)
         self.offset[self.numbers] = np.where(self.flags[:, None] == NOT_CONNECTED, ABSENT, REST + self.pattern)
 
@@ -233,7 +233,7 @@ class Board:
             gain = np.array(GAINS[self.kind])
             if self.kind == ERGO_HAND:
                 gain = np.where((sent_as > 4)[:, None], gain, 0)
-            thermal = change[:, THERMAL[:1]]
+            thermal = change[:, THERMAL_PADS[:1]]
             drift = np.where(thermal > 0, (thermal >> 2) * gain >> 5, -(-thermal >> 2) * gain >> 5)
         shift = self.shift[np.minimum(sent_as, TRIANGLES - 1)][:, None]
         change = change - drift
@@ -443,7 +443,9 @@ class IcubSkin(Device[CanFrame]):
         self.title = f"iCub skin, {part.replace('_', ' ')} of {n} triangles"
         if part in ("hand", "triangle"):
             self.title = "iCub skin, five fingertips and palm" if part == "hand" else "iCub skin, one triangle"
-        feeling = [tuple(range(PADS)) if part == "hand" and k < len(FINGERS) else TAXELS for k in range(n)]
+        feeling = [
+            tuple(range(PADS_PER_TRIANGLE)) if part == "hand" and k < len(FINGERS) else TAXEL_PADS for k in range(n)
+        ]
         flags = [NO_ACK * (name in no_ack) | NOT_CONNECTED * (name in not_connected) for name in names]
         order = np.split(self.layout.wire_order, np.cumsum([len(pads) for pads in feeling])[:-1])
         self.boards: dict[str, Board] = {}
@@ -458,7 +460,7 @@ class IcubSkin(Device[CanFrame]):
                 np.array(flags[own]),
                 PATTERN[np.arange(start, start + len(flags[own])) % len(PATTERN)]
                 if pattern == "measured"
-                else np.zeros(PADS, int),
+                else np.zeros(PADS_PER_TRIANGLE, int),
                 OLD if firmware == "old" else NEW,
                 PALM_OR_TIP if part == "hand" else TEMPERATURE,
                 OLD_NO_LOAD if firmware == "old" else NO_LOAD,

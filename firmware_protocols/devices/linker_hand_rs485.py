@@ -7,8 +7,8 @@ is a register's low byte, so 0..255:
     0         10       rw      joint angles
     10, 20    10, 10   rw      torques, speeds
     40, 50    10, 10   r       temperatures, faults
-    70        1        rw      finger that is shown from 72 on: 1 thumb .. 5 little finger
-    72        10       r       not known; drivers drop them
+    70        1        rw      selects the finger of 72..157: 1 thumb .. 5 little finger
+    72        10       r       unknown; drivers drop them
     82        72       r       matrix of that finger, raw, row by row
     158       6        r       version
 
@@ -59,7 +59,7 @@ READ = "linkerhand-python-sdk@b371361 and linkerhand-ros2-sdk@bba0b9d core/rs485
 
 
 class LinkerHandL10Rs485(Device):
-    """The L10 with an RS-485 plug."""
+    """An L10 on RS-485."""
 
     name = "linker_hand_l10_rs485"
     kind = "hand"
@@ -102,7 +102,7 @@ class LinkerHandL10Rs485(Device):
         self.counts = np.zeros(len(self.layout), np.uint8)
 
     def measure(self, reading: Reading, t_ns: int) -> Counts:
-        """Raw counts 0..255 of the normal force of each taxel, uint8, shape ``(360,)``."""
+        """Return raw counts 0..255 of the normal force on each taxel, uint8, shape ``(360,)``."""
         push = self.layout.push(reading["force"])
         self.counts = quantize(push, COUNTS_PER_NEWTON, 0, 255).astype(np.uint8)
         return self.counts
@@ -112,19 +112,19 @@ class LinkerHandL10Rs485(Device):
         return self.rtu.answers(data, t_ns, {self.unit: Banks(holding=self, inputs=self, functions=(3, 4, 6, 16))})
 
     def read(self, address: int, n: int, t_ns: int) -> bytes:
-        """Return registers, with the matrix of the finger that is shown."""
+        """Return registers, with the matrix of the selected finger."""
         finger = self.registers["finger"]
         patch = self.layout.patches[finger - 1]
         self.registers["matrix"] = self.layout.on_wire(self.counts)[patch.taxels] if finger else 0
         return self.registers.read(address, n)
 
     def write(self, address: int, data: bytes, t_ns: int) -> Sequence[str]:
-        """Store; joints answer what was set."""
+        """Store what the host writes; joints answer what was set."""
         return self.registers.write(address, data)
 
     @property
     def commands(self) -> tuple[Command, ...]:
-        """Of a left hand."""
+        """Requests to a left hand."""
         if self.unit != 0x28:
             return ()
         return tuple(

@@ -1,15 +1,15 @@
-r"""Nibotics NI-PRVS01: seven motors; pressure and warmth at nineteen places, sound and motion.
+r"""Nibotics NI-PRVS01: a hand with seven motors; pressure and temperature at nineteen places, sound and motion.
 
 Wire: USB-CDC, opened at 115200. The hand sends, unasked, two messages after each conversion; the host sends orders,
-which are not answered. A message with a bad check is dropped.
+which get no answer. A message with a bad check is dropped.
 
     1    hand    14 microphones of 12 bits, in 12 and 9 bytes
     2    hand    pressures [hPa] and temperatures by channel, seven positions of 12 bits in 11 bytes, speeds, motion
     3    host    seven positions 0..4095, then seven speeds 0..250: little, ring, middle, index, three axes of the thumb
 
 Channels: little 0..2, ring 4..6, middle 8..10, index 12..14, thumb 16..18, palm 20..23, row by row, a finger's first at
-its top; 3, 7, 11, 15 and 19 are not in use. An older firmware has 19 channels, the same without the palm; a host tells
-them apart by the length. The one driver does not show the palm's.
+its top; 3, 7, 11, 15 and 19 are not in use. An older firmware has 19 channels, the same without the palm; a host
+distinguishes them by the length. The only known driver does not show the palm.
 
 Try it: ``tactemu run nibotics_prvs01``, then ``NI_PRVS01(port)`` of ``nibotics``.
 """
@@ -65,21 +65,21 @@ ORDER = Frame("""
     0     <u2 x 7           positions
     14    u1 x 7            speeds
 """)
-MICROPHONES = 1
+MICROPHONES_KIND = 1
 GENERAL_KIND = 2
 ORDER_KIND = 3
-FINGERS = {
+FINGER_CENTRES_M = {
     # name: centre in the palm's frame [m]
     "little": (-0.033, 0.08, 0.0), "ring": (-0.011, 0.095, 0.0), "middle": (0.011, 0.1, 0.0),
     "index": (0.033, 0.09, 0.0), "thumb": (0.06, 0.03, 0.0),
 }  # fmt: skip
 ACTUATORS = ("pinky", "ring", "middle", "index", "thumb_radial_extension", "thumb_flexion", "thumb_grasp")
 PALM_CHANNELS = range(20, 24)
-HEARD = np.full(14, 2048)
-COUNTS_PER_SPEED = 41.0
-FASTEST = 250
-PER_G = 4096 / 9.80665
-PER_DEGREE = 32.8
+MICROPHONE_COUNTS = np.full(14, 2048)
+COUNTS_PER_S_PER_SPEED = 41.0
+MAX_SPEED = 250
+COUNTS_PER_MS2 = 4096 / 9.80665
+COUNTS_PER_DEG_S = 32.8
 
 
 _PACKAGE = "nibotics-hand 0.1.0"
@@ -87,7 +87,7 @@ _READ = "nibotics-hand 0.1.0 (all of it: definitions.py, hand.py, protocol.py, s
 
 
 class NiboticsPrvs01(Device):
-    """The hand as it streams."""
+    """A hand that streams touch, sound and motion, and obeys orders."""
 
     name = "nibotics_prvs01"
     kind = "hand"
@@ -116,11 +116,11 @@ class NiboticsPrvs01(Device):
     def __init__(
         self,
         *,
-        channels: Annotated[Literal[24, 19], Option("of its firmware; 19 is older and has no palm")] = 24,
-        counts_per_pascal: Annotated[float, Option("pressure as it is sent", unit="1/Pa")] = 0.01,
+        channels: Annotated[Literal[24, 19], Option("channels of the firmware; 19 is older and has no palm")] = 24,
+        counts_per_pascal: Annotated[float, Option("scale of pressure on the wire", unit="1/Pa")] = 0.01,
     ):
         self.counts_per_pascal = counts_per_pascal
-        pads = [place(grid_layout(3, 1, 0.015, name=name, link=name), base) for name, base in FINGERS.items()]
+        pads = [place(grid_layout(3, 1, 0.015, name=name, link=name), base) for name, base in FINGER_CENTRES_M.items()]
         palm = [grid_layout(2, 2, 0.025, name="palm", link="palm")] if channels == 24 else []
         self.layout = stack(*pads, *palm)
         self.channels = np.array([4 * k + j for k in range(5) for j in range(3)] + [*PALM_CHANNELS] * bool(palm))
@@ -133,20 +133,24 @@ class NiboticsPrvs01(Device):
         self.packets = Packets(b"\xaa\x01", _size, _check, counters=self.counters)
         self.pressures, self.temperatures = np.zeros(channels, np.float32), np.zeros(channels, np.float32)
         self.motion = np.zeros((2, 3), np.int64)
-        self.motors = Motors(np.zeros(7), low=0, high=4095, time_constant_s=0.0, speed_limit=FASTEST * COUNTS_PER_SPEED)
+        self.motors = Motors(
+            np.zeros(7), low=0, high=4095, time_constant_s=0.0, speed_limit=MAX_SPEED * COUNTS_PER_S_PER_SPEED
+        )
         self.speeds = np.full(7, 100)
 
     def measure(self, reading: Reading, t_ns: int) -> Counts:
-        """Pressures as float32, shape ``(19,)``, or 15 without a palm."""
-        felt = np.clip(reading["pressure"] * self.counts_per_pascal, 0.0, 1e9).astype(np.float32)
-        self.pressures[self.channels] = self.layout.on_wire(felt)
+        """Return pressures as sent, float32, shape ``(19,)``, or ``(15,)`` without a palm."""
+        sent = np.clip(reading["pressure"] * self.counts_per_pascal, 0.0, 1e9).astype(np.float32)
+        self.pressures[self.channels] = self.layout.on_wire(sent)
         self.temperatures[self.channels] = self.layout.on_wire(reading["temperature"])
-        motion = np.stack([reading["acceleration"][0] * PER_G, np.rad2deg(reading["angular_velocity"][0]) * PER_DEGREE])
+        motion = np.stack(
+            [reading["acceleration"][0] * COUNTS_PER_MS2, np.rad2deg(reading["angular_velocity"][0]) * COUNTS_PER_DEG_S]
+        )
         self.motion = quantize(motion, 1.0, -0x8000, 0x7FFF)
-        return felt
+        return sent
 
     def stream(self, t_ns: int, name: str) -> Transmissions:
-        """Return both messages."""
+        """Return the two messages of one conversion."""
         positions = np.rint(self.motors.positions(t_ns)).astype(np.int64)
         data = self.general.pack(
             pressures=self.pressures,
@@ -155,33 +159,36 @@ class NiboticsPrvs01(Device):
             speeds=np.where(self.motors.moving(t_ns), self.speeds, 0),
             motion=self.motion,
         )
-        return [message(GENERAL_KIND, data), message(MICROPHONES, pack_12_bits(HEARD[:8]) + pack_12_bits(HEARD[8:]))]
+        return [
+            message(GENERAL_KIND, data),
+            message(MICROPHONES_KIND, pack_12_bits(MICROPHONE_COUNTS[:8]) + pack_12_bits(MICROPHONE_COUNTS[8:])),
+        ]
 
     def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
-        """Orders in chunks of any size."""
+        """Obey orders, which arrive in chunks of any size."""
         for packet in self.packets.cut(data, t_ns):
             order = ORDER.unpack(packet[7:-1]) if int.from_bytes(packet[5:7], "little") == ORDER_KIND else None
             if order is None:
                 self.counters["unknown_command"] += 1
                 continue
-            self.speeds = np.minimum(order["speeds"], FASTEST)
-            self.motors.limit_speed(self.speeds * COUNTS_PER_SPEED, t_ns)
+            self.speeds = np.minimum(order["speeds"], MAX_SPEED)
+            self.motors.limit_speed(self.speeds * COUNTS_PER_S_PER_SPEED, t_ns)
             self.motors.go(order["positions"], t_ns)
         return ()
 
     def joints(self, t_ns: int) -> Mapping[str, float]:
-        """How far each motor is closed [rad], a quarter turn in all."""
+        """Return how far each motor is closed [rad], of a quarter turn, by name."""
         return dict(zip(ACTUATORS, (self.motors.positions(t_ns) / 4095 * np.pi / 2).tolist()))
 
     @property
     def commands(self) -> tuple[Command, ...]:
-        """The order, which is not answered."""
+        """An order, which gets no answer."""
         order = "AA 01 15 00 16 03 00 00 00 00 00 00 00 D2 04 00 00 00 00 00 00 64 64 64 4D 64 64 64 15"
         return (Command(name="index to 1234 at 77", request=order, origin="frame of nibotics-hand 0.1.0"),)
 
 
 def message(kind: int, data: bytes) -> bytes:
-    """Return a message, either direction."""
+    """Return a message of either direction, with its checks."""
     return MESSAGE.pack(length_check=crc8(len(data).to_bytes(2, "little")), kind=kind, data=data)
 
 

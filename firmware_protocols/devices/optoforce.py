@@ -9,12 +9,14 @@ sum, answered by ``SERIAL_NUMBER``; ``DATA`` unasked, its length 0A with 3 axes,
     zero    FF: what is measured now becomes zero, 00: no zero
 
 Status: bits 9..4 overload of Fx Fy Fz Tx Ty Tz, bit 3 more than one sensor, bits 2..0 the sensor. The manual of the
-same vendor's Ethernet converter (``onrobot_hex``) has the axes the other way round, Fx in bit 4; the driver's author
-had the DAQ's manual, and no sensor to try it.
+same vendor's Ethernet converter (``onrobot_hex``) has the axes in reverse, Fx in bit 4; the driver's author had the
+DAQ's manual, but no sensor to test it.
 
-The driver checks the sum but leaves it to its user (``valid_checksum``), and skips the answer to a configuration.
+The driver checks the sum but leaves the decision to its user (``valid_checksum``), and skips the answer to a
+configuration.
 
-Try it: ``tactemu exec optoforce -- python``, then ``OptoForce16(speed_hz=100).connect()``, which finds it by its text.
+Try it: ``tactemu exec optoforce -- python``, then ``OptoForce16(speed_hz=100).connect()``, which finds it by its USB
+text.
 """
 
 from __future__ import annotations
@@ -79,14 +81,15 @@ ACCEPTED = 0
 BAD_SUM = 1
 BAD_VALUE = 2
 
-SPEEDS = (0, 1, 3, 10, 33, 100)
+PERIODS_MS = (0, 1, 3, 10, 33, 100)
 CUTOFF_HZ = (None, 500.0, 150.0, 50.0, 15.0, 5.0, 1.5)
 ZERO = 0xFF
 NO_ZERO = 0x00
 
-FORCE_COUNTS = (7925 / 300, 8641 / 300, 6049 / 2000)
-TORQUE_COUNTS = 1000.0
-CAPACITY = np.array([300.0, 300.0, 2000.0, 30.0, 30.0, 30.0])
+COUNTS_PER_NEWTON = (7925 / 300, 8641 / 300, 6049 / 2000)
+COUNTS_PER_NEWTON_METRE = 1000.0
+CAPACITIES = np.array([300.0, 300.0, 2000.0, 30.0, 30.0, 30.0])
+"""The loads on each axis beyond which the status shows overload [N, Nm]."""
 AXES: tuple[tuple[str, Literal["x", "y", "z"], Literal[0, 1]], ...] = (
     ("Fx", "x", 0),
     ("Fy", "y", 0),
@@ -95,7 +98,7 @@ AXES: tuple[tuple[str, Literal["x", "y", "z"], Literal[0, 1]], ...] = (
     ("Ty", "y", 0),
     ("Tz", "z", 0),
 )
-PLACES = {
+FORCE_PLACES_M = {
     "3": [(0.0, 0.0, 0.01)],
     "4x3": [(x, y, 0.01) for y in (0.01, -0.01) for x in (-0.01, 0.01)],
     "6": [(0.0, 0.0, 0.05)],
@@ -142,21 +145,21 @@ class OptoForce(Device):
         *,
         axes: Annotated[Literal["3", "4x3", "6"], Option("one dome, four domes, or force and torque")] = "3",
         counts_per_newton: Annotated[
-            tuple[float, float, float], Option("of Fx, Fy, Fz, as on the calibration sheet", unit="1/N", low=1e-6)
-        ] = FORCE_COUNTS,
-        serial_number: Annotated[str, Option("up to eight characters")] = "ISE001",
+            tuple[float, float, float], Option("scale of Fx, Fy, Fz, as on the calibration sheet", unit="1/N", low=1e-6)
+        ] = COUNTS_PER_NEWTON,
+        serial_number: Annotated[str, Option("serial number of up to eight characters")] = "ISE001",
         counter: Annotated[
             Literal["packets", "samples"], Option("what the counter counts; samples of 1 kHz in a captured sensor")
         ] = "packets",
     ):
         self.title = f"OptoForce / OnRobot OMD force sensor, {axes} axes"
-        places = np.array(PLACES[axes])
+        places = np.array(FORCE_PLACES_M[axes])
         patch = Patch(name="domes", start=0, rows=0, cols=len(places), pitch=0.02)
         self.layout = Layout(positions=places, normals=np.array([0.0, 0.0, 1.0]), patches=(patch,))
         self.has_torque = axes == "6"
         if self.has_torque:
             self.senses = (Sense("wrench", at=points({"flange": (0.0, 0.0, 0.0)})),)
-        self.scale = np.array([*counts_per_newton, *[TORQUE_COUNTS] * 3][: 6 if self.has_torque else 3])
+        self.scale = np.array([*counts_per_newton, *[COUNTS_PER_NEWTON_METRE] * 3][: 6 if self.has_torque else 3])
         self.columns = tuple(
             Column(name=name, axis=axis, unit="N" if name[0] == "F" else "Nm", counts_per_unit=scale, low=-0x8000,
                    high=0x7FFF, push=push)
@@ -173,7 +176,7 @@ class OptoForce(Device):
 
     @property
     def commands(self) -> tuple[Command, ...]:
-        """Configuration and serial number."""
+        """Configurations, and the request for the serial number."""
         accepted, origin = "AA 00 50 01 00 00 FB", "optoforce@88cfbf5 __init__.py connect()"
         return (
             Command(name="100 Hz, 15 Hz filter", request="AA 00 32 03 0A 04 00 00 ED", reply=accepted, origin=origin),
@@ -192,15 +195,13 @@ class OptoForce(Device):
     # -- readings --------------------------------------------------------------------------------------------------
 
     def measure(self, reading: Reading, t_ns: int) -> Counts:
-        """Return counts of Fx, Fy, Fz (and Tx, Ty, Tz) per dome, a push positive, int16 range, shape ``(n_domes, 3
-        or 6)``.
-        """
+        """Return int16 counts of Fx, Fy, Fz (Tx, Ty, Tz) by dome, a push positive, shape ``(n_domes, 3 or 6)``."""
         if self.has_torque:
             values = reading["wrench"] * [1, 1, -1, 1, 1, 1]
         else:
             values = self.layout.to_taxel_frame(reading["force"]) * [1, 1, -1]
         self.felt = self.low_pass(values, t_ns)
-        overloaded = (np.abs(self.felt) > CAPACITY[: len(self.scale)]).any(axis=0)
+        overloaded = (np.abs(self.felt) > CAPACITIES[: len(self.scale)]).any(axis=0)
         self.status = sum(1 << 9 - axis for axis in np.flatnonzero(overloaded).tolist())
         self.counts = quantize(self.felt - self.zero, self.scale, -0x8000, 0x7FFF)
         return self.counts
@@ -216,7 +217,7 @@ class OptoForce(Device):
     # -- commands --------------------------------------------------------------------------------------------------
 
     def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
-        """Packets in chunks of any size; what is none is skipped byte by byte."""
+        """Answer packets, which arrive in chunks of any size; other bytes are skipped."""
         return [answer for packet in self.packets.cut(data, t_ns) for answer in self._answer(packet)]
 
     def _answer(self, packet: bytes) -> list[bytes]:
@@ -227,10 +228,10 @@ class OptoForce(Device):
         return [CONFIGURED.pack(code=code)]
 
     def _configure(self, speed: int, cutoff: int, zero: int) -> int:
-        if speed not in SPEEDS or cutoff >= len(CUTOFF_HZ) or zero not in (ZERO, NO_ZERO):
+        if speed not in PERIODS_MS or cutoff >= len(CUTOFF_HZ) or zero not in (ZERO, NO_ZERO):
             self.counters["refused"] += 1
             return BAD_VALUE
-        self.streaming = speed > 0  # it goes on converting: a later zero takes what is felt then
+        self.streaming = speed > 0  # conversion continues, so that a later zero takes the force at that time
         if speed:
             self.period_ns = speed * 1_000_000
         self.low_pass.cutoff_hz = CUTOFF_HZ[cutoff]
@@ -239,7 +240,7 @@ class OptoForce(Device):
 
 
 def _size(data: bytes) -> int | str:
-    """Length of the packet that begins ``data``."""
+    """Return the length of the packet at the start of ``data`` [bytes], or a mark that there is none."""
     for head, size in ((CONFIGURE.head, 9), (SERIAL_REQUEST, 6)):
         if head.startswith(data[:4]):
             return size

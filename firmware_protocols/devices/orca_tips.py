@@ -1,7 +1,8 @@
-"""Where the taxels of the fingertips in an ORCA Touch hand are.
+"""The places of the taxels on the fingertips of an ORCA Touch hand.
 
-Of each taxel position [0.01 mm], normal and x axis [0.001], in the frame of the fingertip; in the order in which they
-are sent. After the tables of orca-core 0.12.0 (MIT licence), hardware/sensing/models/touch-sensor-*/config.yaml.
+Each taxel has a position [0.01 mm], a normal and an x axis [0.001], in the frame of the fingertip; taxels are in the
+order on the wire. After the tables of orca-core 0.12.0 (MIT licence),
+hardware/sensing/models/touch-sensor-*/config.yaml.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ import numpy as np
 
 from firmware_protocols.layouts import Layout, Patch
 
-TIPS = {
+TIP_TABLES = {
     "DP18A": """
     -999 -100 84 -831 -52 554 556 -18 831; -922 -60 421 -767 -96 634 640 -34 768; -999 302 84 -911 62 407 408 20 913;
     -935 312 396 -832 14 555 555 5 832; -986 703 84 -914 233 332 356 71 932; -913 690 421 -884 152 442 454 52 890;
@@ -92,12 +93,12 @@ TIPS = {
     571 1371 40 742 600 298 546 -283 -789
     """,
 }
-"""By part: PXSR-CMD and this."""
+"""The table of each part; a part's full name is PXSR-CMD and the key."""
 
 
 def tip(part: str, *, name: str, link: str) -> Layout:
-    """Return the taxels of one fingertip."""
-    rows = np.array([row.split() for row in TIPS[part].split(";")], float)
+    """Return the taxels of one fingertip, in its frame."""
+    rows = np.array([row.split() for row in TIP_TABLES[part].split(";")], float)
     normals = rows[:, 3:6] / np.linalg.norm(rows[:, 3:6], axis=1, keepdims=True)
     x_axes = rows[:, 6:] - (rows[:, 6:] * normals).sum(1, keepdims=True) * normals
     patch = Patch(name=name, start=0, rows=0, cols=len(rows), pitch=0.003, link=link)

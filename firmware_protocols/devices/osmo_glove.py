@@ -1,22 +1,22 @@
 r"""OSMO glove: three-axis magnetometers under magnetic skins, on the fingers of a glove.
 
 Wire: USB-CDC, opened at 9600. Device to host only: there is no command. 50 times a second (the build with an operating
-system) each board of a finger sends three messages, one of each of its two magnetometers and one of its motion chip:
+system) each board of a finger sends three messages, one for each of its two magnetometers and one for its motion chip:
 protobuf (``bowie.Data``), stuffed by COBS and ended by 00.
 
     field  type     content
-    1      varint   index: how often the board has sent its orientation so far
+    1      varint   index: the number of orientations that the board has sent so far
     2      varint   finger, 1 pinky to 5 thumb
     3      varint   link, 1 to 4
     4      varint   sensor: 1 to 20 finger by finger, link by link; 20 more for the second magnetometer
-    5      message  Mag: 1 seconds, 2 nanoseconds (varints), 3 x, 4 y, 5 z (float32, whole counts)
+    5      message  Mag: 1 seconds, 2 nanoseconds (varints), 3 x, 4 y, 5 z (float32, integer counts)
     6      message  Quat: 1 seconds, 2 nanoseconds, 3 x, 4 y, 5 z, 6 w, 7 accuracy (float32)
 
-As protobuf does, what is zero is left out. Each board's clock runs from its own power-up in steps of 15.625 us; boards
-start one after the other, 4.5 s each. A glove of link 1 alone has sensors 1, 5, 9, 13, 17 and 21, 25, 29, 33, 37.
+As in protobuf, zeros are left out. Each board's clock runs from its own power-up in steps of 15.625 us; boards start
+one after the other, 4.5 s each. A glove with link 1 only has sensors 1, 5, 9, 13, 17 and 21, 25, 29, 33, 37.
 
-The vendor's reader drops and counts a block that is no COBS. Its ROS nodes pass over messages below 37 bytes, as those
-of the magnetometers are in the first minutes, and over a field of which one axis is exactly 0.
+The vendor's reader drops and counts a block that is not COBS. Its ROS nodes skip messages below 37 bytes, such as those
+of the magnetometers in the first minutes, and a field with one axis at exactly 0.
 
 Try it: ``tactemu run osmo_glove``, then the reader of osmo_tactile_glove's labs/glove2robot/utils/bowie.py.
 """
@@ -36,37 +36,39 @@ from firmware_protocols.magnetic import LinearMagnet
 
 SOURCE = "jessicayin/osmo_tactile_glove@e0465b6"
 GUIDE = "jessicayin/osmo_tactile_glove@284b722 hardware_guides"
-FINGERS = {
+FINGERTIPS_M = {
     "pinky": (-0.034, 0.075, 0.0), "ring": (-0.012, 0.092, 0.0), "middle": (0.010, 0.100, 0.0),
     "index": (0.032, 0.090, 0.0), "thumb": (0.060, 0.040, 0.0),
 }  # fmt: skip
-LINKS = 4
-SECOND = 20
-LINK_M = 0.02
-SECOND_M = 0.006
-"""From link to link of a finger, and from the first magnetometer of a board to the second [m]."""
+LINKS_PER_FINGER = 4
+SECOND_SENSOR_OFFSET = 20
+LINK_SPACING_M = 0.02
+"""The distance from link to link of a finger."""
+SECOND_CHIP_SPACING_M = 0.006
+"""The distance from the first magnetometer of a board to the second."""
 AXES: tuple[Axis, ...] = ("x", "y", "z")
 COUNTS_PER_UT = 32768 / 5000
-RANGE = round(2000 * COUNTS_PER_UT)
-REST_UT = (-38.0, 21.0, 412.0)
+RANGE_COUNTS = round(2000 * COUNTS_PER_UT)
+REST_FIELD_UT = (-38.0, 21.0, 412.0)
 TICK_NS = 15_625
-START_NS = 4_500_000_000
-"""Time that the glove takes to start one board [ns]."""
-VARINT = 0
-MESSAGE = 2
-FLOAT = 5
-"""Wire types of protobuf."""
+BOARD_START_NS = 4_500_000_000
+"""The time that the glove takes to start one board."""
+VARINT_TYPE = 0
+MESSAGE_TYPE = 2
+FLOAT_TYPE = 5
+"""The wire type of a float in protobuf, as those above of a varint and of a message."""
 
 
 class OsmoGlove(Device):
-    """Boards on the links of five fingers, two magnetometers and a motion chip each."""
+    """A glove of boards on the links of five fingers, with two magnetometers and a motion chip each."""
 
     name = "osmo_glove"
     kind = "glove"
     ports = (Serial(baud=9600, usb=USB(0x2833, 0xB015, "Meta AI", "BowieGlove", "123456789")),)
     rate_hz = 50.0
     columns = tuple(
-        Column(name=a, axis=a, unit="uT", counts_per_unit=COUNTS_PER_UT, low=-RANGE, high=RANGE) for a in AXES
+        Column(name=a, axis=a, unit="uT", counts_per_unit=COUNTS_PER_UT, low=-RANGE_COUNTS, high=RANGE_COUNTS)
+        for a in AXES
     )
     rollovers = (Rollover(name="index", bits=32, state="index"),)
     evidence = ("firmware", "driver")
@@ -109,63 +111,70 @@ class OsmoGlove(Device):
         ] = "fingertips",
         gains: Annotated[
             tuple[float, float, float],
-            Option("of the force along x, y and z of a sensor, z out of the skin", unit="uT/N"),
+            Option("field per force along x, y and z of a sensor, z out of the skin", unit="uT/N"),
         ] = (60.0, 60.0, -90.0),
         orientation: Annotated[
             tuple[float, float, float, float], Option("quaternion x, y, z, w of every board", low=-1, high=1)
         ] = (0.02, -0.05, 0.1, 0.99),
         uptime_s: Annotated[
-            float, Option("how long the glove has been on when it begins", unit="s", low=90.0, high=1e6)
+            float, Option("time since the glove was switched on, at the start", unit="s", low=90.0, high=1e6)
         ] = 600.01,
     ):
-        links = LINKS if sensors == "all" else 1
+        links = LINKS_PER_FINGER if sensors == "all" else 1
         self.title = f"OSMO tactile glove, {10 * links} magnetometers"
-        self.boards = [(finger, link) for finger in range(len(FINGERS)) for link in range(links)]
+        self.boards = [(finger, link) for finger in range(len(FINGERTIPS_M)) for link in range(links)]
         self.layout = points({
-            f"{name} {link + 1}{'ab'[chip]}": (x, y - LINK_M * link - SECOND_M * chip, z)
-            for name, (x, y, z) in FINGERS.items() for link in range(links) for chip in range(2)
+            f"{name} {link + 1}{'ab'[chip]}": (x, y - LINK_SPACING_M * link - SECOND_CHIP_SPACING_M * chip, z)
+            for name, (x, y, z) in FINGERTIPS_M.items() for link in range(links) for chip in range(2)
         })  # fmt: skip
-        self.magnet = LinearMagnet(gain=gains, offset=REST_UT)
+        self.magnet = LinearMagnet(gain=gains, offset=REST_FIELD_UT)
         self.orientation = [round(16384 * part) / 16384 for part in orientation]
         self.uptime_ns = round(uptime_s * 1e9)
         self.index = round(uptime_s * self.rate_hz)
 
     def measure(self, reading: Reading, t_ns: int) -> Counts:
-        """Return field of each magnetometer in counts of 5000 / 32768 uT, shape ``(n, 3)``."""
+        """Return the field at each magnetometer in counts of 5000 / 32768 uT, shape ``(n, 3)``."""
         field = self.magnet(self.layout.to_taxel_frame(reading["force"]))
-        self.counts, self.felt_ns = quantize(field, COUNTS_PER_UT, -RANGE, RANGE), t_ns
+        self.counts, self.felt_ns = quantize(field, COUNTS_PER_UT, -RANGE_COUNTS, RANGE_COUNTS), t_ns
         return self.counts
 
     def stream(self, t_ns: int, name: str) -> Transmissions:
-        """Three messages of each board."""
+        """Return three messages for each board."""
         fields, messages = self.layout.on_wire(self.counts).astype(float).tolist(), []
         index = self.index - (self.index >> 31 << 32)
         for k, (finger, link) in enumerate(self.boards):
-            since_ns = (self.felt_ns + self.uptime_ns - START_NS * k) // TICK_NS * TICK_NS
-            time, sensor = divmod(since_ns, 1_000_000_000), LINKS * finger + link + 1
+            since_ns = (self.felt_ns + self.uptime_ns - BOARD_START_NS * k) // TICK_NS * TICK_NS
+            time, sensor = divmod(since_ns, 1_000_000_000), LINKS_PER_FINGER * finger + link + 1
             first, second = (_message(*time, *field) for field in fields[2 * k : 2 * k + 2])
             quat = _message(*time, *self.orientation, 3.0)
-            for number, parts in ((sensor, (first,)), (sensor + SECOND, (second,)), (sensor, (None, quat))):
+            for number, parts in (
+                (sensor, (first,)),
+                (sensor + SECOND_SENSOR_OFFSET, (second,)),
+                (sensor, (None, quat)),
+            ):
                 messages.append(cobs(_message(index, finger + 1, link + 1, number, *parts)))
         self.index = self.index + 1 & 0xFFFFFFFF
         return messages
 
 
 def _message(*values: int | float | bytes | None) -> bytes:
-    """Fields 1, 2, 3 ... in protobuf."""
+    """Return the values as fields 1, 2, 3 ... in protobuf."""
     data = b""
     for number, value in enumerate(values, 1):
         if isinstance(value, bytes):
-            data += bytes([number << 3 | MESSAGE]) + _varint(len(value)) + value
+            data += bytes([number << 3 | MESSAGE_TYPE]) + _varint(len(value)) + value
         elif isinstance(value, float) and value:
-            data += bytes([number << 3 | FLOAT]) + struct.pack("<f", value)
+            data += bytes([number << 3 | FLOAT_TYPE]) + struct.pack("<f", value)
         elif value:
-            data += bytes([number << 3 | VARINT]) + _varint(int(value))
+            data += bytes([number << 3 | VARINT_TYPE]) + _varint(int(value))
     return data
 
 
 def _varint(number: int) -> bytes:
-    """Seven bits a byte, the lowest first; bit 7 says that there are more. A negative number has 64 bits."""
+    """Return a number in groups of seven bits, the lowest first; bit 7 marks all but the last byte.
+
+    A negative number has 64 bits.
+    """
     data, number = bytearray(), number & 0xFFFFFFFFFFFFFFFF
     while number > 0x7F:
         data.append(number & 0x7F | 0x80)

@@ -1,6 +1,6 @@
-r"""PaXini PX-6AX behind the GEN2 control box.
+r"""PaXini PX-6AX tactile modules behind the GEN2 control box.
 
-Wire: USB, opened at 460800 8N1. One request, one reply; the host must wait for it.
+Wire: USB, opened at 460800 8N1. Each request gets one reply, for which the host must wait.
 
     command            main  sub    data                           data in the reply
     version            60    A0 01  -                              ASCII
@@ -11,11 +11,11 @@ Wire: USB, opened at 460800 8N1. One request, one reply; the host must wait for 
     read               70    C0 06  7B, start LE16, count LE16     finger status, 7B, start LE16, count LE16, content
     write user config  70    B0 02  address, value (03 01: zero)   status
 
-Memory of a module: ``paxini_modules.py``. The index comes back as it was sent.
+Memory of a module: ``paxini_modules.py``. The reply repeats the index.
 
-Quirks kept: the box answers the zero command with error 06 although it obeys (the driver takes it for success), and
-the driver looks for the version 10 ms after asking and never again. The vendor's example of a set mode reply shows sub
-command C0 09; here the reply repeats the request's.
+Quirks of the hardware that the model keeps: the box answers the zero command with error 06 although it obeys (the
+driver takes that for success). The driver looks for the version once, 10 ms after its request. The vendor's example of
+a set mode reply shows sub command C0 09; here the reply repeats the request's.
 
 Try it: ``tactemu run paxini_gen2``, then the driver of Gabriel-Ning/paxini_driver at 460800.
 """
@@ -26,7 +26,7 @@ import struct
 from typing import Annotated
 
 from firmware_protocols import Command, Option, Sent, Serial, Transmissions
-from firmware_protocols.devices.paxini_modules import GAP_NS, TAXELS, Model, Px6axDevice
+from firmware_protocols.devices.paxini_modules import GAP_NS, TAXELS_BY_MODEL, Model, Px6axDevice
 from firmware_protocols.facts import assumed, stated
 from firmware_protocols.framing import MORE, SOUND, Broken, Packets
 from firmware_protocols.sums import lrc8
@@ -61,21 +61,21 @@ PDF = "vendor PDF V1.5"
 DRIVER = "Gabriel-Ning/paxini_driver@113ab44"
 HEAD = b"\x55\xaa\x7b\x7b"
 TAIL = b"\x55\xaa\x7d\x7d"
-FIXED = 0x0E
-REGION = 0x7B
-VERSION = (0x60, 0xA001)
+FIXED_BYTE = 0x0E
+TAXEL_REGION = 0x7B
+READ_VERSION = (0x60, 0xA001)
 SET_MODE = (0x70, 0xC00C)
 GET_MODE = (0x70, 0xC00D)
 SELECT_PORT = (0x70, 0xB10A)
 READ = (0x70, 0xC006)
 WRITE_CONFIG = (0x70, 0xB002)
-DATA_LENGTH = {VERSION: 0, GET_MODE: 0, SET_MODE: 1, SELECT_PORT: 1, READ: 5, WRITE_CONFIG: 2}
-MAINS = {main for main, _ in DATA_LENGTH}
-ZERO = b"\x03\x01"
+DATA_BYTES = {READ_VERSION: 0, GET_MODE: 0, SET_MODE: 1, SELECT_PORT: 1, READ: 5, WRITE_CONFIG: 2}
+MAIN_COMMANDS = {main for main, _ in DATA_BYTES}
+ZERO_CONFIG = b"\x03\x01"
 MODES = (1, 2, 5)
-LONGEST_DATA = 64
-OBEYED = b"\0"
-"""State of the module in the answer to a zero, whatever the error byte says."""
+MAX_DATA_BYTES = 64
+STATUS_DONE = b"\0"
+"""The state of the module in the answer to a zero, beside any error byte."""
 
 OK = 0
 BAD_LENGTH = 1
@@ -94,7 +94,7 @@ class PaxiniGen2(Px6axDevice):
     title = "PaXini PX-6AX, GEN2 control box"
     kind = "fingertip"
     ports = (Serial(baud=460800, usb=True),)
-    taxel_counts = {**TAXELS, "L5325": 120}
+    taxel_counts = {**TAXELS_BY_MODEL, "L5325": 120}
     evidence = ("vendor document", "driver")
     sources = (
         "vendor PDF 'control box protocol V1.5 (simplified)' in Gabriel-Ning/paxini_driver@113ab44, with error codes",
@@ -126,7 +126,7 @@ class PaxiniGen2(Px6axDevice):
             Option("port of each module, (CON - 1) * 3 + offset; default: one sits on every port"),
         ] = None,
         version: Annotated[str, Option("answer to the version command")] = "PX-6AX-GEN2-CONTROL-BOX V1.05",
-        mode_time_s: Annotated[float, Option("how long a change of mode takes", unit="s", low=0.0)] = 0.5,
+        mode_time_s: Annotated[float, Option("duration of a change of mode", unit="s", low=0.0)] = 0.5,
         zero_error: Annotated[
             int, Option("error byte in the answer to the zero command", low=0, high=255)
         ] = BAD_PARAMETER,
@@ -140,7 +140,7 @@ class PaxiniGen2(Px6axDevice):
 
     @property
     def commands(self) -> tuple[Command, ...]:
-        """Every command of the vendor's table, to a box as it comes."""
+        """Every command of the vendor's table, to a box with one L5325."""
         if self.places is not None or self.models != ("L5325",):
             return ()
         pdf = "vendor PDF V1.5"
@@ -185,7 +185,7 @@ class PaxiniGen2(Px6axDevice):
         )
 
     def _refuse(self, packet: Broken) -> Transmissions:
-        """An error, with whatever stands in the request's fields."""
+        """Return an error reply with the fields of the broken request."""
         error = BAD_LRC if packet.why == "bad_checksum" else TOO_LONG if packet.why == "too_long" else BAD_LENGTH
         index, main, sub = struct.unpack_from(">BBH", packet, 5)
         return [REPLY.pack(index=index, main=main, sub=sub, error=error, data=b"")]
@@ -196,17 +196,17 @@ class PaxiniGen2(Px6axDevice):
         command, data = (request["main"], request["sub"]), request["data"]
         delay_ns = self.mode_time_ns if command == SET_MODE and data and data[0] != self.mode else 0
         error, content = self._obey(command, data)
-        self.counters["refused"] += error != OK and content != OBEYED
+        self.counters["refused"] += error != OK and content != STATUS_DONE
         frame = REPLY.pack(index=request["index"], main=command[0], sub=command[1], error=error, data=content)
         return [Sent(frame, delay_ns=delay_ns if error == OK else 0)]
 
     def _obey(self, command: tuple[int, int], data: bytes) -> tuple[int, bytes]:
-        """Error and content of the answer."""
-        if command not in DATA_LENGTH:
-            return BAD_SUB if command[0] in MAINS else BAD_MAIN, b""
-        if len(data) != DATA_LENGTH[command]:
+        """Return the error and the content of the answer."""
+        if command not in DATA_BYTES:
+            return BAD_SUB if command[0] in MAIN_COMMANDS else BAD_MAIN, b""
+        if len(data) != DATA_BYTES[command]:
             return BAD_LENGTH, b""
-        if command == VERSION:
+        if command == READ_VERSION:
             return OK, self.version
         if command == GET_MODE:
             return OK, bytes([self.mode])
@@ -227,26 +227,26 @@ class PaxiniGen2(Px6axDevice):
         module = self.module_at(self.selected)
         if module is None:
             return NO_DATA, b""
-        content = self.memory(module, start, count) if region == REGION else None
+        content = self.memory(module, start, count) if region == TAXEL_REGION else None
         return (BAD_PARAMETER, b"") if content is None else (OK, b"\0" + data + content)
 
     def _write_config(self, data: bytes) -> tuple[int, bytes]:
         module = self.module_at(self.selected)
         if module is None:
             return NO_DATA, b"\x01"
-        if data != ZERO:
+        if data != ZERO_CONFIG:
             return BAD_PARAMETER, b"\x01"
         self.set_zero(module)
-        return self.zero_error, OBEYED
+        return self.zero_error, STATUS_DONE
 
 
 def _size(data: bytes) -> int | str:
     if len(data) < 11:
         return MORE
     length = int.from_bytes(data[9:11], "little")
-    if data[4] != FIXED:
+    if data[4] != FIXED_BYTE:
         return "bad_length"
-    return 16 + length if length <= LONGEST_DATA else "too_long"
+    return 16 + length if length <= MAX_DATA_BYTES else "too_long"
 
 
 def _check(packet: bytes) -> str:

@@ -1,13 +1,13 @@
-r"""PaXini PX-6AX behind the high-speed board with 28 places, and ORCA Touch, whose connector board speaks the same.
+r"""PaXini PX-6AX behind the high-speed board for 28 modules, and ORCA Touch, whose board has the same protocol.
 
 Wire: 921600 8N1; ORCA's board is USB-CDC. Registers are read and written; while register 17 is 1 the board also pushes
-what it measures.
+its readings.
 
     register        content
     0000            version, 16 characters
-    0010            a bit for each module that is there: 8 x byte + bit; proximal, middle, tip, nail of thumb, index,
+    0010            a bit for each fitted module: 8 x byte + bit; proximal, middle, tip, nail of thumb, index,
                     middle, ring, little (0..19), palm (20..27)
-    0016            what is pushed: bit 0 resultants, bit 1 taxels
+    0016            content of a push: bit 0 resultants, bit 1 taxels
     0017            1: push
     0022            1 restarts the board, 50 ms after the answer
     0030 + 2 m      taxels of module m, two bytes
@@ -15,12 +15,12 @@ what it measures.
     1000 + 200 m    taxels: Fx int8, Fy int8, Fz uint8 each; those of the palm from 3800 + 100 p
 
 0.1 N per count. A push has, of each module in ascending order, the resultant and then the taxels. All other registers
-read zero; writes there are confirmed, without effect. Function 17 on register 2 makes what is felt now zero.
+read zero; writes there are confirmed, without effect. Function 17 on register 2 makes the present forces zero.
 
-ORCA's board has more: its version is ``ORCA1.0-`` and a commit; 6100 reads ``OX`` and what it can do; 6200 + 20 x slot
+ORCA's board has more: its version is ``ORCA1.0-`` and a commit; 6100 reads ``OX`` and its features; 6200 + 20 x slot
 names the fingertip; 6400 counts requests since power-up; 6110 takes 04 5A 52 and a mask of fingertips to zero,
-6120 tells how that went. A real one also sends its joints' encoders (AA A9) unasked, 466 times a second, all FFFF
-where none are wired: they are not in this model. To text it says who it is:
+6120 has the result. A real board also sends its joints' encoders (AA A9) unasked, 466 times a second, all FFFF if
+none are wired: they are not in this model. It answers requests for its identity in text:
 
     ORCA_ID?        ORCA:SENSOR
     ORCA_INFO?      ORCA:SENSOR;SIDE=R;HW=1;FW=1;SN=...;BID=...
@@ -39,7 +39,7 @@ import numpy as np
 
 from firmware_protocols import USB, Command, Option, Restart, Serial, Transmissions
 from firmware_protocols.devices.orca_tips import tip
-from firmware_protocols.devices.paxini_modules import HIGH, LOW, Model, Px6axDevice
+from firmware_protocols.devices.paxini_modules import HIGH_COUNTS, LOW_COUNTS, Model, Px6axDevice
 from firmware_protocols.facts import assumed, stated
 from firmware_protocols.framing import MORE, SOUND, Broken, Packets
 from firmware_protocols.layouts import place, stack
@@ -49,7 +49,7 @@ from firmware_protocols.tables import Frame
 REQUEST = Frame("""
     request
     0     55 AA       head
-    2     u1          reserved              00; not looked at
+    2     u1          reserved              00; ignored
     3     u1          function              03 read, 10 write, 17 calibrate
     4     <u2         register
     6     <u2         count                 bytes
@@ -78,32 +78,32 @@ PUSH = Frame("""
 READ = 0x03
 WRITE = 0x10
 CALIBRATE = 0x17
-SHORTEST = 9
-MOST_READ = 512
-MOST_WRITTEN = 64
+MIN_REQUEST_BYTES = 9
+MAX_READ_BYTES = 512
+MAX_WRITE_BYTES = 64
 GAP_NS = 50_000_000
 ERROR = 0x80
 BAD_LENGTH = 1
 BAD_FUNCTION = 3
 DONE = b"\0"
-VERSION = 0x0000
-FITTED = 0x0010
-CONTENT = 0x0016
-PUSHES = 0x0017
-RESET = 0x0022
-COUNTS = 0x0030
-RESULTANTS = 0x0500
-EXTENSION = 0x6100
-ORDER = 0x6110
-STATUS = 0x6120
-NAMES = 0x6200
-STATISTICS = 0x6400
+VERSION_REGISTER = 0x0000
+FITTED_REGISTER = 0x0010
+CONTENT_REGISTER = 0x0016
+PUSH_REGISTER = 0x0017
+RESET_REGISTER = 0x0022
+TAXEL_COUNT_REGISTERS = 0x0030
+RESULTANT_REGISTERS = 0x0500
+EXTENSION_REGISTER = 0x6100
+ZERO_REGISTER = 0x6110
+STATUS_REGISTER = 0x6120
+NAME_REGISTERS = 0x6200
+STATISTICS_REGISTER = 0x6400
 ZERO_ORDER = b"\x04ZR"
 ZEROED = 3
 FINISHED = 2
 SLOTS = 28
-PALM = 20
-TIPS = (2, 6, 10, 14, 18)
+FIRST_PALM_MODULE = 20
+TIP_MODULES = (2, 6, 10, 14, 18)
 LEROBOT = "lerobot-camera-paxini 0.1.0"
 PLUGIN = "lerobot-robot-so101-paxini 0.1.0 paxini_sensor.py"
 QUERY = re.compile(rb"ORCA_(ID|INFO)\?\n")
@@ -155,8 +155,8 @@ class PaxiniHighSpeed(Px6axDevice):
         self,
         *,
         models: Annotated[Model | tuple[Model, ...], Option("one model name, or several")] = ("S1813E",) * 5,
-        places: Annotated[tuple[int, ...], Option("module number of each, ascending")] = TIPS,
-        version: Annotated[str, Option("at most 16 characters of ASCII")] = "PX-HS V1.0",
+        places: Annotated[tuple[int, ...], Option("number of each module, ascending")] = TIP_MODULES,
+        version: Annotated[str, Option("version of at most 16 characters of ASCII")] = "PX-HS V1.0",
     ):
         self._power_up(models, places)
         self._power_up_board(version)
@@ -171,43 +171,50 @@ class PaxiniHighSpeed(Px6axDevice):
     # -- registers -------------------------------------------------------------------------------------------------
 
     def _blocks(self) -> Iterator[tuple[int, bytes]]:
-        """What is not zero: first register and content."""
+        """Yield the parts of memory that are not zero: first register and content."""
         places = self.places or ()
         fitted = sum(1 << module for module in places)
-        yield VERSION, self.version
-        yield FITTED, fitted.to_bytes(4, "little")
-        yield CONTENT, bytes([self.content, self.pushes])
+        yield VERSION_REGISTER, self.version
+        yield FITTED_REGISTER, fitted.to_bytes(4, "little")
+        yield CONTENT_REGISTER, bytes([self.content, self.pushes])
         for index, module in enumerate(places):
             taxels = self._taxels(index)
-            yield COUNTS + 2 * module, (len(taxels) // 3).to_bytes(2, "little")
-            yield RESULTANTS + 6 * module, self._resultant(index)
-            yield (0x1000 + 0x200 * module if module < PALM else 0x3800 + 0x100 * (module - PALM)), taxels
+            yield TAXEL_COUNT_REGISTERS + 2 * module, (len(taxels) // 3).to_bytes(2, "little")
+            yield RESULTANT_REGISTERS + 6 * module, self._resultant(index)
+            yield (
+                (
+                    0x1000 + 0x200 * module
+                    if module < FIRST_PALM_MODULE
+                    else 0x3800 + 0x100 * (module - FIRST_PALM_MODULE)
+                ),
+                taxels,
+            )
 
     def _resultant(self, index: int) -> bytes:
-        """Six bytes of a module."""
-        sums = np.clip(self.felt_sums[index] - self.zero_sums[index], LOW, HIGH).astype(np.int64)
+        """Return the resultant of a module, six bytes."""
+        sums = np.clip(self.felt_sums[index] - self.zero_sums[index], LOW_COUNTS, HIGH_COUNTS).astype(np.int64)
         return (sums & 0xFF | np.where(sums & 0x80, 0xFF00, 0)).astype("<u2").tobytes()
 
     def _taxels(self, index: int) -> bytes:
-        """Three bytes of each taxel of a module."""
+        """Return the taxels of a module, three bytes each."""
         sent = self.layout.on_wire(self.counts)[self.layout.patches[index].taxels]
         return (sent & 0xFF).astype(np.uint8).tobytes()
 
     def _write(self, register: int, data: bytes) -> Transmissions:
-        """What a write does, besides its answer."""
+        """Carry out a write; return a restart if it orders one."""
         for at, value in enumerate(data, register):
-            if at == CONTENT:
+            if at == CONTENT_REGISTER:
                 self.content = value & 3
-            elif at == PUSHES:
+            elif at == PUSH_REGISTER:
                 self.pushes = value == 1
-            elif at == RESET and value == 1:
+            elif at == RESET_REGISTER and value == 1:
                 return [Restart(delay_ns=50_000_000)]
         return ()
 
     # -- what the runner asks --------------------------------------------------------------------------------------
 
     def stream(self, t_ns: int, name: str) -> Transmissions:
-        """Return a push, while it is on."""
+        """Return one push, while pushes are on."""
         if not self.pushes:
             return ()
         parts = (
@@ -227,7 +234,7 @@ class PaxiniHighSpeed(Px6axDevice):
         def reply(content: bytes, code: int = function) -> bytes:
             return REPLY.pack(function=code, register=register, data=content)
 
-        if function == READ and 0 < count <= MOST_READ:
+        if function == READ and 0 < count <= MAX_READ_BYTES:
             memory = bytearray(count)
             for start, content in self._blocks():
                 first, end = max(start, register), min(start + len(content), register + count)
@@ -245,7 +252,7 @@ class PaxiniHighSpeed(Px6axDevice):
 
     @property
     def commands(self) -> tuple[Command, ...]:
-        """Each request that hosts send, to a board with five tips."""
+        """Each request of the hosts, to a board with five tips."""
         if self.options:
             return ()
         done = "AA 55 00 10 17 00 01 00 00 D9"
@@ -309,13 +316,13 @@ class OrcaTouch(PaxiniHighSpeed):
         self,
         *,
         side: Literal["right", "left"] = "right",
-        serial: Annotated[str, Option("of the hand, ASCII")] = "ORCA-0001",
+        serial: Annotated[str, Option("serial number of the hand, ASCII")] = "ORCA-0001",
     ):
         tips = [
             place(tip(part, name=name, link=name), (0.025 * k, 0.0, 0.0))
             for k, (name, part) in enumerate(self.parts.items())
         ]
-        self._power_up(tuple(self.parts.values()), TIPS, stack(*tips))
+        self._power_up(tuple(self.parts.values()), TIP_MODULES, stack(*tips))
         self._power_up_board("ORCA1.0-0abc")
         self.words: dict[bytes, str] = {b"ID": "", b"INFO": f";SIDE={side[0].upper()};HW=1;FW=1;SN={serial};BID=0"}
         self.ports = (Serial(baud=2_000_000, usb=USB(0x2F5D, 0x2202, serial=serial)),)
@@ -323,19 +330,19 @@ class OrcaTouch(PaxiniHighSpeed):
 
     def _blocks(self) -> Iterator[tuple[int, bytes]]:
         yield from super()._blocks()
-        yield EXTENSION, b"OX\0\2"
+        yield EXTENSION_REGISTER, b"OX\0\2"
         if self.zeros:
-            yield STATUS, bytes([FINISHED, ZEROED, self.zeros])
+            yield STATUS_REGISTER, bytes([FINISHED, ZEROED, self.zeros])
         for slot, part in enumerate(self.parts.values()):
-            yield NAMES + 0x20 * slot, f"PXSR-CMD{part}".encode("ascii")
-        yield STATISTICS, (self.requests & 0xFFFFFFFF).to_bytes(4, "little")
+            yield NAME_REGISTERS + 0x20 * slot, f"PXSR-CMD{part}".encode("ascii")
+        yield STATISTICS_REGISTER, (self.requests & 0xFFFFFFFF).to_bytes(4, "little")
 
     def _answer(self, packet: bytes) -> Transmissions:
         self.requests += 1
         return super()._answer(packet)
 
     def _write(self, register: int, data: bytes) -> Transmissions:
-        if register == ORDER and len(data) == 4 and data.startswith(ZERO_ORDER):
+        if register == ZERO_REGISTER and len(data) == 4 and data.startswith(ZERO_ORDER):
             self.zeros = self.zeros % 0xFF + 1
             for slot in range(len(self.models)):
                 if data[3] >> slot & 1:
@@ -343,7 +350,7 @@ class OrcaTouch(PaxiniHighSpeed):
         return super()._write(register, data)
 
     def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
-        """Return requests in chunks of any size, and lines that ask who it is."""
+        """Answer requests, which arrive in chunks of any size, and lines that ask for the identity."""
         outs, heard, end = [], self.heard + data, 0
         for found in QUERY.finditer(heard):
             outs.append(f"ORCA:SENSOR{self.words[found[1]]}\n".encode("ascii"))
@@ -355,7 +362,7 @@ class OrcaTouch(PaxiniHighSpeed):
 
     @property
     def commands(self) -> tuple[Command, ...]:
-        """What is ORCA's own, of a hand as it comes."""
+        """ORCA's own requests, to a hand with default options."""
         if self.options:
             return ()
         return tuple(
@@ -366,21 +373,21 @@ class OrcaTouch(PaxiniHighSpeed):
                 ("fitted tips", "55 AA 00 03 10 00 04 00 EA", "AA 55 00 03 10 00 04 00 44 44 04 00 5E", ()),
                 ("extension", "55 AA 00 03 00 61 04 00 99", "AA 55 00 03 00 61 04 00 4F 58 00 02 F0", ()),
                 ("name of the thumb", "55 AA 00 03 00 62 20 00 7C", "AA 55 00 03 00 62 20 00 50 58 53 52 * ..", ()),
-                ("zero of all", ZERO, "AA 55 00 10 10 61 01 00 00 7F", ()),
-                ("how that went", "55 AA 00 03 20 61 10 00 6D", "AA 55 00 03 20 61 10 00 02 03 01 *", (ZERO,)),
+                ("zero of all", ZERO_ALL, "AA 55 00 10 10 61 01 00 00 7F", ()),
+                ("how that went", "55 AA 00 03 20 61 10 00 6D", "AA 55 00 03 20 61 10 00 02 03 01 *", (ZERO_ALL,)),
                 ("push", "55 AA 00 10 17 00 01 00 01 D8", "AA 55 00 10 17 00 01 00 00 D9", ()),
             )
         )
 
 
-ZERO = "55 AA 00 10 10 61 04 00 04 5A 52 1F AD"
+ZERO_ALL = "55 AA 00 10 10 61 04 00 04 5A 52 1F AD"
 
 
 def _size(data: bytes) -> int | str:
     if len(data) < 8:
         return MORE
     count = 0 if data[3] == READ else int.from_bytes(data[6:8], "little")
-    return SHORTEST + count if count <= MOST_WRITTEN else "bad_length"
+    return MIN_REQUEST_BYTES + count if count <= MAX_WRITE_BYTES else "bad_length"
 
 
 def _check(packet: bytes) -> str:

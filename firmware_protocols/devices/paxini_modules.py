@@ -1,4 +1,4 @@
-"""PaXini PX-6AX modules: what the GEN2 box and the GEN3 board have in common.
+"""PaXini PX-6AX modules: the part that the GEN2 box and the GEN3 board share.
 
 A module is a pad of taxels that each measure three force components. In its memory (region 7B) lie
 
@@ -21,34 +21,34 @@ from firmware_protocols import Column, Counts, Device, Layout, Reading, Transmis
 from firmware_protocols.framing import Broken, Packets
 from firmware_protocols.layouts import filled, place, stack
 
-TAXELS: Mapping[str, int] = {
+TAXELS_BY_MODEL: Mapping[str, int] = {
     "S1813E": 31, "S1813C": 51, "S2015": 52, "S2716": 116, "S3013": 96, "M2826": 127,
     "L3530": 135, "S1610": 25, "M2324": 68, "M3025": 77, "L5325": 239, "M2020": 9,
 }  # fmt: skip
-"""Taxels by model; S1813E is the "elite", S1813C the "core"."""
+"""The number of taxels by model; S1813E is the "elite", S1813C the "core"."""
 Model = Literal[
     "S1813E", "S1813C", "S2015", "S2716", "S3013", "M2826", "L3530", "S1610", "M2324", "M3025", "L5325", "M2020"
 ]
 
-NEWTON_PER_COUNT = 0.1
-LOW = np.array([-128, -128, 0])
-HIGH = np.array([127, 127, 255])
+NEWTONS_PER_COUNT = 0.1
+LOW_COUNTS = np.array([-128, -128, 0])
+HIGH_COUNTS = np.array([127, 127, 255])
 
-RESULTANT = 0x3F0
-TAXEL_DATA = 0x40E
+RESULTANT_ADDRESS = 0x3F0
+TAXEL_ADDRESS = 0x40E
 GAP_NS = 50_000_000
-"""Silence after which a half request is forgotten [ns]; an assumption."""
+"""The silence after which an incomplete request is dropped; an assumption."""
 
 
 class Px6axDevice(Device):
-    """Modules behind a board or box; their pads lie side by side along x."""
+    """Modules behind a board or box, with pads side by side along x."""
 
     columns = (
-        Column(name="Fx", axis="x", unit="N", counts_per_unit=1 / NEWTON_PER_COUNT, low=-128, high=127),
-        Column(name="Fy", axis="y", unit="N", counts_per_unit=1 / NEWTON_PER_COUNT, low=-128, high=127),
-        Column(name="Fz", axis="z", unit="N", counts_per_unit=1 / NEWTON_PER_COUNT, low=0, high=255, push=1),
+        Column(name="Fx", axis="x", unit="N", counts_per_unit=1 / NEWTONS_PER_COUNT, low=-128, high=127),
+        Column(name="Fy", axis="y", unit="N", counts_per_unit=1 / NEWTONS_PER_COUNT, low=-128, high=127),
+        Column(name="Fz", axis="z", unit="N", counts_per_unit=1 / NEWTONS_PER_COUNT, low=0, high=255, push=1),
     )
-    taxel_counts: ClassVar[Mapping[str, int]] = TAXELS
+    taxel_counts: ClassVar[Mapping[str, int]] = TAXELS_BY_MODEL
     packets: Packets
 
     def _power_up(
@@ -69,8 +69,8 @@ class Px6axDevice(Device):
         self.sent = [order[np.isin(order, np.arange(n)[patch.taxels])] for patch in self.layout.patches]
 
     def measure(self, reading: Reading, t_ns: int) -> Counts:
-        """Fx, Fy, Fz of every taxel in counts of 0.1 N, zero applied, shape ``(n_taxels, 3)``."""
-        counts = self.layout.to_taxel_frame(reading["force"]) * [1, 1, -1] / NEWTON_PER_COUNT
+        """Return Fx, Fy, Fz of every taxel in counts of 0.1 N, less the zero, shape ``(n_taxels, 3)``."""
+        counts = self.layout.to_taxel_frame(reading["force"]) * [1, 1, -1] / NEWTONS_PER_COUNT
         self.felt = np.rint(counts)
         self.felt_sums = np.rint([counts[patch.taxels].sum(0) for patch in self.layout.patches])
         self.counts = self._zeroed()
@@ -80,27 +80,29 @@ class Px6axDevice(Device):
         return _saturated(self.felt - self.zero)
 
     def set_zero(self, module: int) -> None:
-        """What this module feels now is zero from now on."""
+        """Make the present force on the module its zero."""
         taxels = self.layout.patches[module].taxels
         self.zero[taxels] = self.felt[taxels]
         self.zero_sums[module] = self.felt_sums[module]
         self.counts = self._zeroed()
 
     def module_at(self, place: int) -> int | None:
-        """Index of the module that answers to this number."""
+        """Return the index of the module that answers to the number ``place``, or None."""
         if self.places is None:
             return 0
         return self.places.index(place) if place in self.places else None
 
     def memory(self, module: int, address: int, count: int) -> bytes | None:
-        """``count`` bytes of region 7B, or ``None`` outside of it."""
+        """Return ``count`` bytes of region 7B, or None outside of it."""
         resultant = _saturated(self.felt_sums[module] - self.zero_sums[module])
-        content = _to_bytes(resultant).ljust(TAXEL_DATA - RESULTANT, b"\0") + _to_bytes(self.counts[self.sent[module]])
-        start = address - RESULTANT
+        content = _to_bytes(resultant).ljust(TAXEL_ADDRESS - RESULTANT_ADDRESS, b"\0") + _to_bytes(
+            self.counts[self.sent[module]]
+        )
+        start = address - RESULTANT_ADDRESS
         return content[start : start + count] if 0 <= start and start + count <= len(content) else None
 
     def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
-        """Return requests in chunks of any size; broken ones are answered, too."""
+        """Answer requests, which arrive in chunks of any size; broken ones are answered, too."""
         return [
             out
             for packet in self.packets.cut(data, t_ns)
@@ -113,20 +115,23 @@ class Px6axDevice(Device):
 
     @abstractmethod
     def _answer(self, packet: bytes) -> Transmissions:
-        """Return the answer to a sound one."""
+        """Return the answer to a sound request."""
 
 
 def _saturated(counts: np.ndarray) -> np.ndarray:
-    return np.minimum(np.maximum(counts, LOW), HIGH).astype(np.int64)
+    return np.minimum(np.maximum(counts, LOW_COUNTS), HIGH_COUNTS).astype(np.int64)
 
 
 def _to_bytes(counts: np.ndarray) -> bytes:
-    """Two's complement of Fx and Fy, Fz as it is."""
+    """Return a byte for each count: Fx and Fy in two's complement, Fz unsigned."""
     return (counts & 0xFF).astype(np.uint8).tobytes()
 
 
 def _in_a_row(models: Sequence[str], taxel_counts: Mapping[str, int], places: Sequence[int]) -> Layout:
-    """A model's name gives its size in mm: S1813 is 18 x 13. Where there are several, each is a link of its own."""
+    """Return pads in a row; a model's name gives its size in mm: S1813 is 18 x 13.
+
+    With several modules, each has a link of its own.
+    """
     pads, x = [], 0.0
     for index, model in enumerate(models):
         width, height = int(model[1:3]) * 1e-3, int(model[3:5]) * 1e-3

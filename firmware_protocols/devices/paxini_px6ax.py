@@ -1,8 +1,8 @@
-r"""PaXini PX-6AX behind the GEN3 serial converter board.
+r"""PaXini PX-6AX tactile modules behind the GEN3 serial converter board.
 
-Wire: 921600 8N1 through a CH343 bridge (1A86:55D3). One request, one reply; the board never speaks unasked. A module
-answers to its number plus 1: an S1813E that was captured, and one that shared its line, to 3, an L5325 to 1. FF is
-everybody's: here a single module answers to it, several do not.
+Wire: 921600 8N1 through a CH343 bridge (1A86:55D3). Each request gets one reply; the board never transmits unasked. A
+module answers to its number plus 1: a captured S1813E, and one that shared its line, to 3, an L5325 to 1. FF is the
+broadcast: in this model a single module answers to it, several do not.
 
     action       function  address  count        data in the reply
     resultant    FB        0x3F0    3            Fx int8, Fy int8, Fz uint8, 0.1 N each
@@ -11,9 +11,9 @@ everybody's: here a single module answers to it, several do not.
     version      FB        6100     100          ASCII, padded with 00; holds the module's part code
     zero         79        3        1            none; 01 makes the present value zero, 00: accepted, changes nothing
 
-Real boards answer reads with status 01 although the data are good, and writes with 00; other codes as the GEN2 box.
-The vendor's viewer and PaXini's application do not look at it, paxini-sdk takes 00 and 01; fengjh97/paxini takes 00
-alone, as the vendor's example in C says, and reads nothing unless ``read_status=0``. It notes that another official
+Real boards answer reads with status 01 although the data are good, and writes with 00; other codes as the GEN2 box. The
+vendor's viewer and PaXini's application ignore the status, paxini-sdk accepts 00 and 01; fengjh97/paxini accepts 00
+only, as in the vendor's example in C, and reads nothing unless ``read_status=0``. It notes that another official
 example takes data from offset 13; the viewer takes 14.
 
 Try it: ``tactemu run paxini_px6ax``, then ``SingleSensorBoard(port, device_id=3, sensor="PXSR-STDDP03F")`` of
@@ -35,8 +35,8 @@ REQUEST = Frame("""
     request
     0     55 AA       head
     2     <u2         length = total - 5
-    4     u1          device                its number
-    5     u1          reserved              00; not looked at
+    4     u1          device                number of the module
+    5     u1          reserved              00; ignored
     6     u1          function              FB read, 79 write
     7     <u4         address
     11    <u2         count
@@ -56,14 +56,14 @@ REPLY = Frame("""
     14    bytes       data                  reads
     last  lrc8        check
 """)
-SHORTEST = 14
-LONGEST_DATA = 64
+MIN_REQUEST_BYTES = 14
+MAX_DATA_BYTES = 64
 READ = 0xFB
 WRITE = 0x79
-VERSION = 6100
+VERSION_ADDRESS = 6100
 VERSION_BYTES = 100
-ZERO = 3
-EVERYBODY = 0xFF
+ZERO_ADDRESS = 3
+BROADCAST = 0xFF
 
 WRITTEN = 0
 READ_DONE = 1
@@ -75,7 +75,7 @@ PART_CODES = {
     "L3530": "DP03A", "M2826": "DP03B", "S2716": "DP03C", "S1813C": "DP03D", "S3013": "DP03E", "S1813E": "DP03F",
     "S2015": "DP03G", "M2324": "IP03A", "S1610": "IP03B", "L5325": "CP03A", "M3025": "CP03B", "M2020": "MC03A",
 }  # fmt: skip
-"""The part code is PXSR-STD and this; hosts pick the model by looking for it in the version text."""
+"""The part code of each model, without PXSR-STD; hosts find the model by it in the version text."""
 
 TOOLKIT = "yknxh/paxini-toolkit@1596843"
 ROS2 = "adnan-saood/paxini_ros2@25009ba"
@@ -146,7 +146,7 @@ class PaxiniPx6ax(Px6axDevice):
 
     @property
     def commands(self) -> tuple[Command, ...]:
-        """The actions on a single module of the usual kind."""
+        """The actions on a single S1813E."""
         if self.options:
             return ()
         captured, tables = "yknxh/paxini-toolkit@1596843 tests/test_codec.py", "paxini-sdk 0.1.0 serial_converter.py"
@@ -173,7 +173,7 @@ class PaxiniPx6ax(Px6axDevice):
                 name="zero",
                 request="55 AA 0A 00 03 00 79 03 00 00 00 01 00 01 76",
                 reply="AA 55 0A 00 03 00 79 03 00 00 00 01 00 00 77",
-                about="what the module feels now is zero from now on",
+                about="the present force becomes zero",
                 origin=captured,
             ),
             Command(
@@ -185,9 +185,9 @@ class PaxiniPx6ax(Px6axDevice):
         )
 
     def _refuse(self, packet: Broken) -> Transmissions:
-        """A status, with whatever stands in the request's fields."""
+        """Return a reply with a status and the fields of the broken request."""
         status = {"bad_length": BAD_LENGTH, "bad_checksum": BAD_LRC}[packet.why]
-        fields = _fields(packet) if len(packet) >= SHORTEST - 1 else {"device": -1}
+        fields = _fields(packet) if len(packet) >= MIN_REQUEST_BYTES - 1 else {"device": -1}
         return [_reply(fields, status)] if self.module_at(fields["device"]) is not None else ()
 
     def _answer(self, packet: bytes) -> Transmissions:
@@ -195,16 +195,16 @@ class PaxiniPx6ax(Px6axDevice):
         assert request is not None, "the cutter has checked it"
         where, data = (request["address"], request["count"]), request["data"]
         module = self.module_at(request["device"])
-        if request["device"] == EVERYBODY and len(self.models) == 1:
+        if request["device"] == BROADCAST and len(self.models) == 1:
             module = 0
         reads = request["function"] == READ
         if module is None:
             self.counters["other_device"] += 1
             return ()
-        version = self.versions[module] if where == (VERSION, VERSION_BYTES) else None
+        version = self.versions[module] if where == (VERSION_ADDRESS, VERSION_BYTES) else None
         if reads and not data and (content := version or self.memory(module, *where)) is not None:
             return [_reply(request, self.read_status, content)]
-        if request["function"] == WRITE and where == (ZERO, 1) and data in (b"\0", b"\1"):
+        if request["function"] == WRITE and where == (ZERO_ADDRESS, 1) and data in (b"\0", b"\1"):
             if data == b"\1":
                 self.set_zero(module)
             return [_reply(request, WRITTEN)]
@@ -213,7 +213,7 @@ class PaxiniPx6ax(Px6axDevice):
 
 
 def _fault(request: dict[str, Any]) -> int:
-    """What is wrong with a sound request."""
+    """Return the status for a sound request that the board refuses."""
     if request["function"] not in (READ, WRITE):
         return BAD_FUNCTION
     expected = request["count"] if request["function"] == WRITE else 0
@@ -221,10 +221,10 @@ def _fault(request: dict[str, Any]) -> int:
 
 
 def _size(data: bytes) -> int | str:
-    if len(data) < SHORTEST - 1:
+    if len(data) < MIN_REQUEST_BYTES - 1:
         return MORE
     total = int.from_bytes(data[2:4], "little") + 5
-    return total if SHORTEST <= total <= SHORTEST + LONGEST_DATA else "bad_length"
+    return total if MIN_REQUEST_BYTES <= total <= MIN_REQUEST_BYTES + MAX_DATA_BYTES else "bad_length"
 
 
 def _check(packet: bytes) -> str:
@@ -232,13 +232,13 @@ def _check(packet: bytes) -> str:
 
 
 def _fields(packet: bytes) -> dict[str, Any]:
-    """What stands in a request's fields, sound or not."""
+    """Return the fields of a request, sound or broken."""
     device, _, function = packet[4:7]
     address, count = int.from_bytes(packet[7:11], "little"), int.from_bytes(packet[11:13], "little")
     return {"device": device, "function": function, "address": address, "count": count}
 
 
 def _reply(request: dict[str, Any], status: int, data: bytes = b"") -> bytes:
-    """Return the board's answer; it repeats the request's fields."""
+    """Return a reply; it repeats the fields of the request."""
     fields = {name: request[name] for name in ("device", "function", "address", "count")}
     return REPLY.pack(**fields, status=status, data=data)

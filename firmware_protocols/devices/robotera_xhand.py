@@ -1,6 +1,6 @@
-r"""RobotEra XHand 1: twelve joints, and five fingertips of 120 points that feel in three axes.
+r"""RobotEra XHand 1: twelve joints, and five fingertips of 120 points that measure along three axes.
 
-Wire: RS-485, 3 000 000 8N1. The host is FE, a hand 80 + its id, FF all; each command is answered once, with its number,
+Wire: RS-485, 3 000 000 8N1. The host is FE, a hand 80 + its id, FF all; each command gets one answer with its number,
 from the hand itself.
 
     command         data                   answer
@@ -13,14 +13,14 @@ from the hand itself.
     16    write     <u2 register, bytes    10 00
     17    calibrate 48 bytes               00
 
-Registers are bytes: side, serial number, id, name and the joints' calibration. What is written is kept by 05; a new id
-is in force at once. A version is that of a joint (sent to 0 .. B), of a tip (to 11 .. 15), or of the palm.
+Registers are bytes: side, serial number, id, name and the joints' calibration. Command 05 keeps what was written; a new
+id is in force at once. A version is that of a joint (sent to 0 .. B), of a tip (to 11 .. 15), or of the palm.
 
-A bad CRC is dropped without a word. An answer with its request takes 8.4 ms on the line, so that nobody reads more
-than 118 states a second. Points and fingers come one after another, x, y, z of each. The vendor's library has z
+A message with a bad CRC gets no answer. A request and its answer take 8.4 ms on the line, so that a driver reads 118
+states a second at most. Points and fingers come one after another, x, y, z of each. The vendor's library has z
 unsigned; a public Python class has it signed (option ``z``). In that class the function that cuts an answer uses other
-sizes (22 and 366 bytes) than its record formats (24 and 384), and one example writes the head as AA 55: neither is what
-a hand says or hears.
+sizes (22 and 366 bytes) than its record formats (24 and 384), and one example writes the head as AA 55: neither is in
+the hand's protocol.
 
 Try it: ``tactemu run robotera_xhand``, then send the version request ``55 AA FE 80 13 00 00 EF C3`` at 3000000.
 """
@@ -84,8 +84,8 @@ TIP = Frame("""
     3     u1 x taxels x 3      points       x, y, z of each; x and y are signed
     ..    u1 x 21              temperatures  [deg C]: of twenty places, then of the tip
 """)
-ORDER = struct.Struct("<HhhhfHH8x")
-"""Number, gains p, i, d, position [rad], limit of the torque, mode, spare: twelve of them are the data of a move."""
+JOINT_ORDER = struct.Struct("<HhhhfHH8x")
+"""One of the twelve orders of a move: number, gains p, i, d, position [rad], torque limit, mode, spare."""
 MAP = RegisterMap(
     """
     20   u1        side       r              L or R, ASCII
@@ -98,25 +98,25 @@ MAP = RegisterMap(
     """,
     size=512,
 )
-ZERO = 0x12
-VERSION = 0x13
-RESTART = 0x14
-ALL = 0xFF
-HAND = 0x80
+ZERO_COMMAND = 0x12
+VERSION_COMMAND = 0x13
+RESTART_COMMAND = 0x14
+BROADCAST = 0xFF
+FIRST_HAND = 0x80
 FIRST_TIP = 0x11
 DONE = b"\x10\0"
 JOINTS = 12
-POINTS = 120
-POSITION = 3
+POINTS_PER_TIP = 120
+POSITION_MODE = 3
 AXES: tuple[Axis, ...] = ("x", "y", "z")
 JOINT_VERSION = b"\x07\0\0\x01"
 RESTART_NS = 500_000_000
-FINGERS = {
+FINGERTIP_CENTRES_M = {
     # name: centre of the pad in the palm's frame [m]
     "thumb": (0.06, 0.03, 0.0), "index": (0.033, 0.09, 0.0), "middle": (0.011, 0.1, 0.0),
     "ring": (-0.011, 0.095, 0.0), "little": (-0.033, 0.08, 0.0),
 }  # fmt: skip
-TIPS = stack(*(points({name: base}, link=name) for name, base in FINGERS.items()))
+TIPS = stack(*(points({name: base}, link=name) for name, base in FINGERTIP_CENTRES_M.items()))
 
 
 _SDK = "yoimika/xhand_control_python@b61a82d xhand_control_sdk_py"
@@ -125,7 +125,7 @@ _READ = "the SDK's headers, tests and library; wrs xhand_x.py, data_type.py"
 
 
 class RoboteraXhand(Device):
-    """The hand on RS-485."""
+    """An XHand on RS-485."""
 
     name = "robotera_xhand"
     kind = "hand"
@@ -178,12 +178,12 @@ class RoboteraXhand(Device):
     def __init__(
         self,
         *,
-        counts_per_newton: Annotated[float, Option("of each axis of a point", unit="1/N")] = 10.0,
-        z: Annotated[Literal["unsigned", "signed"], Option("0..255 or -128..127")] = "unsigned",
-        side: Annotated[Literal["right", "left"], Option("in register 20: R or L")] = "right",
-        hand_id: Annotated[int, Option("as delivered; register 53 tells and changes it", low=0, high=126)] = 0,
-        serial: Annotated[str, Option("at most 32 characters of ASCII")] = "XH1R000000000001",
-        version: Annotated[str, Option("of the palm: major.minor.patch")] = "1.1.3",
+        counts_per_newton: Annotated[float, Option("scale of each axis of a point", unit="1/N")] = 10.0,
+        z: Annotated[Literal["unsigned", "signed"], Option("z of a point: 0..255 or -128..127")] = "unsigned",
+        side: Annotated[Literal["right", "left"], Option("which hand; R or L in register 20")] = "right",
+        hand_id: Annotated[int, Option("id as delivered; register 53 holds it", low=0, high=126)] = 0,
+        serial: Annotated[str, Option("serial number of at most 32 characters of ASCII")] = "XH1R000000000001",
+        version: Annotated[str, Option("version of the palm: major.minor.patch")] = "1.1.3",
     ):
         self.counts_per_newton = counts_per_newton
         major, minor, patch = (int(number) for number in version.split("."))
@@ -196,9 +196,12 @@ class RoboteraXhand(Device):
             for axis, low, high in zip(AXES, self.low.tolist(), self.high.tolist())
         )
         self.layout = stack(
-            *(place(filled(POINTS, 0.016, 0.02, name=name, link=name), base) for name, base in FINGERS.items())
+            *(
+                place(filled(POINTS_PER_TIP, 0.016, 0.02, name=name, link=name), base)
+                for name, base in FINGERTIP_CENTRES_M.items()
+            )
         )
-        self.tip = TIP.bind(taxels=POINTS)
+        self.tip = TIP.bind(taxels=POINTS_PER_TIP)
         self.packets = Packets(MESSAGE.head, _size, _check, counters=self.counters, gap_ns=50_000_000)
         kept = {"id": hand_id, **self.flash}
         self.registers = Registers(MAP, kept={"side": ord(side[0].upper()), "serial": _text(serial), **kept})
@@ -206,14 +209,17 @@ class RoboteraXhand(Device):
         self.motors = Motors(np.zeros(JOINTS), low=low, high=high, time_constant_s=0.0, speed_limit=5.0)
         self.counts = np.zeros((len(self.layout), 3), np.int64)
         self.felt = self.zero = np.zeros((len(self.layout), 3))
-        self.tips, self.warmth = np.zeros((len(FINGERS), 3), np.int64), np.full(len(FINGERS), 25)
+        self.tips, self.warmth = (
+            np.zeros((len(FINGERTIP_CENTRES_M), 3), np.int64),
+            np.full(len(FINGERTIP_CENTRES_M), 25),
+        )
 
     def measure(self, reading: Reading, t_ns: int) -> Counts:
-        """x, y -128..127 and z 0..255 of each point in raw counts, shape ``(600, 3)``."""
+        """Return raw counts of each point, x and y -128..127, z 0..255, shape ``(600, 3)``."""
         self.felt = self.layout.to_taxel_frame(reading["force"]) * [1, 1, -1]
         forces = self.felt - self.zero
         self.counts = self._counts(forces)
-        self.tips = self._counts(forces.reshape(len(FINGERS), POINTS, 3).sum(1))
+        self.tips = self._counts(forces.reshape(len(FINGERTIP_CENTRES_M), POINTS_PER_TIP, 3).sum(1))
         self.warmth = quantize(reading["temperature"], 1.0, 0, 255)
         return self.counts
 
@@ -221,17 +227,17 @@ class RoboteraXhand(Device):
         return np.clip(quantize(forces, self.counts_per_newton, -128, 255), self.low, self.high)
 
     def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
-        """Return messages in chunks of any size."""
+        """Answer messages, which arrive in chunks of any size."""
         return [answer for packet in self.packets.cut(data, t_ns) for answer in self._answer(packet, t_ns)]
 
     def _answer(self, packet: bytes, t_ns: int) -> list[bytes | Restart]:
         source, target, command, data = packet[2], packet[3], packet[4], packet[7:-2]
-        own = HAND + self.registers["id"]
-        part = target in range(JOINTS) or target in range(FIRST_TIP, FIRST_TIP + len(FINGERS))
-        if target not in (own, ALL) and not (part and command in (VERSION, ZERO)):
+        own = FIRST_HAND + self.registers["id"]
+        part = target in range(JOINTS) or target in range(FIRST_TIP, FIRST_TIP + len(FINGERTIP_CENTRES_M))
+        if target not in (own, BROADCAST) and not (part and command in (VERSION_COMMAND, ZERO_COMMAND)):
             self.counters["other_address"] += 1
             return []
-        if command == RESTART and not data:
+        if command == RESTART_COMMAND and not data:
             return [Restart(RESTART_NS)]
         reply = self._obey(command, data, target, t_ns)
         if reply is None:
@@ -239,7 +245,7 @@ class RoboteraXhand(Device):
         return [MESSAGE.pack(source=own, target=source, command=command, data=reply)] if reply else []
 
     def _obey(self, command: int, data: bytes, target: int, t_ns: int) -> bytes | None:
-        """Return the data of the answer, none, or ``None`` to what is no command."""
+        """Return the data of the answer, empty for no answer, or None if the command is unknown."""
         try:
             match command, len(data):
                 case (0x02, 288):
@@ -252,7 +258,7 @@ class RoboteraXhand(Device):
                     self._set_zero(target)
                     return b""
                 case (0x13, 0):
-                    return JOINT_VERSION if target < HAND else self.version
+                    return JOINT_VERSION if target < FIRST_HAND else self.version
                 case (0x15, 4):
                     address, n = struct.unpack("<HH", data)
                     return data[:2] + self.registers.read(address, n)
@@ -267,33 +273,35 @@ class RoboteraXhand(Device):
         return None
 
     def _set_zero(self, target: int) -> None:
-        """What is felt now is zero, of one tip or of all."""
-        zero = self.zero.copy().reshape(len(FINGERS), POINTS, 3)
-        tips = [target - FIRST_TIP] if target < HAND else slice(None)
+        """Make the present forces on one tip, or on all, the zero."""
+        zero = self.zero.copy().reshape(len(FINGERTIP_CENTRES_M), POINTS_PER_TIP, 3)
+        tips = [target - FIRST_TIP] if target < FIRST_HAND else slice(None)
         zero[tips] = self.felt.reshape(zero.shape)[tips]
         self.zero = zero.reshape(self.felt.shape)
 
     def _move(self, data: bytes, t_ns: int) -> None:
         goals = np.full(JOINTS, np.nan)
-        for number, gain, _, _, position, _, mode in ORDER.iter_unpack(data):
-            if number < JOINTS and gain > 0 and mode == POSITION and np.isfinite(position):
+        for number, gain, _, _, position, _, mode in JOINT_ORDER.iter_unpack(data):
+            if number < JOINTS and gain > 0 and mode == POSITION_MODE and np.isfinite(position):
                 goals[number] = position
         self.motors.go(goals, t_ns)
 
     def _state(self, t_ns: int) -> bytes:
         positions = self.motors.positions(t_ns).astype(np.float32)
         joints = JOINT.rows(JOINTS, number=np.arange(JOINTS), position=positions, temperature=25)
-        felt = self.layout.on_wire(self.counts & 0xFF).reshape(len(FINGERS), POINTS, 3)
+        wire = self.layout.on_wire(self.counts & 0xFF).reshape(len(FINGERTIP_CENTRES_M), POINTS_PER_TIP, 3)
         warm = np.repeat(self.warmth[:, None], 21, axis=1)
-        return b"".join(joints + self.tip.rows(len(FINGERS), force=self.tips & 0xFF, points=felt, temperatures=warm))
+        return b"".join(
+            joints + self.tip.rows(len(FINGERTIP_CENTRES_M), force=self.tips & 0xFF, points=wire, temperatures=warm)
+        )
 
     def joints(self, t_ns: int) -> Mapping[str, float]:
-        """Where the joints are [rad]."""
+        """Return the angles of the joints [rad], by name."""
         return {f"joint {k}": position for k, position in enumerate(self.motors.positions(t_ns).tolist())}
 
     @property
     def commands(self) -> tuple[Command, ...]:
-        """Each command, to a hand as it comes; a move that orders nothing: without gains."""
+        """Each command, to a hand with default options; the move has no gains, so that it orders nothing."""
         if self.registers["id"] or self.options:
             return ()
         done = "10 00"

@@ -1,14 +1,14 @@
 """Robotiq FT 300-S: a force-torque sensor with an accelerometer, between a robot's flange and its tool.
 
-Wire: 19200 8N1. From power-up it sends ``STREAM``, until it hears 50 bytes FF in a row. It answers Modbus RTU, unit 9,
-functions 03 and 16, too; a register is two bytes of ``MAP``. 0200 in register 410 starts the stream.
+Wire: 19200 8N1. From power-up it sends ``STREAM``, until it receives 50 bytes FF in a row. It answers Modbus RTU, unit
+9, functions 03 and 16, too; a register is two bytes of ``MAP``. 0200 in register 410 starts the stream.
 
     180..185  force and torque as in ``STREAM``    500..502  firmware: FTS and three numbers, a byte each
     190..192  acceleration                         510..513  serial number: FTS, 00, then low and high word
     410       stream                               514       year of production
 
-Hosts that find the sensor by themselves pass over ports that any process has open. Few check the sum: a force that is
-20 4E on the wire (200 N) breaks a frame for those who cut at that.
+Hosts that search for the sensor skip ports that any process has open. Few check the sum: a force that is 20 4E on the
+wire (200 N) breaks a frame for drivers that split there.
 
 Try it: ``tactemu run robotiq_ft300``, then ``FT300Stream(port, 1).get_force_torque_raw()``.
 """
@@ -56,14 +56,14 @@ MAP = RegisterMap("""
 """)
 BAUD = 19200
 UNIT = 9
-LETTERS = tuple(b"FTS")
-START = 0x0200
-STOPS = 50
-STOP = STOPS * b"\xff"
-WRENCH_COUNTS = np.array([100.0] * 3 + [1000.0] * 3)
+SERIAL_LETTERS = tuple(b"FTS")
+START_STREAM = 0x0200
+STOP_BYTES = 50
+STOP = STOP_BYTES * b"\xff"
+WRENCH_COUNTS_PER_UNIT = np.array([100.0] * 3 + [1000.0] * 3)
 COUNTS_PER_MS2 = 1000 / 9.80665
-LOW = -0x8000
-HIGH = 0x7FFF
+LOW_COUNTS = -0x8000
+HIGH_COUNTS = 0x7FFF
 ORIGIN = points({"origin": (0.0, 0.0, 0.0)})
 AXES: tuple[Axis, ...] = ("x", "y", "z")
 ROS = "ros-industrial-attic/robotiq@45196f6"
@@ -74,7 +74,7 @@ ALL = "rq_sensor_com.cpp, rq_sensor_state.cpp, rq_sensor.cpp, ft300_modbusrtu.py
 
 
 class RobotiqFt300(Device):
-    """Force and torque of a tool, streamed or asked for."""
+    """A sensor of force and torque on a tool, streamed or polled."""
 
     name = "robotiq_ft300"
     kind = "force-torque sensor"
@@ -82,7 +82,8 @@ class RobotiqFt300(Device):
     ports = (Serial(baud=BAUD),)
     senses = (Sense("wrench", at=ORIGIN), Sense("acceleration", at=ORIGIN))
     columns = tuple(
-        Column(name=f"{letter}{axis}", axis=axis, sense=sense, unit=unit, counts_per_unit=scale, low=LOW, high=HIGH)
+        Column(name=f"{letter}{axis}", axis=axis, sense=sense, unit=unit, counts_per_unit=scale, low=LOW_COUNTS,
+               high=HIGH_COUNTS)
         for letter, sense, unit, scale in (
             ("F", "wrench", "N", 100.0), ("M", "wrench", "Nm", 1000.0), ("a", "acceleration", "m/s²", COUNTS_PER_MS2)
         )
@@ -117,19 +118,19 @@ class RobotiqFt300(Device):
         self,
         *,
         tool: Annotated[
-            tuple[float, float, float], Option("where the tool is touched, from the sensor's origin", unit="m")
+            tuple[float, float, float], Option("point of contact on the tool, from the sensor's origin", unit="m")
         ] = (0.0, 0.0, 0.05),
         streams: Annotated[
-            bool, Option("from power-up, as hardware does; Modbus alone can be spoken otherwise")
+            bool, Option("stream from power-up, as hardware does; if false, only Modbus is in use")
         ] = True,
-        serial_number: Annotated[int, Option("which hosts print behind FTS", low=0, high=0xFFFFFFFF)] = 1,
-        firmware: Annotated[tuple[int, int, int], Option("version, behind FTS", low=0, high=0xFF)] = (1, 0, 0),
-        year: Annotated[int, Option("of production", low=0, high=0xFFFF)] = 2024,
+        serial_number: Annotated[int, Option("serial number that hosts print behind FTS", low=0, high=0xFFFFFFFF)] = 1,
+        firmware: Annotated[tuple[int, int, int], Option("firmware version behind FTS", low=0, high=0xFF)] = (1, 0, 0),
+        year: Annotated[int, Option("year of production", low=0, high=0xFFFF)] = 2024,
     ):
         self.layout = points({"tool": tool})
         self.registers = Registers(MAP)
-        self.registers["firmware"] = [*LETTERS, *firmware, *[0] * 14]
-        self.registers["letters"] = [*LETTERS, 0]
+        self.registers["firmware"] = [*SERIAL_LETTERS, *firmware, *[0] * 14]
+        self.registers["letters"] = [*SERIAL_LETTERS, 0]
         self.registers["serial"] = [serial_number & 0xFFFF, serial_number >> 16]
         self.registers["year"] = year
         self.rtu = Rtu(counters=self.counters, gap_ns=silence_ns(BAUD))
@@ -137,7 +138,7 @@ class RobotiqFt300(Device):
 
     @property
     def commands(self) -> tuple[Command, ...]:
-        """Of both drivers, behind the stop that they begin with."""
+        """The requests of both drivers, after the stop with which they begin."""
         python, vendor, stop = f"{PYTHON}; CRC by pymodbus", f"{C}; CRC by pymodbus", STOP.hex()
         asked = (
             ("force and torque", "09 03 00 B4 00 06 84 A6", "09 03 0C ..{12} ..{2}", python),
@@ -156,18 +157,18 @@ class RobotiqFt300(Device):
         )
 
     def measure(self, reading: Reading, t_ns: int) -> Counts:
-        """By sense: Fx Fy Fz Mx My Mz [0.01 N, 0.001 Nm] ``(1, 6)``, and acceleration [0.001 g] ``(1, 3)``."""
-        self.wrench = quantize(reading["wrench"], WRENCH_COUNTS, LOW, HIGH)
-        acceleration = quantize(reading["acceleration"], COUNTS_PER_MS2, LOW, HIGH)
+        """Return, by sense, Fx Fy Fz Mx My Mz [0.01 N, 0.001 Nm] ``(1, 6)``, and acceleration [0.001 g] ``(1, 3)``."""
+        self.wrench = quantize(reading["wrench"], WRENCH_COUNTS_PER_UNIT, LOW_COUNTS, HIGH_COUNTS)
+        acceleration = quantize(reading["acceleration"], COUNTS_PER_MS2, LOW_COUNTS, HIGH_COUNTS)
         self.registers["wrench"], self.registers["acceleration"] = self.wrench[0], acceleration[0]
         return {"wrench": self.wrench, "acceleration": acceleration}
 
     def stream(self, t_ns: int, name: str) -> Transmissions:
-        """Return a frame, while it streams."""
+        """Return one frame, while the stream runs."""
         return [STREAM.pack(values=self.wrench[0])] if self.streaming else ()
 
     def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
-        """Return bytes that stop the stream, and Modbus, in chunks of any size."""
+        """Stop the stream, or answer Modbus; both arrive in chunks of any size."""
         _, stopped, heard = (STOP[: self.stops] + data).rpartition(STOP)
         self.stops = len(heard) - len(heard.rstrip(STOP[:1]))
         if stopped:
@@ -175,8 +176,8 @@ class RobotiqFt300(Device):
             self.rtu.reset()
             self.streaming, data = False, heard
         if self.rtu.is_idle:
-            data = data.lstrip(STOP[:1])  # hosts go on with the stop after the stream has ended
+            data = data.lstrip(STOP[:1])  # hosts continue the stop after the stream has ended
         answers = self.rtu.answers(data, t_ns, {UNIT: Banks(holding=self.registers, functions=(3, 16))})
-        if self.registers["stream"] == START:
+        if self.registers["stream"] == START_STREAM:
             self.registers["stream"], self.streaming = 0, True
         return answers

@@ -1,8 +1,8 @@
 r"""Robotiq TSF-85: the two tactile fingertips of a 2F-85 gripper behind one USB hub.
 
-Wire: USB-CDC (16D0:14CC), opened at 115200 8N1; nothing depends on the speed. One packet in both directions.
+Wire: USB-CDC (16D0:14CC), opened at 115200 8N1; the speed has no effect. Both directions have one packet format.
 
-    command  data         does
+    command  data         about
     61       -            one reading
     58       period [ms]  autosend, synchronous; 00 stops
     59       period [ms]  autosend, asynchronous; 00 stops
@@ -17,13 +17,13 @@ and big-endian values. A driver that meets an unknown type has lost the rest of 
     20    1 int16    dynamic
     30    3 int16    acceleration
     40    3 int16    angular velocity
-    50    3 int16    magnetometer (not sent unless asked for: the vendor's viewer loses what follows it)
+    50    3 int16    magnetometer (sent by option only: the vendor's viewer loses the fields behind it)
     60    1 int16    temperature
     70    1 uint64   timestamp [us]
 
-All raw counts: no source gives a unit. On open, the vendor's Python sets DTR, clears RTS, asks E3 and sends 58.
-Hardware sends up to 1000 packets a second, in which the static counts change 60 times a second; here in each (option
-``static_hz``).
+All values are raw counts: no source gives a unit. On open, the vendor's Python sets DTR, clears RTS, sends E3 and 58.
+Hardware sends up to 1000 packets a second, in which the static counts change 60 times a second; in this model with each
+packet (option ``static_hz``).
 
 Try it: ``tactemu run robotiq_tsf85``, then ``RobotiqTactileSensor(port=...).configure(update_period_ms=10)``.
 """
@@ -68,18 +68,18 @@ AUTOSEND_SYNC = 0x58
 AUTOSEND_ASYNC = 0x59
 BOOTLOADER = 0xE2
 VERSION = 0xE3
-DATA_LENGTH = {READ: 0, AUTOSEND_SYNC: 1, AUTOSEND_ASYNC: 1, BOOTLOADER: 0, VERSION: 0}
+DATA_BYTES = {READ: 0, AUTOSEND_SYNC: 1, AUTOSEND_ASYNC: 1, BOOTLOADER: 0, VERSION: 0}
 
 FINGERS = 2
 ROWS = 7
 COLS = 4
-PITCH = 0.005
-OPENING = 0.085
-PAD_HEIGHT = 0.06
+PITCH_M = 0.005
+OPENING_M = 0.085
+PAD_HEIGHT_M = 0.06
 
-ACCELERATION_PER_MS2 = 16384 / 9.80665
-RATE_PER_RAD_S = 131 * 180 / np.pi
-TEMPERATURE_PER_DEG = 100
+COUNTS_PER_MS2 = 16384 / 9.80665
+COUNTS_PER_RAD_S = 131 * 180 / np.pi
+COUNTS_PER_DEG_C = 100
 
 VENDOR = "robotiq/tactile_sensors@8cb0219"
 PROTOCOL = f"{VENDOR} sensor_quickstart/protocol.py"
@@ -87,11 +87,11 @@ QUICK = f"{VENDOR} sensor_quickstart/quick_connect.py"
 ALL = (
     "sensor_quickstart/*.py, web/app.js, sdk_cpp/*, firmware/bootloader_host.py, all READMEs, pyrobotiqtactile (whole)"
 )
-CHIPS = points({"finger 0": (-OPENING / 2, 0.0, PAD_HEIGHT), "finger 1": (OPENING / 2, 0.0, PAD_HEIGHT)})
+CHIPS = points({"finger 0": (-OPENING_M / 2, 0.0, PAD_HEIGHT_M), "finger 1": (OPENING_M / 2, 0.0, PAD_HEIGHT_M)})
 
 
 class RobotiqTsf85(Device):
-    """Two 7 x 4 fingertips with inertial sensors; silent until a driver asks for a reading or for autosend."""
+    """Two 7 x 4 fingertips with inertial sensors; silent until a driver requests a reading or autosend."""
 
     name = "robotiq_tsf85"
     title = "Robotiq TSF-85 tactile fingertips"
@@ -133,22 +133,22 @@ class RobotiqTsf85(Device):
         *,
         packets: Annotated[
             Literal["together", "per_finger"],
-            Option("both fingers in one packet or one each: drivers take either, no source says which it is"),
+            Option("both fingers in one packet or one each: drivers accept both, no source says which hardware sends"),
         ] = "together",
-        magnetometer: Annotated[bool, Option("send field 50 (the vendor's viewer loses what follows it)")] = False,
-        counts_per_newton: Annotated[float, Option("of the static counts, along a taxel's normal")] = 2000.0,
+        magnetometer: Annotated[bool, Option("send field 50 (the vendor's viewer loses the fields behind it)")] = False,
+        counts_per_newton: Annotated[float, Option("scale of the static counts, along a taxel's normal")] = 2000.0,
         baseline: Annotated[
             int, Option("static counts at rest; drivers subtract their own", low=0, high=0xFFFF)
         ] = 1000,
-        version: Annotated[str, Option("the ASCII answer to E3")] = "1.1.8",
+        version: Annotated[str, Option("ASCII answer to E3")] = "1.1.8",
         static_hz: Annotated[
-            float, Option("of the static counts; hardware: 60; 0: each packet", unit="Hz", low=0)
+            float, Option("rate of the static counts; hardware: 60; 0: each packet", unit="Hz", low=0)
         ] = 0.0,
     ):
         self.columns = (Column(name="static", low=0, high=0xFFFF, rest=baseline, push=1),)
         self.together, self.magnetometer, self.version = packets == "together", magnetometer, version.encode("ascii")
         self.counts_per_newton, self.baseline = counts_per_newton, baseline
-        self.layout = _two_fingers(OPENING)
+        self.layout = _two_fingers(OPENING_M)
         self.parser = Packets(PACKET.head, _size, counters=self.counters)
         self.autosend: int | None = None
         self.counts = self.now = np.full(len(self.layout), baseline)
@@ -160,11 +160,11 @@ class RobotiqTsf85(Device):
         origin = "robotiq/tactile_sensors@8cb0219 sensor_quickstart/protocol.py l.18-22, 119-125"
         version = f"9A 00 E3 {len(self.version):02X} {self.version.hex()}"
         size = 93 if self.magnetometer else 86
-        whole = [f"9A 00 61 {2 * size:02X} 10 ..{{{2 * size - 1}}}"]
+        together = [f"9A 00 61 {2 * size:02X} 10 ..{{{2 * size - 1}}}"]
         each = [f"9A 00 61 {size:02X} {kind} ..{{{size - 1}}}" for kind in ("10", "14")]
         return (
             Command(name="version", request="9A 00 E3 00", reply=version, origin=origin),
-            Command(name="read once", request="9A 00 61 00", reply=whole if self.together else each, origin=origin),
+            Command(name="read once", request="9A 00 61 00", reply=together if self.together else each, origin=origin),
             Command(name="autosend synchronous, 10 ms", request="9A 00 58 01 0A", origin=origin),
             Command(name="autosend asynchronous, 10 ms", request="9A 00 59 01 0A", origin=origin),
             Command(name="stop", request="9A 00 58 01 00", origin=origin),
@@ -172,7 +172,7 @@ class RobotiqTsf85(Device):
         )
 
     def measure(self, reading: Reading, t_ns: int) -> Counts:
-        """Static counts, uint16 range, shape ``(56,)``: finger 0 row by row, then finger 1."""
+        """Return static counts, uint16 range, shape ``(56,)``: finger 0 row by row, then finger 1."""
         before = self.now
         self.now = quantize(self.layout.push(reading["force"]), self.counts_per_newton, rest=self.baseline)
         if t_ns >= self.due_ns:
@@ -181,10 +181,10 @@ class RobotiqTsf85(Device):
         static = self.layout.on_wire(self.counts).reshape(FINGERS, -1).astype(">u2")
         change = (self.now - before).reshape(FINGERS, -1).sum(axis=1)
         chips = (
-            reading["acceleration"] * ACCELERATION_PER_MS2,
-            reading["angular_velocity"] * RATE_PER_RAD_S,
+            reading["acceleration"] * COUNTS_PER_MS2,
+            reading["angular_velocity"] * COUNTS_PER_RAD_S,
             np.zeros((FINGERS, 3)),
-            reading["temperature"] * TEMPERATURE_PER_DEG,
+            reading["temperature"] * COUNTS_PER_DEG_C,
         )
         time = (t_ns // 1000).to_bytes(8, "big")
         self.fields = [
@@ -194,7 +194,7 @@ class RobotiqTsf85(Device):
         return self.counts
 
     def _fields(self, finger: int, *values: bytes) -> bytes:
-        """What a finger says of itself, type bytes included."""
+        """Return the fields of one finger, with their type bytes."""
         typed = zip(range(0x10, 0x80, 0x10), values)
         return b"".join(
             bytes([kind | finger << 2]) + value for kind, value in typed if kind != 0x50 or self.magnetometer
@@ -209,7 +209,7 @@ class RobotiqTsf85(Device):
         return () if self.autosend is None else self._reading(self.autosend)
 
     def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
-        """Return commands in chunks of any size; what is none is skipped byte by byte."""
+        """Answer commands, which arrive in chunks of any size; other bytes are skipped."""
         return [out for packet in self.parser.cut(data, t_ns) for out in self._answer(packet[2], packet[4:])]
 
     def _answer(self, command: int, data: bytes) -> Transmissions:
@@ -226,25 +226,25 @@ class RobotiqTsf85(Device):
 
 
 def _size(data: bytes) -> int | str:
-    """Length of the command that begins ``data``, or what is wrong with it."""
+    """Return the length of the command at the start of ``data`` [bytes], or the counter of its error."""
     if len(data) < 4:
         return MORE
-    if data[2] not in DATA_LENGTH:
+    if data[2] not in DATA_BYTES:
         return "unknown_command"
-    return 4 + data[3] if data[3] == DATA_LENGTH[data[2]] else "bad_length"
+    return 4 + data[3] if data[3] == DATA_BYTES[data[2]] else "bad_length"
 
 
 def _two_fingers(opening: float) -> Layout:
-    """Return both pads ``opening`` [m] apart, facing each other along x, above the palm; the fingers point along +z."""
+    """Return two pads ``opening`` [m] apart that face each other along x; the fingers point along +z."""
     left = place(
-        grid_layout(ROWS, COLS, PITCH, name="finger 0", link="left"),
-        (-opening / 2, 0.0, PAD_HEIGHT),
+        grid_layout(ROWS, COLS, PITCH_M, name="finger 0", link="left"),
+        (-opening / 2, 0.0, PAD_HEIGHT_M),
         x_axis=(0.0, 1.0, 0.0),
         normal=(1.0, 0.0, 0.0),
     )
     right = place(
-        grid_layout(ROWS, COLS, PITCH, name="finger 1", link="right"),
-        (opening / 2, 0.0, PAD_HEIGHT),
+        grid_layout(ROWS, COLS, PITCH_M, name="finger 1", link="right"),
+        (opening / 2, 0.0, PAD_HEIGHT_M),
         x_axis=(0.0, -1.0, 0.0),
         normal=(-1.0, 0.0, 0.0),
     )

@@ -1,17 +1,17 @@
 """OYMotion ROHand: a hand with dots or three-axis points in its fingers and palm, over Modbus RTU.
 
 Wire: RS-485 or RS-232, 115200 8N1, Modbus RTU, unit 2; functions 03, 06, 16. Registers, six values being thumb, index,
-middle, ring, little finger and the thumb's root; the second generation's numbers are behind a bar where they differ:
+middle, ring, little finger and the thumb's root; where they differ, those of the second generation follow a bar:
 
     register     numbers  access  about
     1000         1        r       protocol: 01xx first, 02xx second generation
     1001, 1002   1 each   r       firmware, its revision
     1003         1        r       hardware, 2001
     1005         1        rw      unit: kept, and a restart
-    1006         1        r       why the last request was refused with exception 4
+    1006         1        r       cause of the last exception 4
     1008, 1009   1 each   rw      self-test and beeps, 1 on; kept
     1012, 1013   1 each   w       orders: calibrate the motors, initialise; read 0 again
-    1014         1        w       0 restarts; any other value waits for new firmware, without a word
+    1014         1        w       0 restarts; any other value waits for new firmware, silently
          |1016   1        w       1 zeros the forces; in the first generation reserved
     1045         4 x 10   rw      gains P, I, D, G [0.01] of six motors; kept
     1085         6        r       0 opening, 1 closing, 2 there
@@ -33,11 +33,11 @@ middle, ring, little finger and the thumb's root; the second generation's number
     three-axis points      1      2 each               1       56 dots
 
 Dots are bytes 0..255, row by row, two in a register, the first one in its high byte. A three-axis point is normal,
-tangential, direction in three registers, *low byte first*, against the rule of Modbus; FFFF says that it is invalid.
-The first generation (``touch=finger``) has forces of whole fingers alone.
+tangential, direction in three registers, *low byte first*, against the rule of Modbus; FFFF marks an invalid one. The
+first generation (``touch=finger``) has one force for each finger only.
 
-Exception 1 is an unknown function, 2 an address, 3 a request that cannot be; 4 says to look at 1006: 1 not initialised,
-2 not calibrated, 3 value out of its range, 4 a motor stuck, 5 failed, 6 not saved.
+Exception 1 is an unknown function, 2 an address, 3 an invalid request; 4 refers to 1006: 1 not initialised, 2 not
+calibrated, 3 value out of its range, 4 a motor stuck, 5 failed, 6 not saved.
 
 Try it: ``tactemu run rohand``, then ``02 03 08 34 00 1E 86 5F`` for the index finger's dots.
 """
@@ -71,7 +71,7 @@ from firmware_protocols.protocols.modbus import Banks, Rtu, silence_ns
 from firmware_protocols.registers import Refused, RegisterMap, Registers
 
 BAUD = 115200
-COMMON = """
+COMMON_REGISTERS = """
     2000  >u2      protocol       r
     2002  >u2      firmware       = 256  r
     2006  >u2      hardware       = 8193  r
@@ -95,8 +95,8 @@ COMMON = """
     2310  >i2 x 6  angle_set      = 3670, 17837, 17606, 17656, 17486, 0
     2330  >i2 x 6  angle          r
 """
-FIRST = RegisterMap(
-    COMMON
+FIRST_GENERATION = RegisterMap(
+    COMMON_REGISTERS
     + """
     2004  >u2      revision       = 309  r
     2230  >u2 x 5  force_limit    = 15000
@@ -108,8 +108,8 @@ FIRST = RegisterMap(
     size=2468,
     writable=((2010, 2034), (2040, 2170), (2190, 2210), (2250, 2290), (2310, 2330), (2350, 2468)),
 )
-SECOND = RegisterMap(
-    COMMON
+SECOND_GENERATION = RegisterMap(
+    COMMON_REGISTERS
     + """
     2033  u1       zero           0..1
     2230  >u2 x 6  force_limit    = 15000
@@ -128,7 +128,7 @@ SECOND = RegisterMap(
     writable=((2010, 2034), (2040, 2170), (2190, 2210), (2230, 2290), (2310, 2330), (2370, 2568)),
 )
 """Offsets count bytes: two for each register."""
-PARTS = {
+TOUCH_PARTS = {
     "thumb": (9, 4, 1),
     "index": (12, 5, 2),
     "middle": (12, 5, 2),
@@ -136,24 +136,25 @@ PARTS = {
     "little": (8, 4, 1),
     "palm": (7, 8, 0),
 }
-"""Rows and columns of dots, and three-axis points."""
+"""The rows and columns of dots, and the number of three-axis points, of each part."""
 RESTART_NS = 100_000_000
 ORDERS = ("calibrate", "initialise", "restart")
 TARGETS = ("position_set", "angle_set")
 BAD_VALUE = 3
 
-OPEN = np.array([3670, 17837, 17606, 17656, 17486, 0])
-CLOSED = np.array([226, 10022, 9781, 10138, 9884, 8998])
-"""Angles [0.01 deg]."""
+OPEN_CENTIDEG = np.array([3670, 17837, 17606, 17656, 17486, 0])
+CLOSED_CENTIDEG = np.array([226, 10022, 9781, 10138, 9884, 8998])
+"""The angles of a closed hand [0.01 deg], as those of an open one above."""
+STROKES_CENTIDEG = CLOSED_CENTIDEG - OPEN_CENTIDEG
 FULL_STROKE_S = 1.0
 MOVING_MA = 200
-FULL = 0xFFFF
-JOINTS = ("thumb", "index", "middle", "ring", "little", "thumb root")
-DOTS_PER_NEWTON = 50.0
-PER_NEWTON = 100.0
-MILLINEWTONS = 1000.0
+FULL_SCALE = 0xFFFF
+JOINT_NAMES = ("thumb", "index", "middle", "ring", "little", "thumb root")
+DOT_COUNTS_PER_NEWTON = 50.0
+COUNTS_PER_NEWTON = 100.0
+MILLINEWTONS_PER_NEWTON = 1000.0
 Touch = Literal["dots", "three_axis", "finger"]
-BASES = {
+PART_CENTRES_M = {
     "thumb": (0.06, 0.02), "index": (0.033, 0.09), "middle": (0.011, 0.1), "ring": (-0.011, 0.095),
     "little": (-0.033, 0.08), "palm": (0.0, 0.0),
 }  # fmt: skip
@@ -166,7 +167,7 @@ _READ = "roh_gen2_demos (whole), OHandModBusRTUProtocol_EN.md, RELEASE_INFO.md, 
 
 
 class RoHand(Device):
-    """The hand: touch, and fingers that follow their commands."""
+    """A hand with touch, and fingers that follow their commands."""
 
     name = "rohand"
     title = "OYMotion ROHand"
@@ -206,14 +207,14 @@ class RoHand(Device):
     def __init__(
         self,
         *,
-        touch: Annotated[Touch, Option("sensors; finger: first generation, one force each")] = "dots",
-        unit: Annotated[int, Option("as delivered; register 1005 tells and changes it", low=1, high=247)] = 2,
+        touch: Annotated[Touch, Option("kind of sensors; finger: first generation, one force each")] = "dots",
+        unit: Annotated[int, Option("unit as delivered; register 1005 holds it", low=1, high=247)] = 2,
     ):
         self.touch = touch
         self.layout = _hand(touch)
         self.columns = _columns(touch)
         first = touch == "finger"
-        self.registers = Registers(FIRST if first else SECOND, kept={"unit": unit, **self.flash})
+        self.registers = Registers(FIRST_GENERATION if first else SECOND_GENERATION, kept={"unit": unit, **self.flash})
         self.registers["protocol"] = 0x0100 if first else 0x0200
         if first:
             self.registers["firmware"] = 0x0301
@@ -223,37 +224,39 @@ class RoHand(Device):
         self.unit = self.registers["unit"]
         self.ports = (Rs485(baud=BAUD),)
         self.rtu = Rtu(counters=self.counters, gap_ns=silence_ns(BAUD))
-        self.motors = Motors([0.0] * 6, low=0.0, high=FULL, time_constant_s=0.0, speed_limit=FULL / FULL_STROKE_S)
+        self.motors = Motors(
+            [0.0] * 6, low=0.0, high=FULL_SCALE, time_constant_s=0.0, speed_limit=FULL_SCALE / FULL_STROKE_S
+        )
         self.felt = self.zero = np.zeros((len(self.layout), 3))
         self.counts = np.zeros(len(self.layout), int)
 
     def measure(self, reading: Reading, t_ns: int) -> Counts:
-        """Dots 0..255 or fingers [mN], shape ``(n,)``; or normal, tangential, direction, shape ``(n, 3)``."""
+        """Return dots 0..255 or fingers [mN], shape ``(n,)``; or normal, tangential, direction, shape ``(n, 3)``."""
         self.felt = self.layout.to_taxel_frame(reading["force"])
         x, y, z = (self.felt - self.zero).T
         if self.touch == "dots":
-            self.counts = quantize(-z, DOTS_PER_NEWTON, 0, 255)
+            self.counts = quantize(-z, DOT_COUNTS_PER_NEWTON, 0, 255)
         elif self.touch == "finger":
-            self.counts = quantize(-z, MILLINEWTONS)
+            self.counts = quantize(-z, MILLINEWTONS_PER_NEWTON)
         else:
             direction = np.rint(np.rad2deg(np.arctan2(y, x))).astype(int) % 360
             points = [
-                quantize(-z, PER_NEWTON, 0, FULL - 1),
-                quantize(np.hypot(x, y), PER_NEWTON, 0, FULL - 1),
+                quantize(-z, COUNTS_PER_NEWTON, 0, FULL_SCALE - 1),
+                quantize(np.hypot(x, y), COUNTS_PER_NEWTON, 0, FULL_SCALE - 1),
                 direction,
             ]
             self.counts = np.stack(points, axis=-1)
             palm = self.layout.patches[-1].taxels
             self.counts[palm] = 0
-            self.counts[palm, 0] = quantize(-z[palm], DOTS_PER_NEWTON, 0, 255)
+            self.counts[palm, 0] = quantize(-z[palm], DOT_COUNTS_PER_NEWTON, 0, 255)
         return self.counts
 
     def joints(self, t_ns: int) -> Mapping[str, float]:
-        """Return angles [rad] as the hand reports them."""
-        return dict(zip(JOINTS, np.deg2rad(self._angles(t_ns) / 100).tolist()))
+        """Return the angles of the joints [rad] as the hand reports them, by name."""
+        return dict(zip(JOINT_NAMES, np.deg2rad(self._angles(t_ns) / 100).tolist()))
 
     def _angles(self, t_ns: int) -> np.ndarray:
-        return OPEN + (CLOSED - OPEN) * self.motors.positions(t_ns) / FULL
+        return OPEN_CENTIDEG + STROKES_CENTIDEG * self.motors.positions(t_ns) / FULL_SCALE
 
     # -- requests --------------------------------------------------------------------------------------------------
 
@@ -265,7 +268,7 @@ class RoHand(Device):
         return self.rtu.answers(data, t_ns, {self.unit: Banks(holding=self, functions=(3, 6, 16))})
 
     def wake(self, t_ns: int) -> Transmissions:
-        """The restart that was ordered."""
+        """Restart, as ordered."""
         return [Restart()]
 
     def read(self, address: int, n: int, t_ns: int) -> bytes:
@@ -285,17 +288,17 @@ class RoHand(Device):
         elif self.touch == "dots":
             push = -(self.felt - self.zero)[:, 2]
             sums = [push[patch.taxels].sum() for patch in self.layout.patches if patch.name != "palm"]
-            self.registers["force"] = np.append(np.maximum(sums, 0.0) * MILLINEWTONS, 0.0)
+            self.registers["force"] = np.append(np.maximum(sums, 0.0) * MILLINEWTONS_PER_NEWTON, 0.0)
         return self.registers.read(address, n)
 
     def _show(self, part: str, counts: np.ndarray) -> None:
-        """Dots as they are; points as three registers each, low byte first."""
+        """Store a part's dots unchanged; points as three registers each, low byte first."""
         if counts.ndim == 2:
             counts = counts[:, 0] if part == "palm" else np.frombuffer(counts.astype("<u2").tobytes(), np.uint8)
         self.registers[part] = np.pad(counts, (0, self.registers.table.by_name[part].count - len(counts)))
 
     def write(self, address: int, data: bytes, t_ns: int) -> Sequence[str]:
-        """Store, and do what was ordered; a value out of its range is exception 4."""
+        """Store what the host writes, and execute its orders; a value out of its range is exception 4."""
         before = [np.array(self.registers.all(name)) for name in TARGETS]
         try:
             written = self.registers.write(address, data)
@@ -308,9 +311,10 @@ class RoHand(Device):
         positions, angles = (np.array(self.registers.all(name)) for name in TARGETS)
         if "position_set" in written:
             self.motors.go(np.where(positions != before[0], positions, np.nan), t_ns)
-            self.registers["angle_set"] = OPEN + (CLOSED - OPEN) * self.motors.goals / FULL
+            self.registers["angle_set"] = OPEN_CENTIDEG + STROKES_CENTIDEG * self.motors.goals / FULL_SCALE
         if "angle_set" in written:
-            self.motors.go(np.where(angles != before[1], (angles - OPEN) / (CLOSED - OPEN) * FULL, np.nan), t_ns)
+            goals = (angles - OPEN_CENTIDEG) / STROKES_CENTIDEG * FULL_SCALE
+            self.motors.go(np.where(angles != before[1], goals, np.nan), t_ns)
             self.registers["position_set"] = self.motors.goals
         if "speed" in written:
             self.motors.limit_speed(np.array(self.registers.all("speed")) / FULL_STROKE_S, t_ns)
@@ -324,7 +328,7 @@ class RoHand(Device):
 
     @property
     def commands(self) -> tuple[Command, ...]:
-        """Of a hand with dots, as it comes."""
+        """Requests to a hand with dots and default options."""
         if self.touch != "dots" or self.unit != 2:
             return ()
         return tuple(
@@ -337,24 +341,26 @@ def _columns(touch: Touch) -> tuple[Column, ...]:
     if touch == "dots":
         return (Column(name="touch", low=0, high=255, push=1),)
     if touch == "finger":
-        return (Column(name="force", unit="N", counts_per_unit=MILLINEWTONS, low=0, high=FULL, push=1),)
+        return (
+            Column(name="force", unit="N", counts_per_unit=MILLINEWTONS_PER_NEWTON, low=0, high=FULL_SCALE, push=1),
+        )
     return (
-        Column(name="normal", axis="z", low=0, high=FULL - 1, push=1),
-        Column(name="tangential", low=0, high=FULL - 1),
+        Column(name="normal", axis="z", low=0, high=FULL_SCALE - 1, push=1),
+        Column(name="tangential", low=0, high=FULL_SCALE - 1),
         Column(name="direction", low=0, high=359),
     )
 
 
 def _hand(touch: Touch) -> Layout:
-    """Parts in wire order, each on its link; x across the hand, y along the fingers, z out of it."""
+    """Return the parts in wire order, each on its link; x across the hand, y along the fingers, z out of it."""
     pads = []
-    for name, (rows, cols, n_points) in PARTS.items():
+    for name, (rows, cols, n_points) in TOUCH_PARTS.items():
         if touch == "finger" or (touch == "three_axis" and n_points):
             rows, cols, pitch = (1 if touch == "finger" else n_points), 1, 0.012
         else:
             pitch = 0.005 if name == "palm" else 0.002
         if touch != "finger" or n_points:
-            pads.append(place(grid_layout(rows, cols, pitch, name=name, link=name), (*BASES[name], 0.0)))
+            pads.append(place(grid_layout(rows, cols, pitch, name=name, link=name), (*PART_CENTRES_M[name], 0.0)))
     return stack(*pads)
 
 

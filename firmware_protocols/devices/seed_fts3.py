@@ -1,23 +1,23 @@
-"""Seed Robotics FTS-3: up to five fingertips that feel force along three axes, on one board.
+"""Seed Robotics FTS-3: up to five fingertips that measure force along three axes, on one board.
 
-Wire: FTDI bridge (0403:6010, its second port), 1 000 000 8N1. Text; every line of the board ends with CR LF. It says
-unasked, at most each 20 ms,
+Wire: FTDI bridge (0403:6010, its second port), 1 000 000 8N1. Text; every line of the board ends with CR LF. It sends
+unasked, every 20 ms at most,
 
     @,sec,msec,x1,y1,z1,x2,y2,z2,x3,y3,z3,x4,y4,z4,x5,y5,z5,
 
-whole numbers, nothing between the commas of a sensor that is not there; one that feels only z leaves x and y empty.
+of integers. The fields of a missing sensor are empty, and so are x and y of one that measures z only.
 
     command                      answer          about
-    enabletime, disabletime      #OK             with the two fields of time, or without
-    setepoch,SEC,MSEC            #OK             what the time is now
-    setperiod,MSEC               #OK             between lines
+    enabletime, disabletime      #OK             lines with the two fields of time, or without
+    setepoch,SEC,MSEC            #OK             sets the present time
+    setperiod,MSEC               #OK             sets the period of the lines
     calibrate                    #OK             what is measured now becomes zero
     getversion, softwareversion  #OK,VERSION
     dumpsensors, dumponboard, resume  #OK
 
 A command ends with CR or LF, as the ROS node sends it, or with a silence: the vendor's tool sends no end, and waits
 0.3 s. SEC of the tool (``setepoch,1781003060.4375293,0``) and MSEC of the node (``setperiod,50.0``, without an end)
-have a fraction, which is cut off.
+have a fraction, which the model drops.
 
 Try it: ``tactemu run seed_fts3``, then read lines.
 """
@@ -35,12 +35,12 @@ from firmware_protocols.facts import assumed, stated
 from firmware_protocols.framing import Lines
 
 SLOTS = 5
-BETWEEN_FINGERS = 0.02
-SHORTEST_PERIOD_MS = 20
+FINGER_SPACING_M = 0.02
+MIN_PERIOD_MS = 20
 SILENCE_NS = 100_000_000
-SPAN = 0x7FFF
+MAX_COUNTS = 0x7FFF
 
-OK = b"#OK\r\n"
+OK_LINE = b"#OK\r\n"
 FRACTION = rb"(?:\.\d*)?"
 EPOCH = re.compile(rb"setepoch,(\d{1,10})" + FRACTION + rb",(\d{1,3})" + FRACTION)
 PERIOD = re.compile(rb"setperiod,(\d{1,5})" + FRACTION)
@@ -56,7 +56,7 @@ class SeedFts3(Device):
     kind = "fingertip"
     title = "Seed Robotics FTS-3 fingertips"
     ports = (Serial(baud=1_000_000, usb=USB(0x0403, 0x6010, interface=1, node="ttyUSB")),)
-    rate_hz = 1000 / SHORTEST_PERIOD_MS
+    rate_hz = 1000 / MIN_PERIOD_MS
     evidence = ("vendor document", "driver")
     sources = (
         "kb.seedrobotics.com FTS3 pressure sensor (unit, range, rate; the vendor's manual)",
@@ -91,18 +91,18 @@ class SeedFts3(Device):
         self,
         *,
         sensors: Annotated[
-            tuple[Fitted, Fitted, Fitted, Fitted, Fitted], Option("what is fitted: three axes, z alone, none")
+            tuple[Fitted, Fitted, Fitted, Fitted, Fitted], Option("kind of each sensor: three axes, z only, none")
         ] = ("xyz", "xyz", "xyz", "xyz", "xyz"),
-        version: Annotated[str, Option("what the board calls its firmware")] = "1.0.0",
-        counts_per_newton: Annotated[float, Option("of all axes", unit="1/N", low=1e-6)] = 1000.0,
+        version: Annotated[str, Option("version of the firmware")] = "1.0.0",
+        counts_per_newton: Annotated[float, Option("scale of all axes", unit="1/N", low=1e-6)] = 1000.0,
     ):
         self.sensors, self.version, self.counts_per_newton = sensors, version.encode("ascii"), counts_per_newton
         fitted = [slot for slot, kind in enumerate(sensors) if kind != "none"]
         if not fitted:
-            raise ValueError("seed_fts3: sensors: at least one is fitted")
-        self.layout = points({f"sensor {slot + 1}": (BETWEEN_FINGERS * slot, 0.0, 0.0) for slot in fitted})
+            raise ValueError("seed_fts3: option sensors: at least one must not be none")
+        self.layout = points({f"sensor {slot + 1}": (FINGER_SPACING_M * slot, 0.0, 0.0) for slot in fitted})
         self.columns = tuple(
-            Column(name=axis, axis=axis, unit="N", counts_per_unit=counts_per_newton, low=-SPAN, high=SPAN,
+            Column(name=axis, axis=axis, unit="N", counts_per_unit=counts_per_newton, low=-MAX_COUNTS, high=MAX_COUNTS,
                    push=1 if axis == "z" else 0)
             for axis in ("x", "y", "z")
         )  # fmt: skip
@@ -112,7 +112,7 @@ class SeedFts3(Device):
 
     @property
     def commands(self) -> tuple[Command, ...]:
-        """All of the vendor's tool, without an end, and one with the ROS node's."""
+        """All commands of the vendor's tool, without an end, and one with that of the ROS node."""
         lines = (b"enabletime", b"disabletime", b"calibrate", b"setepoch,1700000000,250", b"setperiod,40", *DUMPS)
         versions = (b"getversion", b"softwareversion")
         tool, node = "SensorTools@a4b7613 SensorTool.py", "ros2_sensor_pkg@a920d6c read_publish_sensor_node.py"
@@ -138,9 +138,9 @@ class SeedFts3(Device):
         )
 
     def measure(self, reading: Reading, t_ns: int) -> Counts:
-        """x, y, z of each sensor that is fitted, shape ``(n, 3)``, a push positive; 0 where it has no such axis."""
+        """Return x, y, z of each fitted sensor, shape ``(n, 3)``, a push positive; 0 for an axis that is missing."""
         self.felt = self.layout.to_taxel_frame(reading["force"]) * [1, 1, -1]
-        self.counts = quantize(self.felt - self.zero, self.counts_per_newton, -SPAN, SPAN)
+        self.counts = quantize(self.felt - self.zero, self.counts_per_newton, -MAX_COUNTS, MAX_COUNTS)
         self.counts[[kind == "z" for kind in self.sensors if kind != "none"], :2] = 0
         return self.counts
 
@@ -173,11 +173,11 @@ class SeedFts3(Device):
         elif epoch := EPOCH.fullmatch(line):
             self.epoch_ms = int(epoch[1]) * 1000 + int(epoch[2]) - t_ns // 1_000_000
         elif period := PERIOD.fullmatch(line):
-            self.period_ns = max(int(period[1]), SHORTEST_PERIOD_MS) * 1_000_000
+            self.period_ns = max(int(period[1]), MIN_PERIOD_MS) * 1_000_000
         elif line not in DUMPS:
             self.counters["unknown_command"] += 1
             return []
-        return [OK]
+        return [OK_LINE]
 
 
 def _fields(kind: Fitted, values: list[int]) -> list[str]:

@@ -1,7 +1,8 @@
-"""SingleTact: one capacitive pad that feels a force, behind its USB board or an Arduino.
+"""SingleTact: one capacitive pad that measures force, behind its USB board or an Arduino.
 
-Wire: USB serial, 115200. It only answers, ``ANSWER`` to ``REQUEST``: operation 01 reads ``count`` bytes of a memory,
-02 writes ``data`` into it, 04 a calibration, 03 switches pins. Hosts send a 16th byte, 00, behind a request to read.
+Wire: USB serial, 115200. The board only answers, ``ANSWER`` to ``REQUEST``: operation 01 reads ``count`` bytes of a
+memory, 02 writes ``data`` into it, 04 a calibration, 03 switches pins. Hosts append a 16th byte, 00, to a request to
+read.
 
     location  content
     0..127    ``SETTINGS``, then zeros; hosts read them as four times 32 bytes
@@ -9,11 +10,11 @@ Wire: USB serial, 115200. It only answers, ``ANSWER`` to ``REQUEST``: operation 
     134..191  zeros
 
 512 counts are the range of the pad (10 N here) at a scaling of 100. A write of settings is answered when they are in
-flash, 50 ms later, and makes what is felt now 255: so hosts tare. From firmware 2 to 254 its last byte is the sum of
-the others; one with another sum is not obeyed. The pad answers to address 4, too.
+flash, 50 ms later, and makes the present force 255: so hosts tare. From firmware 2 to 254 its last byte is the sum of
+the others; one with a wrong sum has no effect. The pad answers to address 4, too.
 
-The board's answer to another address comes after 100 ms, with what its buffer held before; the time in answers without
-data is that of the last read. Hosts move DTR and RTS when they open, to restart an Arduino, and wait for 2 s.
+The board's answer for another address comes after 100 ms, with the old contents of its buffer; answers without data
+have the time of the last read. Hosts move DTR and RTS when they open, to restart an Arduino, and wait for 2 s.
 
 Try it: ``tactemu run singletact``, then send FF FF FF FF 04 64 01 01 80 06 FF FE FE FE FE.
 """
@@ -51,7 +52,7 @@ REQUEST = Frame("""
     7     u1              operation  01 read, 02 write, 03 switch, 04 calibrate
     8     u1              location
     9     u1              count
-    10    bytes           data       but of a read
+    10    bytes           data       none in a read
     ..    FF FE FE FE FE  tail
 """)
 ANSWER = Frame("""
@@ -66,7 +67,7 @@ ANSWER = Frame("""
     ..    FE FE FE FE     tail
 """)
 DATA = Frame("""
-    what is felt
+    reading
     0     >u2             iteration
     2     >u2 wrap        time       [0.1 ms]
     4     >u2             value      255: no force
@@ -80,7 +81,7 @@ SETTINGS = Frame("""
     6     05              gain       5: a pad of 1, 10 or 100 N; 1: of 4.5, 45 or 450 N
     7     u1              firmware
     8     00 00           discharge  timer and output current
-    10    >u2             scaling    100: as it is
+    10    >u2             scaling    100: factor 1
     12    01              elements
     13    01              calibrated
     14    00              unused
@@ -90,24 +91,24 @@ WRITE = 2
 SWITCH = 3
 CALIBRATE = 4
 REQUEST_BYTES = 15
-LONGEST_READ = 61
-LONGEST_WRITE = 28
-MEMORY = 192
-WRITABLE = 128
-SCALING = slice(10, 12)
-UNITY = 100
-FLASH_NS = 50_000_000
-DEAD_NS = 100_000_000
+MAX_READ_BYTES = 61
+MAX_WRITE_BYTES = 28
+MEMORY_BYTES = 192
+WRITABLE_BYTES = 128
+SCALING_BYTES = slice(10, 12)
+UNITY_SCALING = 100
+FLASH_WRITE_NS = 50_000_000
+NO_PAD_NS = 100_000_000
 TICK_NS = 100_000
-HEADS = {"usb": 0xAA, "arduino": 0xFF}
-PIDS = {"usb": 0x8036, "arduino": 0x0043}
-EVERY = 4
-"""An address to which all pads answer."""
+HEAD_BYTES = {"usb": 0xAA, "arduino": 0xFF}
+USB_PRODUCT_IDS = {"usb": 0x8036, "arduino": 0x0043}
+BROADCAST = 4
+"""The address to which all pads answer."""
 TAIL = b"\xfe" * 4
 FILLER = b"\0"
-"""What hosts send behind a request to read; the board drops it."""
-REST = 255
-FULL = 1023
+"""The byte that hosts append to a request to read; the board drops it."""
+REST_COUNTS = 255
+MAX_COUNTS = 1023
 NET = "SingleTact/NETInterface@30c0e82"
 PYTHON = "philip-long/singletact-python-wrapper@659796f"
 FIRMWARE = "SingleTact/WinAppArduinoInterface@5e9c026"
@@ -117,12 +118,12 @@ ALL = "SingleTactDemo.ino, SingleTactLibrary/*.cs, Demo/GUI.cs, pps-singletact.p
 
 
 class SingleTact(Device):
-    """One pad, asked for what it feels."""
+    """One pad, which a driver polls."""
 
     name = "singletact"
     kind = "fingertip"
     title = "SingleTact, one pad"
-    columns = (Column(name="value", low=0, high=FULL, rest=REST, push=1),)
+    columns = (Column(name="value", low=0, high=MAX_COUNTS, rest=REST_COUNTS, push=1),)
     rollovers = (
         Rollover(name="iteration", bits=16, state="iteration"),
         Rollover(name="time", bits=32, step=10_000, clock=True, state="clock_ticks"),
@@ -172,26 +173,28 @@ class SingleTact(Device):
     def __init__(
         self,
         *,
-        board: Annotated[Literal["usb", "arduino"], Option("what is between the pad and the host")] = "usb",
-        address: Annotated[int, Option("of the pad on the board's I2C", low=0, high=0x7F)] = 4,
-        counts_per_newton: Annotated[float, Option("above the rest, scaling 100", unit="1/N", low=1e-6)] = 51.2,
-        serial: Annotated[int, Option("number of the pad", low=0, high=0xFFFF)] = 1,
-        firmware: Annotated[int, Option("from 2 on, settings end with a sum", low=0, high=0xFF)] = 1,
+        board: Annotated[Literal["usb", "arduino"], Option("board between the pad and the host")] = "usb",
+        address: Annotated[int, Option("address of the pad on the board's I2C", low=0, high=0x7F)] = 4,
+        counts_per_newton: Annotated[
+            float, Option("counts above those at rest, scaling 100", unit="1/N", low=1e-6)
+        ] = 51.2,
+        serial: Annotated[int, Option("serial number of the pad", low=0, high=0xFFFF)] = 1,
+        firmware: Annotated[int, Option("version; from 2 on, settings end with a sum", low=0, high=0xFF)] = 1,
     ):
-        self.ports = (Serial(baud=115200, usb=USB(0x2341, PIDS[board])),)
+        self.ports = (Serial(baud=115200, usb=USB(0x2341, USB_PRODUCT_IDS[board])),)
         self.layout = points({"pad": (0.0, 0.0, 0.0)}, pitch=0.008)
         self.counts_per_newton, self.firmware = counts_per_newton, firmware
-        self.head = [HEADS[board]] * 4
+        self.head = [HEAD_BYTES[board]] * 4
         self.packets = Packets(REQUEST.head, _size, _check, counters=self.counters)
-        delivered = SETTINGS.pack(address=address, serial=serial, firmware=firmware, scaling=UNITY)
-        self.settings = self.flash.get("settings", delivered.ljust(WRITABLE, b"\0"))
-        self.buffer = bytes(LONGEST_READ + len(TAIL))
+        delivered = SETTINGS.pack(address=address, serial=serial, firmware=firmware, scaling=UNITY_SCALING)
+        self.settings = self.flash.get("settings", delivered.ljust(WRITABLE_BYTES, b"\0"))
+        self.buffer = bytes(MAX_READ_BYTES + len(TAIL))
         self.iteration, self.pushed, self.zero, self.felt_ns, self.read_ns = 0, 0.0, 0.0, 0, 0
         self.clock_ticks = 0
 
     @property
     def commands(self) -> tuple[Command, ...]:
-        """Readings and settings, as delivered."""
+        """Requests for the reading and the settings, and writes."""
         origin = f"{PYTHON} singletact_library.py"
         return tuple(
             Command(
@@ -207,33 +210,37 @@ class SingleTact(Device):
         """Return the value, 0..1023, shape ``(1,)``."""
         self.iteration, self.felt_ns = (self.iteration + 1) & 0xFFFF, t_ns
         self.pushed = float(self.layout.push(reading["force"])[0])
-        scale = self.counts_per_newton * int.from_bytes(self.settings[SCALING], "big") / UNITY
-        self.counts = quantize([self.pushed - self.zero], scale, 0, FULL, rest=REST)
+        scale = self.counts_per_newton * int.from_bytes(self.settings[SCALING_BYTES], "big") / UNITY_SCALING
+        self.counts = quantize([self.pushed - self.zero], scale, 0, MAX_COUNTS, rest=REST_COUNTS)
         return self.counts
 
     def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
-        """Return requests in chunks of any size."""
+        """Answer requests, which arrive in chunks of any size."""
         return [out for packet in self.packets.cut(data, t_ns) for out in self._obey(packet, t_ns)]
 
     def _obey(self, packet: bytes, t_ns: int) -> Transmissions:
         request = REQUEST.unpack(packet.removesuffix(FILLER))
         assert request is not None, "the cutter has checked it"
         operation, first, count, data = (request[name] for name in ("operation", "location", "count", "data"))
-        reads, here = operation == READ, request["address"] in (EVERY, self.settings[0])
+        reads, here = operation == READ, request["address"] in (BROADCAST, self.settings[0])
         end = first + count
         self.counters["other_device"] += not here
-        longest, last = (LONGEST_READ, MEMORY) if reads else (LONGEST_WRITE, WRITABLE if operation == WRITE else 0x200)
+        longest, last = (
+            (MAX_READ_BYTES, MEMORY_BYTES)
+            if reads
+            else (MAX_WRITE_BYTES, WRITABLE_BYTES if operation == WRITE else 0x200)
+        )
         if not 0 < count <= longest or end > last:
             self.counters["refused"] += 1
             return ()
         if reads:
             self.read_ns = t_ns
             self.buffer = (self._memory()[first:end] if here else self.buffer[:count]) + TAIL + self.buffer[count + 4 :]
-            return [self._answer(request, count, 0 if here else DEAD_NS)]
+            return [self._answer(request, count, 0 if here else NO_PAD_NS)]
         if here and operation == WRITE:
             self._store(first, data)
         self.buffer = TAIL + self.buffer[len(TAIL) :]
-        return [self._answer(request, 0, 0 if operation == SWITCH or not here else FLASH_NS)]
+        return [self._answer(request, 0, 0 if operation == SWITCH or not here else FLASH_WRITE_NS)]
 
     def _answer(self, request: dict, count: int, delay_ns: int) -> Sent | bytes:
         fields = {
@@ -245,10 +252,10 @@ class SingleTact(Device):
         return Sent(answer, delay_ns=delay_ns) if delay_ns else answer
 
     def _memory(self) -> bytes:
-        felt = DATA.pack(
+        reading = DATA.pack(
             iteration=self.iteration, time=self.felt_ns // TICK_NS + self.clock_ticks, value=int(self.counts[0])
         )
-        return (self.settings + felt).ljust(MEMORY, b"\0")
+        return (self.settings + reading).ljust(MEMORY_BYTES, b"\0")
 
     def _store(self, first: int, data: bytes) -> None:
         if 2 <= self.firmware <= 254:
@@ -277,7 +284,7 @@ def _check(packet: bytes) -> str:
 _HEAD = ".. .. .. .. 04 00"
 _EXAMPLES = (
     # name, request behind address and timeout, answer without its tail
-    ("what is felt", "01 01 80 06", f"{_HEAD} 01 ..{{4}} 06 ..{{6}}"),
+    ("reading", "01 01 80 06", f"{_HEAD} 01 ..{{4}} 06 ..{{6}}"),
     ("settings from 0", "02 01 00 20", f"{_HEAD} 02 ..{{4}} 20 ..{{32}}"),
     ("settings from 32", "03 01 20 20", f"{_HEAD} 03 ..{{4}} 20 ..{{32}}"),
     ("settings from 64", "04 01 40 20", f"{_HEAD} 04 ..{{4}} 20 ..{{32}}"),

@@ -1,8 +1,8 @@
-"""SUN fingertip: 5 x 5 taxels, a frame for each letter.
+"""SUN fingertip: 5 x 5 taxels, one frame for each letter.
 
-Wire: 1 000 000 8N1, the wired fingers; what the driver opens by itself is 500 000 (option ``baud``). The host sends
-``a`` and gets ``FRAME``; a count is 3.3 V / 4096. Nothing marks where a frame begins, and there is no sum. The driver
-sets its port to low latency, for 500 frames a second.
+Wire: 1 000 000 8N1 for wired fingers; the driver's default is 500 000 (option ``baud``). The host sends ``a`` and gets
+``FRAME``; a count is 3.3 V / 4096. A frame has no start mark and no sum. The driver sets its port to low latency, for
+500 frames a second.
 
 Try it: ``tactemu run sun_fingertip``, then send ``a``.
 """
@@ -20,14 +20,14 @@ FRAME = Frame("""
     frame, row by row
     0     <u2 x taxels    counts    0 to 4095
 """)
-REQUEST = b"a"
+READ_LETTER = b"a"
 DRIVER = "sun_tactile_driver"
 ROWS = COLS = 5
-PITCH = 0.0035
+PITCH_M = 0.0035
 
 
 class SunFingertip(Device):
-    """Twenty-five taxels, asked for."""
+    """Twenty-five taxels, which a driver polls."""
 
     name = "sun_fingertip"
     kind = "fingertip"
@@ -54,30 +54,30 @@ class SunFingertip(Device):
     def __init__(
         self,
         *,
-        baud: Annotated[Literal[500_000, 1_000_000], Option("of its firmware")] = 1_000_000,
-        baseline: Annotated[int, Option("counts untouched", low=0, high=4095)] = 600,
-        counts_per_newton: Annotated[float, Option("of a taxel", unit="1/N", low=1e-6)] = 400.0,
+        baud: Annotated[Literal[500_000, 1_000_000], Option("line speed of the firmware")] = 1_000_000,
+        baseline: Annotated[int, Option("counts of an untouched taxel", low=0, high=4095)] = 600,
+        counts_per_newton: Annotated[float, Option("scale of a taxel", unit="1/N", low=1e-6)] = 400.0,
     ):
         self.ports = (Serial(baud=baud),)
         self.columns = (Column(name="voltage", low=0, high=4095, rest=baseline, push=1),)
-        self.layout = grid_layout(ROWS, COLS, PITCH)
+        self.layout = grid_layout(ROWS, COLS, PITCH_M)
         self.frame = FRAME.bind(wire_order=self.layout.wire_order)
         self.baseline, self.counts_per_newton = baseline, counts_per_newton
 
     @property
     def commands(self) -> tuple[Command, ...]:
-        """The only one."""
+        """The only command."""
         return (Command(name="read", request="61", reply="..{50}", origin=self.sources[0]),)
 
     def measure(self, reading: Reading, t_ns: int) -> Counts:
-        """Return counts of each taxel, 0..4095, shape ``(25,)``."""
+        """Return the counts of each taxel, 0..4095, shape ``(25,)``."""
         push = self.layout.push(reading["force"])
         self.counts = quantize(push, self.counts_per_newton, 0, 4095, rest=self.baseline)
         return self.counts
 
     def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
-        """Letters."""
-        asked = data.count(REQUEST)
+        """Answer letters, one frame each."""
+        asked = data.count(READ_LETTER)
         self.counters["requests"] += asked
         self.counters["unknown_command"] += len(data) - asked
         return [self.frame.pack(counts=self.counts)] * asked

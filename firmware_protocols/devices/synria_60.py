@@ -2,13 +2,12 @@ r"""Synria (Xuanya) pressure module: sixty points behind a Modbus unit that has 
 
 Wire: RS-485, 4 000 000 8N1, Modbus RTU, unit 1 as delivered. Functions 03 and 06 as in the standard, high byte first.
 
-    41 index     text: 1 model, 2 protocol, 3 its version, 4 firmware; comes back as index, length, text
+    41 index     text: 1 model, 2 protocol, 3 its version, 4 firmware; the answer is index, length, text
     42           all values: number of bytes and values, low byte first, row by row
 
-Exceptions are 1 (function), 2 (address, and what can only be read or written), 3 (value). A broadcast is obeyed and not
-answered. Values are of the ADC, or mN, as ``kind`` says; an ADC value below ``mask`` reads 0. Writing 1 to ``zero``
-makes what is felt now zero, 2 brings the zero of power-up back. Its driver also subtracts on its own side what it reads
-0.1 s later.
+Exceptions are 1 (function), 2 (address, read-only or write-only), 3 (value). A broadcast is obeyed without an answer.
+``kind`` selects values of the ADC or mN; an ADC value below ``mask`` reads 0. Writing 1 to ``zero`` makes the present
+force zero, 2 restores the zero of power-up. The driver also subtracts the values that it reads 0.1 s later.
 
 Try it: ``tactemu run synria_60``, then ``TactilePressureSDK(port)`` of ``tactile_sdk``.
 """
@@ -66,8 +65,8 @@ VALUES = Frame("""
 """)
 READ_TEXT = 0x41
 READ_ALL = 0x42
-SIZES = {READ_TEXT: 5, READ_ALL: 4}
-ADC = 0
+REQUEST_BYTES = {READ_TEXT: 5, READ_ALL: 4}
+ADC_KIND = 0
 ADC_MAX = 4095
 
 
@@ -76,7 +75,7 @@ _READ = "tactile-pressure-sdk 2.0.0 (all of it: client.py, models.py, api/, prot
 
 
 class Synria60(Device):
-    """One module."""
+    """A module of sixty points, which a driver polls."""
 
     name = "synria_60"
     kind = "skin"
@@ -107,21 +106,21 @@ class Synria60(Device):
     def __init__(
         self,
         *,
-        unit: Annotated[int, Option("as delivered; register 1 tells and changes it", low=1, high=247)] = 1,
-        counts_per_newton: Annotated[float, Option("of the ADC", unit="1/N")] = 2284.0,
-        model: Annotated[str, Option("ASCII")] = "ST-00-01",
+        unit: Annotated[int, Option("unit as delivered; register 1 holds it", low=1, high=247)] = 1,
+        counts_per_newton: Annotated[float, Option("scale of the ADC", unit="1/N")] = 2284.0,
+        model: Annotated[str, Option("model in text 1, ASCII")] = "ST-00-01",
         firmware: Annotated[str, Option("version, ASCII")] = "v1.0.1",
     ):
         self.counts_per_newton = counts_per_newton
         self.texts = [text.encode("ascii") for text in (model, "YF-e0-000001", "v1.2", firmware)]
         self.layout = grid_layout(6, 10, 0.005, name="module")
         self.registers = Registers(MAP, kept={"unit": unit, **self.flash})
-        self.rtu = Rtu(counters=self.counters, sizes=SIZES)
+        self.rtu = Rtu(counters=self.counters, sizes=REQUEST_BYTES)
         self.push = self.zero = self.first = np.zeros(len(self.layout))
         self.counts, self.settled = np.zeros(len(self.layout), np.int64), False
 
     def measure(self, reading: Reading, t_ns: int) -> Counts:
-        """ADC values 0..4095 or mN 0..65535, as ``kind`` says, shape ``(60,)``."""
+        """Return ADC values 0..4095 or mN 0..65535, by register ``kind``, shape ``(60,)``."""
         self.push = self.layout.push(reading["force"])
         if not self.settled and self.registers["auto_zero"]:
             self.zero = self.first = self.push
@@ -129,7 +128,7 @@ class Synria60(Device):
         return self._convert()
 
     def _convert(self) -> np.ndarray:
-        adc = self.registers["kind"] == ADC
+        adc = self.registers["kind"] == ADC_KIND
         scale, most = (self.counts_per_newton, ADC_MAX) if adc else (1000.0, 0xFFFF)
         counts = quantize(self.push - self.zero, scale, 0, most)
         self.counts = np.where(counts < self.registers["mask"], 0, counts) if adc else counts
@@ -138,7 +137,7 @@ class Synria60(Device):
     def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
         """Answer Modbus requests, which arrive in chunks of any size."""
         banks, answers = Banks(holding=self, functions=(3, 6), own=self._own), []
-        for at in range(len(data)):  # byte by byte: a new unit is that of the next request, even in the same chunk
+        for at in range(len(data)):  # byte by byte, as a new unit holds for the next request, even in the same chunk
             answers += self.rtu.answers(data[at : at + 1], t_ns, {self.registers["unit"]: banks})
         return answers
 
@@ -154,11 +153,11 @@ class Synria60(Device):
         return None
 
     def read(self, address: int, n: int, t_ns: int) -> bytes:
-        """Return memory."""
+        """Return registers."""
         return self.registers.read(address, n)
 
     def write(self, address: int, data: bytes, t_ns: int) -> Sequence[str]:
-        """Store, keep, and set a zero."""
+        """Store what the host writes, keep it in flash, and set a zero if ordered."""
         written = self.registers.write(address, data)
         self.flash.update({name: self.registers.all(name) for name in written if MAP.by_name[name].flash})
         if "zero" in written and self.registers["zero"]:

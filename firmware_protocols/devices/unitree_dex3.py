@@ -7,18 +7,18 @@ RS-485 line into them.
     rt/dex3/left/state        HandState_   state, unasked
     rt/lf/dex3/left/state     HandState_   a slower copy, port "lf", which the vendor's C++ example reads instead:
                                            ``--port lf=dds:0``
-    rt/dex3/left/cmd          HandCmd_     orders; never answered
+    rt/dex3/left/cmd          HandCmd_     orders; no answer
 
 ``left`` or ``right``. Motors: thumb 0, 1, 2, middle 0, 1, index 0, 1. Mode byte of an order: bits 3..0 the motor, 6..4
 status (0 locked, 1 on), 7 timeout: the motor stops 1 s after the last order. A motor that is on goes to ``q`` [rad],
-between its stops; without stiffness (``kp`` 0, as the vendor's example stops) it stays, as any other does.
+between its stops; without stiffness (``kp`` 0, as the vendor's example stops) it stays, as one that is off does.
 
-A pad has twelve slots of float32: 30000 where there is no cell, about 100000 at rest, more when it is pressed (users
-take 150000 and more for pressed; the vendor divides by 10000 for display). Nine pads of twelve, of which a hand has 33
+A pad has twelve slots of float32: 30000 where there is no cell, about 100000 at rest, more under a press (users take
+150000 and more for a press; the vendor divides by 10000 for display). Nine pads of twelve, of which a hand has 33
 cells: one user's notes have slots 0, 2, 9 and 11 of the pads 0, 2, 4, 6, 7, 8 and slots 3, 6, 8 of the pads 1, 3, 5
 (options ``cells``, ``odd_cells``).
 
-The SDK's default sample has seven pads, hands send nine. Its reader waits for ever on a silent topic.
+The SDK's default sample has seven pads, hands send nine. Its reader blocks on a silent topic.
 
 Try it: ``tactemu run unitree_dex3``, then ``ChannelFactoryInitialize(0, "lo")`` and a ``ChannelSubscriber`` of
 ``rt/dex3/left/state``.
@@ -67,42 +67,42 @@ module unitree_hg { module msg { module dds_ {
     struct HandCmd_ { sequence<MotorCmd_> motor_cmd; uint32 reserve[4]; };
 }; }; };
 """
-MODULE = "unitree_hg::msg::dds_"
+IDL_MODULE = "unitree_hg::msg::dds_"
 MOTORS = 7
 PADS = 9
-SLOTS = 12
+SLOTS_PER_PAD = 12
 STATE = layout(IDL, "HandState_", motor_state=MOTORS, press_sensor_state=PADS)
 COMMAND = layout(IDL, "HandCmd_", motor_cmd=MOTORS)
-NO_CELL = 30_000.0
-REST = 100_000.0
-FULL = 400_000.0
+NO_CELL_PRESSURE = 30_000.0
+REST_PRESSURE = 100_000.0
+MAX_PRESSURE = 400_000.0
 ODD_PADS = (1, 3, 5)
-STATUS = 0x70
-ON = 0x10
-TIMEOUT = 0x80
+STATUS_BITS = 0x70
+STATUS_ON = 0x10
+TIMEOUT_BIT = 0x80
 TIMEOUT_NS = 1_000_000_000
 STOPS_RAD = {
     "left": ((-1.05, -0.724, 0.0, -1.57, -1.75, -1.57, -1.75), (1.05, 1.05, 1.75, 0.0, 0.0, 0.0, 0.0)),
     "right": ((-1.05, -1.05, -1.75, 0.0, 0.0, 0.0, 0.0), (1.05, 0.742, 0.0, 1.57, 1.75, 1.57, 1.75)),
 }
-"""Least and greatest angle of each motor."""
-ROOM = 25
-SLOWER = 25
-"""State messages for one of the slower copy."""
+"""The least and the greatest angle of each motor."""
+ROOM_DEG_C = 25
+STATES_PER_SLOW_COPY = 25
+"""The number of states for each message of the slower copy."""
 COLS = 3
-PITCH = 0.005
-PAD_PITCH = 0.025
+PITCH_M = 0.005
+PAD_PITCH_M = 0.025
 Cells = tuple[int, ...]
 
 
 class UnitreeDex3(Device):
-    """The hand as DDS shows it."""
+    """A Dex3-1 as it appears on DDS."""
 
     name = "unitree_dex3"
     title = "Unitree Dex3-1 hand"
     kind = "hand"
     rate_hz = 250.0
-    columns = (Column(name="pressure", low=REST, high=FULL, rest=REST, push=1),)
+    columns = (Column(name="pressure", low=REST_PRESSURE, high=MAX_PRESSURE, rest=REST_PRESSURE, push=1),)
     evidence = ("driver", "vendor document")
     sources = (
         "unitree-sdk2py-dimos 1.0.3 idl/unitree_hg (types), core/channel.py; unitree_sdk2_python@37116c5",
@@ -137,17 +137,17 @@ class UnitreeDex3(Device):
         side: Annotated[Literal["left", "right"], Option("which hand")] = "left",
         cells: Annotated[Cells, Option("slots 0 to 11 that have a cell, pads 0, 2, 4, 6, 7, 8")] = (0, 2, 9, 11),
         odd_cells: Annotated[Cells, Option("slots 0 to 11 that have a cell, pads 1, 3, 5")] = (3, 6, 8),
-        counts_per_newton: Annotated[float, Option("of a cell", unit="1/N", low=1e-6)] = 10_000.0,
+        counts_per_newton: Annotated[float, Option("scale of a cell", unit="1/N", low=1e-6)] = 10_000.0,
     ):
-        state, command = f"{MODULE}::HandState_", f"{MODULE}::HandCmd_"
+        state, command = f"{IDL_MODULE}::HandState_", f"{IDL_MODULE}::HandCmd_"
         order = Topic(name=f"rt/dex3/{side}/cmd", type=command)
         self.ports = (
             Dds(name="hand", writes=Topic(name=f"rt/dex3/{side}/state", type=state), reads=order, idl=IDL),
             Dds(name="lf", writes=Topic(name=f"rt/lf/dex3/{side}/state", type=state), idl=IDL, plugged=False),
         )
-        live = [sorted({k % SLOTS for k in (odd_cells if pad in ODD_PADS else cells)}) for pad in range(PADS)]
+        live = [sorted({k % SLOTS_PER_PAD for k in (odd_cells if pad in ODD_PADS else cells)}) for pad in range(PADS)]
         self.layout = _pads(live)
-        self.slots = [pad * SLOTS + slot for pad, slots in enumerate(live) for slot in slots]
+        self.slots = [pad * SLOTS_PER_PAD + slot for pad, slots in enumerate(live) for slot in slots]
         self.counts_per_newton = counts_per_newton
         low, high = STOPS_RAD[side]
         self.motors = Motors(np.zeros(MOTORS), low=low, high=high, time_constant_s=0.1)
@@ -156,7 +156,7 @@ class UnitreeDex3(Device):
 
     @property
     def commands(self) -> tuple[Command, ...]:
-        """Orders, as the vendor's example makes them; none is answered."""
+        """Orders as in the vendor's example; none is answered."""
         origin = "g1_dex3_example.cpp l.53-57, 118-121; HandCmd_ as cyclonedds 11.0.1 serialises it"
         on, stop = (
             "07 00 00 00"
@@ -170,16 +170,16 @@ class UnitreeDex3(Device):
         )
 
     def measure(self, reading: Reading, t_ns: int) -> Counts:
-        """Return the float32 of each cell, shape ``(33,)``."""
-        pressed = REST + self.counts_per_newton * self.layout.push(reading["force"])
-        self.counts = np.clip(pressed, REST, FULL).astype(np.float32)
+        """Return the value of each cell, float32, shape ``(33,)``."""
+        pressed = REST_PRESSURE + self.counts_per_newton * self.layout.push(reading["force"])
+        self.counts = np.clip(pressed, REST_PRESSURE, MAX_PRESSURE).astype(np.float32)
         return self.counts
 
     def stream(self, t_ns: int, name: str) -> Transmissions:
-        """Return a state, now and then also to the slower topic."""
+        """Return a state, every 25th time also to the slower topic."""
         self.sent += 1
         state = self._state(t_ns)
-        return [state, Sent(state, port="lf")] if self.sent % SLOWER == 0 else [state]
+        return [state, Sent(state, port="lf")] if self.sent % STATES_PER_SLOW_COPY == 0 else [state]
 
     def _state(self, t_ns: int) -> bytes:
         state = np.zeros((), STATE)
@@ -190,34 +190,34 @@ class UnitreeDex3(Device):
             self.motors.positions(t_ns),
             self.motors.velocities(t_ns),
         )
-        motors["temperature"] = pads["temperature"] = state["imu_state"]["temperature"] = ROOM
-        pressure = np.full(PADS * SLOTS, NO_CELL)
+        motors["temperature"] = pads["temperature"] = state["imu_state"]["temperature"] = ROOM_DEG_C
+        pressure = np.full(PADS * SLOTS_PER_PAD, NO_CELL_PRESSURE)
         pressure[self.slots] = self.layout.on_wire(self.counts)
-        pads["pressure"] = pressure.reshape(PADS, SLOTS)
+        pads["pressure"] = pressure.reshape(PADS, SLOTS_PER_PAD)
         state["imu_state"]["quaternion"] = (1, 0, 0, 0)
         return state.tobytes()
 
     def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
-        """Orders, one for each motor."""
+        """Obey a message of orders, one for each motor."""
         if len(data) != COMMAND.itemsize or (order := np.frombuffer(data, COMMAND)[0])["n_motor_cmd"] != MOTORS:
             self.counters["bad_request"] += 1
             return ()
         self.counters["requests"] += 1
         mode, moves = order["motor_cmd"]["mode"], order["motor_cmd"]["kp"] > 0
-        moves &= mode & STATUS == ON
+        moves &= mode & STATUS_BITS == STATUS_ON
         self.motors.go(np.where(moves, order["motor_cmd"]["q"], self.motors.positions(t_ns)), t_ns)
         self.modes = mode.tolist()
-        self.wake_ns = t_ns + TIMEOUT_NS if (mode & TIMEOUT).any() else None
+        self.wake_ns = t_ns + TIMEOUT_NS if (mode & TIMEOUT_BIT).any() else None
         return ()
 
     def wake(self, t_ns: int) -> Transmissions:
-        """No order for a while: motors that watch for that stop."""
+        """Stop the motors with the timeout bit, as no order has come for 1 s."""
         here, goals = self.motors.positions(t_ns), self.motors.goals
-        self.motors.go(np.where(np.array(self.modes) & TIMEOUT, here, goals), t_ns)
+        self.motors.go(np.where(np.array(self.modes) & TIMEOUT_BIT, here, goals), t_ns)
         return ()
 
     def joints(self, t_ns: int) -> Mapping[str, float]:
-        """Return angles of the seven motors [rad], by their numbers."""
+        """Return the angles of the seven motors [rad], by name."""
         return {f"motor {k}": angle for k, angle in enumerate(self.motors.positions(t_ns).tolist())}
 
 
@@ -225,7 +225,9 @@ def _pads(live: list[list[int]]) -> Layout:
     positions, patches = [], []
     for pad, slots in enumerate(live):
         rows, cols = np.divmod(slots, COLS)
-        x = (pad - (PADS - 1) / 2) * PAD_PITCH + (cols - 1) * PITCH
-        positions.append(np.stack([x, (1.5 - rows) * PITCH, 0 * x], -1))
-        patches.append(Patch(name=f"pad {pad}", start=sum(map(len, live[:pad])), rows=0, cols=len(slots), pitch=PITCH))
+        x = (pad - (PADS - 1) / 2) * PAD_PITCH_M + (cols - 1) * PITCH_M
+        positions.append(np.stack([x, (1.5 - rows) * PITCH_M, 0 * x], -1))
+        patches.append(
+            Patch(name=f"pad {pad}", start=sum(map(len, live[:pad])), rows=0, cols=len(slots), pitch=PITCH_M)
+        )
     return Layout(positions=np.concatenate(positions), normals=np.array([0.0, 0.0, 1.0]), patches=tuple(patches))

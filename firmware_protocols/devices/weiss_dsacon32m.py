@@ -14,16 +14,16 @@ answer repeats the request's id; frames have id 00.
     03  flags, rate 2 bytes  ``DONE``. Flag 80 acquires: one frame with rate 0, else frames come unasked, about 30 per
                              second whatever the rate. Flag 01: run-length coded. All 0 stops
 
-0F and 13 hold until power-off; with flag 80 they are kept, are the factory's from then on, and get no answer (a mistake
-of the firmware). Flag 02 means all matrices, flag 01 the factory's value. What is wrong is answered with an error: 12
-too short, 13 unknown id, 14 too long, 24 no such matrix, 27 out of range. Up to release 288, but for 269, one frame is
-not to be had: they come unasked until stopped (option ``software``).
+0F and 13 hold until power-off; with flag 80 they are kept, become the factory's values, and get no answer (an error of
+the firmware). Flag 02 means all matrices, flag 01 the factory's value. Faulty requests are answered with an error: 12
+too short, 13 unknown id, 14 too long, 24 no such matrix, 27 out of range. Releases up to 288, except 269, cannot send
+one frame: they send frames until stopped (option ``software``).
 
-A run-length coded frame holds units of two bytes: bits 11..0 the value, 15..12 how many texels have it. A frame of 486
-different values is 985 bytes, 86 ms of the line; one without a touch 79 bytes.
+A run-length coded frame holds units of two bytes: bits 11..0 the value, 15..12 the number of texels with it. A frame of
+486 different values is 985 bytes, 86 ms of the line; one without a touch 79 bytes.
 
-After power-up the box is mute for about 8 s (option ``mute_s``), then it says 1B 5B 35 6E three times. The
-library skips up to five frames before an answer, and gives up on anything else.
+After power-up the box is mute for about 8 s (option ``mute_s``), then it sends 1B 5B 35 6E three times. The library
+skips up to five frames before an answer, and gives up on anything else.
 
 Try it: ``tactemu run weiss_dsacon32m``, then send AA AA AA 02 00 00.
 """
@@ -146,35 +146,36 @@ PAYLOAD_BYTES = {
     SET_SENSITIVITY: 6, GET_SENSITIVITY: 1, SET_THRESHOLD: 4, GET_THRESHOLD: 1,
 }  # fmt: skip
 SETTINGS = {SET_SENSITIVITY: (ADJUST, "sensitivity", 1.0), SET_THRESHOLD: (LIMIT, "threshold", 4095)}
-PERSISTENT = 0x80
-ALL = 0x02
-RESET = 0x01
+PERSISTENT_FLAG = 0x80
+ALL_FLAG = 0x02
+RESET_FLAG = 0x01
 TOO_SHORT = 12
-UNKNOWN = 13
+UNKNOWN_ID = 13
 TOO_LONG = 14
 NO_MATRIX = 24
 OUT_OF_RANGE = 27
-LAST_STREAMING = 288
-SOUND_BEFORE = 269
-"""Releases: the last one that cannot send one frame, and the one before that can."""
+LAST_RELEASE_WITHOUT_SINGLES = 288
+"""The last release that cannot send one frame, but streams."""
+EARLY_RELEASE_WITH_SINGLES = 269
+"""The earlier release that can send one frame."""
 FACTORY_SENSITIVITY = 0.5
-ACQUIRE = 0x80
-RUN_LENGTH = 0x01
-LONGEST_RUN = 15
+ACQUIRE_FLAG = 0x80
+RUN_LENGTH_FLAG = 0x01
+MAX_RUN_TEXELS = 15
 GREETING = b"\x1b\x5b\x35\x6e"
 SDH = "ipab-slmc/SDHLibrary-CPP@0217d4e sdh/"
 BOTH = "dsa.cpp, dsa.h, demo-dsa.cpp, CHANGELOG.txt (all whole)"
 RECORDINGS = "peter-kiechle/tactile-sensors@7bbb341 pressure_profiles"
 
-PITCH = 0.0034
-COLUMNS = 6
-PARTS = {"proximal": (14, 0.03), "distal": (13, 0.09)}
-"""Rows, and how far along the finger [m]."""
-BETWEEN_FINGERS = 0.04
+PITCH_M = 0.0034
+COLUMNS_PER_MATRIX = 6
+FINGER_PARTS = {"proximal": (14, 0.03), "distal": (13, 0.09)}
+"""The rows of each part, and its place along the finger [m]."""
+FINGER_SPACING_M = 0.04
 
 
 class WeissDsacon32m(Device):
-    """Two matrices in each of three fingers, asked for or pushed."""
+    """A controller of two matrices in each of three fingers, which a driver polls or which stream."""
 
     name = "weiss_dsacon32m"
     kind = "fingertip"
@@ -216,17 +217,24 @@ class WeissDsacon32m(Device):
     def __init__(
         self,
         *,
-        serial: Annotated[int, Option("of the controller and its sensor", low=0, high=0xFFFFFFFF)] = 1001,
+        serial: Annotated[int, Option("serial number of the controller and its sensor", low=0, high=0xFFFFFFFF)] = 1001,
         mute_s: Annotated[float, Option("silence after power-up; hardware: about 8", unit="s", low=0)] = 0.0,
         counts_per_newton: Annotated[
-            float, Option("of a texel at the sensitivity of the factory, 0.5", unit="1/N", low=1e-6)
+            float, Option("scale of a texel at the factory's sensitivity, 0.5", unit="1/N", low=1e-6)
         ] = 1000.0,
         software: Annotated[int, Option("release of the firmware", low=1, high=0xFFFF)] = 290,
     ):
         grids = [
-            grid_layout(rows, COLUMNS, PITCH, name=name, link=name, origin=(BETWEEN_FINGERS * (finger - 1), y, 0.0))
+            grid_layout(
+                rows,
+                COLUMNS_PER_MATRIX,
+                PITCH_M,
+                name=name,
+                link=name,
+                origin=(FINGER_SPACING_M * (finger - 1), y, 0.0),
+            )
             for finger in range(3)
-            for part, (rows, y) in PARTS.items()
+            for part, (rows, y) in FINGER_PARTS.items()
             for name in [f"finger {finger} {part}"]
         ]
         self.layout = stack(*grids)
@@ -242,7 +250,7 @@ class WeissDsacon32m(Device):
 
     @property
     def commands(self) -> tuple[Command, ...]:
-        """What the library asks when it opens, and its ways to read."""
+        """The library's requests at open, settings, and its ways to read."""
         origin = "SDHLibrary-CPP@0217d4e dsa.cpp; CRC by its table, worked out apart"
         done = "AA AA AA 03 02 00 00 00 4B B9"
         return tuple(
@@ -261,7 +269,7 @@ class WeissDsacon32m(Device):
         )
 
     def measure(self, reading: Reading, t_ns: int) -> Counts:
-        """Return counts of each texel, 0..4095, shape ``(486,)``."""
+        """Return the counts of each texel, 0..4095, shape ``(486,)``."""
         sensitivity, threshold = (np.array(self.current[name])[self.matrix_of] for name in ("sensitivity", "threshold"))
         scale = self.counts_per_newton / FACTORY_SENSITIVITY * sensitivity
         counts = quantize(self.layout.push(reading["force"]), scale, 0, 4095)
@@ -269,31 +277,33 @@ class WeissDsacon32m(Device):
         return self.counts
 
     def stream(self, t_ns: int, name: str) -> Transmissions:
-        """Return a frame, while frames are pushed or one has been asked for."""
+        """Return one frame, while frames stream or one was requested."""
         if not (self.pushing or self.once):
             return ()
         self.once = False
         units = self.layout.on_wire(self.counts)
-        if self.flags & RUN_LENGTH:
+        if self.flags & RUN_LENGTH_FLAG:
             units = _run_length(units)
         frame = FRAME.pack(
-            time=t_ns // 1_000_000 + self.clock_ms, flags=self.flags & RUN_LENGTH, texels=units.astype("<u2").tobytes()
+            time=t_ns // 1_000_000 + self.clock_ms,
+            flags=self.flags & RUN_LENGTH_FLAG,
+            texels=units.astype("<u2").tobytes(),
         )
         return [MESSAGE.pack(id=PUSHED, payload=frame)]
 
     def boot(self, t_ns: int) -> Transmissions:
-        """What the box says when it has come up."""
+        """Return the greeting after power-up, three times."""
         return [GREETING] * 3
 
     def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
-        """Return messages in chunks of any size."""
+        """Answer messages, which arrive in chunks of any size."""
         return [out for packet in self.packets.cut(data, t_ns) for out in self._obey(packet[3], packet[6:-2])]
 
     def _obey(self, request: int, payload: bytes) -> Transmissions:
         wanted = PAYLOAD_BYTES.get(request, -1)
         if len(payload) != wanted:
             self.counters["unknown_command" if wanted < 0 else "bad_length"] += 1
-            return _error(request, UNKNOWN if wanted < 0 else TOO_SHORT if len(payload) < wanted else TOO_LONG)
+            return _error(request, UNKNOWN_ID if wanted < 0 else TOO_SHORT if len(payload) < wanted else TOO_LONG)
         if request in SETTINGS:
             return self._set(request, payload)
         if request == CONFIGURE:
@@ -305,8 +315,10 @@ class WeissDsacon32m(Device):
         return [MESSAGE.pack(id=request, payload=self._told(request, *payload))]
 
     def _configure(self, flags: int, rate_low: int, rate_high: int) -> None:
-        acquire, rate = bool(flags & ACQUIRE), rate_low | rate_high << 8
-        streams = rate > 0 or (self.software <= LAST_STREAMING and self.software != SOUND_BEFORE)
+        acquire, rate = bool(flags & ACQUIRE_FLAG), rate_low | rate_high << 8
+        streams = rate > 0 or (
+            self.software <= LAST_RELEASE_WITHOUT_SINGLES and self.software != EARLY_RELEASE_WITH_SINGLES
+        )
         self.flags, self.pushing, self.once = flags, acquire and streams, acquire and not streams
 
     def _set(self, request: int, payload: bytes) -> Transmissions:
@@ -314,20 +326,20 @@ class WeissDsacon32m(Device):
         given = table.unpack(payload)
         assert given is not None, "its length has been checked"
         every, value = len(self.layout.patches), given[name]
-        wrong = 0 if given["flags"] & RESET or 0 <= value <= high else OUT_OF_RANGE
-        wrong = wrong or (0 if given["flags"] & ALL or given["matrix"] < every else NO_MATRIX)
+        wrong = 0 if given["flags"] & RESET_FLAG or 0 <= value <= high else OUT_OF_RANGE
+        wrong = wrong or (0 if given["flags"] & ALL_FLAG or given["matrix"] < every else NO_MATRIX)
         if wrong:
             self.counters["refused"] += 1
             return _error(request, wrong)
-        for matrix in range(every) if given["flags"] & ALL else (given["matrix"],):
-            self.current[name][matrix] = self.factory[name][matrix] if given["flags"] & RESET else value
-        if given["flags"] & PERSISTENT:
+        for matrix in range(every) if given["flags"] & ALL_FLAG else (given["matrix"],):
+            self.current[name][matrix] = self.factory[name][matrix] if given["flags"] & RESET_FLAG else value
+        if given["flags"] & PERSISTENT_FLAG:
             self.factory[name] = self.flash[name] = list(self.current[name])
             return ()
         return _error(request, 0)
 
     def _told(self, request: int, matrix: int = 0) -> bytes:
-        """What the box says of itself, or of a matrix."""
+        """Return information on the box, or on a matrix."""
         patches = self.layout.patches
         if request == CONTROLLER_INFO:
             return CONTROLLER.pack(serial=self.serial, software=self.software)
@@ -361,12 +373,12 @@ def _check(packet: bytes) -> str:
 
 
 def _run_length(values: np.ndarray) -> np.ndarray:
-    """``values`` as units of value and run length; a run longer than a unit holds takes several."""
+    """Return ``values`` as units of value and run length; a run longer than 15 takes several units."""
     begins = np.flatnonzero(np.diff(values, prepend=-1))
     runs = np.diff(begins, append=len(values))
-    units = -(-runs // LONGEST_RUN)
-    lengths = np.full(units.sum(), LONGEST_RUN)
-    lengths[np.cumsum(units) - 1] = runs - LONGEST_RUN * (units - 1)
+    units = -(-runs // MAX_RUN_TEXELS)
+    lengths = np.full(units.sum(), MAX_RUN_TEXELS)
+    lengths[np.cumsum(units) - 1] = runs - MAX_RUN_TEXELS * (units - 1)
     return np.repeat(values[begins], units) | lengths << 12
 
 

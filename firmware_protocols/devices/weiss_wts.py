@@ -1,15 +1,15 @@
-"""Weiss WTS: a tactile matrix with a controller of its own, asked for frames or pushing them.
+"""Weiss WTS: a tactile matrix with a controller of its own, which a driver polls or which streams.
 
-Wire: a virtual COM port on USB, which drivers open at 115200. ``MESSAGE`` in both directions, little-endian; other than
-a DSACON32m's, its CRC is always there and counts the preamble, too. An answer repeats the id and begins with a status,
+Wire: a virtual COM port on USB, which drivers open at 115200. ``MESSAGE`` in both directions, little-endian; unlike in
+a DSACON32m, the CRC is always there and includes the preamble. An answer repeats the id and begins with a status,
 0; a pushed frame has id 00 and no status.
 
     id  payload              answer, behind the status
     06  any                  the same
     20  flags, or nothing    ``FRAME``, the next one
-    21  flags, ms 2 bytes    nothing; then frames with id 00 every so many ms, as often as it scans with 0
+    21  flags, ms 2 bytes    nothing; then frames with id 00 at this period, with 0 at that of the scans
     22  -                    nothing; no more frames
-    23  flags, or nothing    nothing; what is measured now becomes zero, with 00 no more
+    23  flags, or nothing    nothing; what is measured now becomes zero, with 00 no zero
     30  -                    ``MATRIX``
     34  threshold 2 bytes    nothing; a texel below it reads 0
     35  -                    threshold, 2 bytes
@@ -19,7 +19,7 @@ a DSACON32m's, its CRC is always there and counts the preamble, too. An answer r
     46  -                    temperature [0.1 deg C], 2 bytes
     50  -                    ``SYSTEM``
     51  text                 nothing; the tag is kept
-    52  -                    tag, text: a driver names its topic by it
+    52  -                    tag, text; a driver names its topic after it
 
 Other ids are answered with the status 14, other lengths with 12 (no payload expected) or 13 (not enough).
 
@@ -84,7 +84,7 @@ SYSTEM = Frame("""
     2     00 10            firmware    1.0.0, four bits each from the highest, then its kind
     4     <u4              serial
 """)
-LOOP = 0x06
+LOOP_BACK = 0x06
 PUSHED = 0x00
 SINGLE = 0x20
 START = 0x21
@@ -100,18 +100,21 @@ TEMPERATURE = 0x46
 SYSTEM_INFO = 0x50
 SET_TAG = 0x51
 TAG = 0x52
-LONGEST = 64
+MAX_PAYLOAD_BYTES = 64
 PAYLOAD_BYTES = {
     **dict.fromkeys((STOP, MATRIX_INFO, THRESHOLD, GAIN, TYPE, TEMPERATURE, SYSTEM_INFO, TAG), (0,)),
     **dict.fromkeys((SINGLE, TARE), (0, 1)),
-    **dict.fromkeys((LOOP, SET_TAG), range(LONGEST)),
+    **dict.fromkeys((LOOP_BACK, SET_TAG), range(MAX_PAYLOAD_BYTES)),
     **{START: (3,), SET_THRESHOLD: (2,), SET_GAIN: (1,)},
 }
-DONE, NONE_EXPECTED, NOT_ENOUGH, UNKNOWN = (status.to_bytes(2, "little") for status in (0, 12, 13, 14))
+DONE = b"\0\0"
+NONE_EXPECTED = b"\x0c\0"
+NOT_ENOUGH = b"\x0d\0"
+UNKNOWN_ID = b"\x0e\0"
 
-SCAN_NS = 10_000_000
-PITCH = 0.0034
-FULL_SCALE = 4095
+SCAN_PERIOD_NS = 10_000_000
+PITCH_M = 0.0034
+FULL_SCALE_COUNTS = 4095
 BOARD = points({"board": (0.0, 0.0, -0.005)})
 CPP = "ksatyaki/wts_driver@82c46ac"
 PYTHON = "CNCR-NTU/wts-ft@bbb00b0"
@@ -120,15 +123,15 @@ BOTH = "wts_driver.cpp, common.cpp, serial_comm.cpp, wts_ft_interface.py (all wh
 
 
 class WeissWts(Device):
-    """One matrix of texels."""
+    """One matrix of texels, which a driver polls or which streams."""
 
     name = "weiss_wts"
     kind = "fingertip"
     ports = (Serial(baud=115200, usb=True),)
     senses = ("force", Sense("temperature", at=BOARD))
-    rate_hz = 1e9 / SCAN_NS
+    rate_hz = 1e9 / SCAN_PERIOD_NS
     columns = (
-        Column(name="texel", low=0, high=FULL_SCALE, push=1),
+        Column(name="texel", low=0, high=FULL_SCALE_COUNTS, push=1),
         Column(name="T", sense="temperature", unit="degC", counts_per_unit=10.0, low=-0x8000, high=0x7FFF, rest=250),
     )
     rollovers = (Rollover(name="time", bits=32, step=1000, clock=True, state="clock_ms"),)
@@ -167,23 +170,23 @@ class WeissWts(Device):
     def __init__(
         self,
         *,
-        rows: Annotated[int, Option("of texels", low=1, high=64)] = 14,
-        cols: Annotated[int, Option("texels of a row", low=1, high=64)] = 6,
+        rows: Annotated[int, Option("rows of texels", low=1, high=64)] = 14,
+        cols: Annotated[int, Option("texels in a row", low=1, high=64)] = 6,
         values: Annotated[
-            Literal["low_first", "sixteenths"], Option("as the manual has them, or as wts-ft reads them")
+            Literal["low_first", "sixteenths"], Option("format: that of the manual, or that of wts-ft")
         ] = "low_first",
-        counts_per_newton: Annotated[float, Option("of a texel", unit="1/N", low=1e-6)] = 1000.0,
-        tag: Annotated[str, Option("as delivered; 51 changes it")] = "wts",
-        sensor_type: Annotated[str, Option("answer to 38; of itself such as WTS-FT-0614-34")] = "",
-        serial: Annotated[int, Option("number of the device", low=0, high=0xFFFFFFFF)] = 1,
+        counts_per_newton: Annotated[float, Option("scale of a texel", unit="1/N", low=1e-6)] = 1000.0,
+        tag: Annotated[str, Option("tag as delivered; 51 changes it")] = "wts",
+        sensor_type: Annotated[str, Option("answer to 38; default: by size, such as WTS-FT-0614-34")] = "",
+        serial: Annotated[int, Option("serial number of the device", low=0, high=0xFFFFFFFF)] = 1,
     ):
         self.title = f"Weiss WTS tactile matrix, {rows}x{cols}"
-        self.layout = grid_layout(rows, cols, PITCH)
+        self.layout = grid_layout(rows, cols, PITCH_M)
         self.rows, self.cols, self.serial = rows, cols, serial
         self.sixteenths, self.counts_per_newton = values == "sixteenths", counts_per_newton
         self.type = (sensor_type or f"WTS-FT-{cols:02}{rows:02}-34").encode("latin-1", "replace")
         self.tag = self.flash.get("tag", tag.encode("latin-1", "replace"))
-        self.packets = Packets(MESSAGE.head, _size, _check, counters=self.counters, longest=LONGEST + 8)
+        self.packets = Packets(MESSAGE.head, _size, _check, counters=self.counters, longest=MAX_PAYLOAD_BYTES + 8)
         self.pushed = self.zero = np.zeros(len(self.layout))
         self.warmth = np.zeros(1)
         self.pushing, self.singles, self.threshold, self.gain = False, 0, 0, 0
@@ -191,7 +194,7 @@ class WeissWts(Device):
 
     @property
     def commands(self) -> tuple[Command, ...]:
-        """All, of a 14 x 6 as it comes."""
+        """All requests, to a 14 x 6 with default options."""
         if self.options.keys() - {"values", "counts_per_newton"}:
             return ()
         origin = f"{CPP}; CRC by a second program"
@@ -201,15 +204,15 @@ class WeissWts(Device):
         )
 
     def measure(self, reading: Reading, t_ns: int) -> Counts:
-        """By sense: counts of the texels, 0..4095, ``(rows * cols,)``; temperature [0.1 deg C] ``(1,)``."""
+        """Return, by sense, counts of the texels, 0..4095, ``(rows * cols,)``; temperature [0.1 deg C] ``(1,)``."""
         self.pushed = self.layout.push(reading["force"])
-        texels = quantize(self.pushed - self.zero, self.counts_per_newton, 0, FULL_SCALE)
+        texels = quantize(self.pushed - self.zero, self.counts_per_newton, 0, FULL_SCALE_COUNTS)
         self.texels = np.where(texels < self.threshold, 0, texels)
         self.warmth = quantize(reading["temperature"], 10.0, -0x8000, 0x7FFF)
         return {"force": self.texels, "temperature": self.warmth}
 
     def stream(self, t_ns: int, name: str) -> Transmissions:
-        """Return frames that were asked for, then one that is pushed."""
+        """Return the frames that were requested, then one of the stream."""
         texels = self.layout.on_wire(self.texels)
         values = (16 * texels).astype(">u2") if self.sixteenths else texels.astype("<u2")
         frame = FRAME.pack(time=t_ns // 1_000_000 + self.clock_ms, values=values.tobytes())
@@ -218,14 +221,14 @@ class WeissWts(Device):
         return answers + [MESSAGE.pack(id=PUSHED, payload=frame)] * self.pushing
 
     def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
-        """Return messages in chunks of any size."""
+        """Answer messages, which arrive in chunks of any size."""
         return [out for packet in self.packets.cut(data, t_ns) for out in self._obey(packet[3], packet[6:-2])]
 
     def _obey(self, request: int, payload: bytes) -> list[bytes]:
         wanted = PAYLOAD_BYTES.get(request)
         if wanted is None or len(payload) not in wanted:
             self.counters["unknown_command" if wanted is None else "bad_length"] += 1
-            wrong = UNKNOWN if wanted is None else NONE_EXPECTED if max(wanted) == 0 else NOT_ENOUGH
+            wrong = UNKNOWN_ID if wanted is None else NONE_EXPECTED if max(wanted) == 0 else NOT_ENOUGH
             return [MESSAGE.pack(id=request, payload=wrong)]
         if request == SINGLE:
             self.singles += 1
@@ -233,20 +236,20 @@ class WeissWts(Device):
         return [MESSAGE.pack(id=request, payload=DONE + (self._told(request) or self._do(request, payload)))]
 
     def _told(self, request: int) -> bytes:
-        """What the board says of itself; nothing where it is told something."""
+        """Return the information that ``request`` asks for; empty if it is an order."""
         if request == MATRIX_INFO:
-            cell = [round(PITCH * 1e5)] * 2
-            return MATRIX.pack(columns=self.cols, rows=self.rows, cell=cell, full_scale=FULL_SCALE)
+            cell = [round(PITCH_M * 1e5)] * 2
+            return MATRIX.pack(columns=self.cols, rows=self.rows, cell=cell, full_scale=FULL_SCALE_COUNTS)
         if request == SYSTEM_INFO:
             return SYSTEM.pack(serial=self.serial)
         known = {THRESHOLD: self.threshold.to_bytes(2, "little"), GAIN: bytes([self.gain]), TYPE: self.type}
         return {**known, TAG: self.tag, TEMPERATURE: int16(self.warmth, "<")}.get(request, b"")
 
     def _do(self, request: int, payload: bytes) -> bytes:
-        """Obey, and what that answers."""
+        """Execute an order, and return the data of its answer."""
         if request == START:
             self.pushing = True
-            self.period_ns = 1_000_000 * int.from_bytes(payload[1:], "little") or SCAN_NS
+            self.period_ns = 1_000_000 * int.from_bytes(payload[1:], "little") or SCAN_PERIOD_NS
         elif request == STOP:
             self.pushing = False
         elif request == TARE:
@@ -257,7 +260,7 @@ class WeissWts(Device):
             self.gain = payload[0]
         elif request == SET_TAG:
             self.tag = self.flash["tag"] = payload
-        return payload if request == LOOP else b""
+        return payload if request == LOOP_BACK else b""
 
 
 def _size(data: bytes) -> int:

@@ -1,16 +1,16 @@
 r"""WiReSens: a matrix of resistive taxels read by a small wireless board, here on its serial port.
 
 Wire: 250000 8N1. Text first, as the board starts; it then waits for its configuration, JSON on a line or before a
-second of silence, or has one in its memory (option ``saved``), and sends ``PACKET`` s for ever. What it gets then is
-not read. Of the configuration it takes ``id`` and ``numNodes``, values in a packet; ``startCoord`` and ``endCoord``
-must be those of the matrix: [read wire, ground wire] is [column, row].
+second of silence, or has one in its memory (option ``saved``), and streams ``PACKET`` s. From then on it ignores its
+input. Of the configuration it takes ``id`` and ``numNodes``, values in a packet; ``startCoord`` and ``endCoord`` must
+be those of the matrix: [read wire, ground wire] is [column, row].
 
-A packet is full before it is sent: what a scan has too many is at the head of the next scan's first packet. A push
+A packet is full before it is sent: the remainder of a scan is at the head of the next scan's first packet. A push
 lowers a value, from 2.5 V of 3.3 V down to 0.
 
-The receiver splits the stream at 77 72 ("wr") and drops pieces of another length. So a packet that holds 77 72 anywhere
-else is lost: each whose number does, 29303 the first; and the first, behind the text. From then on its scans are made
-of two, as it counts values and does not look where they begin.
+The receiver splits the stream at 77 72 ("wr") and drops pieces of another length. So a packet with 77 72 elsewhere is
+lost: each with that in its number, 29303 the first; and the first packet, behind the text. From then on each of its
+scans consists of parts of two, as it counts values and ignores their start.
 
 Try it: ``tactemu run wiresens values=120``, then the ``SerialReceiver`` of WiReSensPy.
 """
@@ -47,9 +47,9 @@ PACKET = Frame("""
     ..    77 72            end        wr
 """)
 ADC_MAX = 4095
-REST = 3103
+REST_COUNTS = 3103
 SILENCE_NS = 1_000_000_000
-LONGEST = 4096
+MAX_CONFIGURATION_BYTES = 4096
 WAITING = b"Building kit\r\nWaiting for serial input...\r\n"
 SAVED = b"Loaded data from EEPROM\r\n"
 TAKEN = b"JSON String saved to EEPROM\r\n"
@@ -61,7 +61,7 @@ BOTH = "WiSensToolkit.cpp, WiSensToolkit.h, GenericReceiver.py, Sensor.py, Touch
 
 
 class Wiresens(Device):
-    """A matrix, sent in packets of equal length."""
+    """A matrix that streams packets of equal length."""
 
     name = "wiresens"
     kind = "fingertip"
@@ -93,30 +93,30 @@ class Wiresens(Device):
     def __init__(
         self,
         *,
-        rows: Annotated[int, Option("of the matrix", low=1, high=64)] = 16,
-        cols: Annotated[int, Option("of the matrix", low=1, high=64)] = 16,
-        values: Annotated[int, Option("in a packet, as the configuration says", low=1, high=120)] = 64,
-        sensor: Annotated[int, Option("its number", low=-128, high=127)] = 1,
+        rows: Annotated[int, Option("rows of the matrix", low=1, high=64)] = 16,
+        cols: Annotated[int, Option("columns of the matrix", low=1, high=64)] = 16,
+        values: Annotated[int, Option("values in a packet, as in the configuration", low=1, high=120)] = 64,
+        sensor: Annotated[int, Option("number of the sensor", low=-128, high=127)] = 1,
         half_force: Annotated[float, Option("push that halves the value", unit="N", low=1e-6)] = 1.0,
-        saved: Annotated[bool, Option("it has its configuration, and waits for none")] = True,
+        saved: Annotated[bool, Option("the board has its configuration in memory, and waits for none")] = True,
     ):
         self.title = f"WiReSens {rows} x {cols} tactile matrix"
         self.layout = grid_layout(rows, cols, 0.005, name="matrix")
-        self.columns = (Column(name="touch", low=0, high=ADC_MAX, rest=REST, push=-1),)
-        self.counts_per_newton, self.sensor, self.number = REST / (2 * half_force), sensor, 0
+        self.columns = (Column(name="touch", low=0, high=ADC_MAX, rest=REST_COUNTS, push=-1),)
+        self.counts_per_newton, self.sensor, self.number = REST_COUNTS / (2 * half_force), sensor, 0
         self.last = [cols - 1, rows - 1]
         self.packet, self.values, self.saved, self.running = PACKET.bind(values=values), values, saved, saved
         self.rollovers = (Rollover(name="number", bits=32, step=max(1, rows * cols // values), state="number"),)
         self.kept, self.text = np.zeros(0, np.int64), b""
 
     def boot(self, t_ns: int) -> Transmissions:
-        """What the board says."""
+        """Return the text of the start-up."""
         return [WAITING + SAVED + READY if self.saved else WAITING]
 
     def measure(self, reading: Reading, t_ns: int) -> Counts:
-        """0..4095 of each taxel."""
+        """Return the value of each taxel, 0..4095, shape ``(rows * cols,)``."""
         push = np.maximum(self.layout.push(reading["force"]), 0.0)
-        self.counts = quantize(-push, self.counts_per_newton, 0, ADC_MAX, rest=REST)
+        self.counts = quantize(-push, self.counts_per_newton, 0, ADC_MAX, rest=REST_COUNTS)
         return self.counts
 
     def stream(self, t_ns: int, name: str) -> Transmissions:
@@ -134,16 +134,16 @@ class Wiresens(Device):
         )
 
     def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
-        """Return the configuration, while it waits for one."""
+        """Take the configuration, while the board waits for one."""
         if self.running:
             self.counters["ignored"] += 1
             return ()
         line, ended, _ = (self.text + data).partition(b"\n")
-        self.text, self.wake_ns = line[:LONGEST], None if ended else t_ns + SILENCE_NS
+        self.text, self.wake_ns = line[:MAX_CONFIGURATION_BYTES], None if ended else t_ns + SILENCE_NS
         return self._configure() if ended else ()
 
     def wake(self, t_ns: int) -> Transmissions:
-        """A second of silence ends the configuration."""
+        """Take the configuration that a second of silence has ended."""
         return self._configure()
 
     def _configure(self) -> Transmissions:

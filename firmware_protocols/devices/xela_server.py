@@ -1,6 +1,6 @@
-"""XELA's server: uSkin sensors as JSON over a WebSocket, as its gateway to the CAN bus serves them.
+"""XELA's server: uSkin sensors as JSON over a WebSocket, as its gateway from the CAN bus serves them.
 
-Wire: WebSocket, port 5000, any path, no subprotocol. The client sends nothing; what it does send is ignored. Text
+Wire: WebSocket, port 5000, any path, no subprotocol. The client sends nothing; its input is ignored. Text
 messages, each a JSON object: first a greeting, then one for each sample of all the sensors.
 
     {"message": "Welcome"}
@@ -13,15 +13,15 @@ messages, each a JSON object: first a greeting, then one for each sample of all 
     key          about
     message      counts the samples
     time         clock of the server [s], Unix time; it starts where the option ``epoch`` says
-    sensors      how many there are; each has a key, its position from 1: a reader takes every whole number for one
+    sensors      number of sensors; each has a key, its position from 1: a reader takes every integer key for one
     data         X,Y,Z of each taxel, row by row, raw counts as four hexadecimal digits
-    calibrated   the same in N, if the server is told to calibrate (option ``calibrated``); a push is positive
+    calibrated   the same in N, if the server is set to calibrate (option ``calibrated``); a push is positive
 
-Raw counts are those that the CAN bus carries (``xela_uskin``). Readers differ in what they look at: XELA's ROS 2 node
-takes ``data`` and any model, ``example.py`` of xela_setup only ``calibrated``, and only of uSPa46.
+Raw counts are those on the CAN bus (``xela_uskin``). Readers differ in the keys that they use: XELA's ROS 2 node takes
+``data`` and any model, ``example.py`` of xela_setup only ``calibrated``, and only of uSPa46.
 
-XELA's node that is given no address, or 127.0.0.1, connects to the machine's address in its network: give it
-``-i localhost``, or the emulator ``--port ws:0.0.0.0:5000``.
+Without an address, or with 127.0.0.1, XELA's node connects to the machine's address in its network: start it with ``-i
+localhost``, or the emulator ``--port ws:0.0.0.0:5000``.
 
 Try it: ``tactemu run xela_server``, then ``websocket.create_connection("ws://127.0.0.1:5000").recv()``.
 """
@@ -35,21 +35,21 @@ import numpy as np
 
 from firmware_protocols import Column, Counts, Device, Option, Reading, Rollover, Transmissions, WebSocket, grid_layout
 from firmware_protocols.adc import quantize
-from firmware_protocols.devices.xela_uskin import COUNT_UT, GAIN_UT_PER_N, PITCH, REST_FIELD_UT
+from firmware_protocols.devices.xela_uskin import GAIN_UT_PER_N, PITCH_M, REST_FIELD_UT, UT_PER_COUNT
 from firmware_protocols.facts import assumed, stated
 from firmware_protocols.layouts import place, stack
 from firmware_protocols.magnetic import LinearMagnet
 
 Model = Literal["uSPa44", "uSPa46", "uSPa22", "uSPa21", "uSPa11", "XR1944", "XR1844"]
-SIZES: dict[str, tuple[int, int]] = {
+SIZES_BY_MODEL: dict[str, tuple[int, int]] = {
     "uSPa44": (4, 4), "uSPa46": (4, 6), "uSPa22": (2, 2), "uSPa21": (2, 1), "uSPa11": (1, 1), "XR1944": (4, 4),
     "XR1844": (4, 4),
 }  # fmt: skip
-"""Rows and columns of taxels."""
+"""The rows and columns of taxels of each model."""
 
 
 class XelaServer(Device):
-    """The server with its sensors."""
+    """A server with its sensors, in one message for each sample."""
 
     name = "xela_server"
     title = "XELA server, uSkin sensors over a WebSocket"
@@ -86,21 +86,21 @@ class XelaServer(Device):
         self,
         *,
         models: Annotated[Model | tuple[Model, ...], Option("one sensor, or several by position")] = "uSPa46",
-        calibrated: Annotated[bool, Option("as in xServ.ini")] = False,
+        calibrated: Annotated[bool, Option("send forces too, as set in xServ.ini")] = False,
         gains: Annotated[
             tuple[float, float, float],
-            Option("of the force along x, y and z of a taxel, z out of the skin", unit="uT/N"),
+            Option("field per force along x, y and z of a taxel, z out of the skin", unit="uT/N"),
         ] = GAIN_UT_PER_N,
         epoch: Annotated[float, Option("Unix time at power-up", unit="s", low=0.0)] = 1_700_000_000.0,
     ):
         self.models = (models,) if isinstance(models, str) else models or ("uSPa46",)
         self.calibrated, self.epoch = calibrated, epoch
         pads, x = [], 0.0
-        for k, (rows, cols) in enumerate((SIZES[model] for model in self.models), 1):
-            pads.append(place(grid_layout(rows, cols, PITCH, name=str(k)), (x + cols * PITCH / 2, 0.0, 0.0)))
-            x += cols * PITCH + 0.01
+        for k, (rows, cols) in enumerate((SIZES_BY_MODEL[model] for model in self.models), 1):
+            pads.append(place(grid_layout(rows, cols, PITCH_M, name=str(k)), (x + cols * PITCH_M / 2, 0.0, 0.0)))
+            x += cols * PITCH_M + 0.01
         self.layout = stack(*pads)
-        rest = [round(field / COUNT_UT) for field in REST_FIELD_UT]
+        rest = [round(field / UT_PER_COUNT) for field in REST_FIELD_UT]
         push = -1 if gains[2] > 0 else 1
         self.columns = tuple(
             Column(name=axis.upper(), axis=axis, low=0, high=0xFFFF, rest=at, push=push if axis == "z" else 0)
@@ -110,14 +110,14 @@ class XelaServer(Device):
         self.message = 0
 
     def measure(self, reading: Reading, t_ns: int) -> Counts:
-        """Raw counts X, Y, Z of each taxel, 0..65535, shape ``(n, 3)``."""
+        """Return raw counts X, Y, Z of each taxel, 0..65535, shape ``(n, 3)``."""
         force = self.layout.to_taxel_frame(reading["force"])
-        self.newtons = force * [1, 1, -1] + 0.0  # no -0.0, as text
-        self.counts = quantize(self.magnet(force) / COUNT_UT)
+        self.newtons = force * [1, 1, -1] + 0.0  # zeros are 0.0 in the text, not -0.0
+        self.counts = quantize(self.magnet(force) / UT_PER_COUNT)
         return self.counts
 
     def stream(self, t_ns: int, name: str) -> Transmissions:
-        """Return a message."""
+        """Return the message of one sample."""
         self.message += 1
         time = round(self.epoch + t_ns * 1e-9, 6)
         counts, newtons = self.layout.on_wire(self.counts), self.layout.on_wire(self.newtons)
@@ -131,5 +131,5 @@ class XelaServer(Device):
         return [json.dumps(said).encode("ascii")]
 
     def lines(self, dtr: bool, rts: bool, t_ns: int, port: str) -> Transmissions:
-        """A client has come."""
+        """Return the greeting to a client that has connected."""
         return [b'{"message": "Welcome"}'] if dtr else ()

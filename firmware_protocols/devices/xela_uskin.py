@@ -3,7 +3,7 @@
 Wire: classic CAN, 1 Mbit/s, standard ids.
 
     id            data              direction   about
-    0x200|board   07 00             to board    start: the board streams by itself from now on
+    0x200|board   07 00             to board    start: the board streams unasked from now on
     0x200|board   07 01             to board    stop; bytes behind these two are ignored
     (below)       ``TAXEL``         to host     one frame per taxel and sample
 
@@ -15,9 +15,8 @@ Ids of the taxels, two generations (option ``ids``; the 4 x 6 has the second):
 A third reader knows taxels 0x741, 0x750, 0x754 and 0x775, which fits a 4 x 6 with ``first_id=1856`` (0x740).
 
 Values are raw magnetic counts, uncalibrated, about 18 000 to 30 000 at rest. A press raises Z: published readers
-subtract the rest and take what falls for no touch. One of them takes exactly sixteen frames for a sample, whatever they
-are, and fails at ids from 0x720 on. Evidence: two published drivers, one for each generation, run; neither firmware
-nor manual was seen.
+subtract the baseline and take a fall for no touch. One of them takes any sixteen frames for a sample, and fails at ids
+from 0x720 on. Evidence: two published drivers, one for each generation, run; neither firmware nor manual was seen.
 
 Try it: ``tactemu run xela_uskin --port can:socketcan:vcan0``, then ``cansend vcan0 201#0700; candump vcan0``.
 """
@@ -54,8 +53,8 @@ TAXEL = Frame("""
     7    00         unused
 """)
 
-PITCH = 0.0047
-COUNT_UT = 0.1
+PITCH_M = 0.0047
+UT_PER_COUNT = 0.1
 REST_FIELD_UT = (2400.0, 2400.0, 2100.0)
 GAIN_UT_PER_N = (300.0, 300.0, -500.0)
 
@@ -74,7 +73,7 @@ _ASSUMED = (
 
 
 class XelaUskin(Device[CanFrame]):
-    """Sixteen three-axis taxels, one CAN frame each."""
+    """Sixteen three-axis taxels, with one CAN frame each."""
 
     name = "xela_uskin"
     title = "XELA uSkin 4x4"
@@ -99,20 +98,20 @@ class XelaUskin(Device[CanFrame]):
         self,
         *,
         ids: Annotated[Literal["board", "grid"], Option("id scheme of the product generation")] = "board",
-        board: Annotated[int, Option("number, as the switches of the board say", low=1, high=15)] = 1,
+        board: Annotated[int, Option("number set by the switches of the board", low=1, high=15)] = 1,
         gains: Annotated[
             tuple[float, float, float],
-            Option("of the force along x, y and z of a taxel, z out of the skin", unit="uT/N"),
+            Option("field per force along x, y and z of a taxel, z out of the skin", unit="uT/N"),
         ] = GAIN_UT_PER_N,
     ):
         self.ports = (Can(hears=((0x200 | board, 0x7FF),), addressed=((0x200 | board, 0x70F),)),)
         row, col = np.divmod(np.arange(self.rows * self.cols), self.cols)
         by_grid = ids == "grid"
         order = np.lexsort((row, col)) if by_grid else None
-        self.layout = replace(grid_layout(self.rows, self.cols, PITCH, name="uskin"), wire_order=order)  # type: ignore[arg-type]
+        self.layout = replace(grid_layout(self.rows, self.cols, PITCH_M, name="uskin"), wire_order=order)  # type: ignore[arg-type]
         taxel_ids = 0x100 | row << 4 | col if by_grid else 0x700 | board << 4 | row * self.cols + col
         self.ids = self.layout.on_wire(taxel_ids).tolist()
-        rest_x, rest_y, rest_z = (round(field / COUNT_UT) for field in REST_FIELD_UT)
+        rest_x, rest_y, rest_z = (round(field / UT_PER_COUNT) for field in REST_FIELD_UT)
         self.columns = (
             Column(name="X", axis="x", low=0, high=0xFFFF, rest=rest_x),
             Column(name="Y", axis="y", low=0, high=0xFFFF, rest=rest_y),
@@ -122,19 +121,19 @@ class XelaUskin(Device[CanFrame]):
         self.command_id, self.streaming = 0x200 | board, False
 
     def measure(self, reading: Reading, t_ns: int) -> Counts:
-        """Raw counts X, Y, Z of each taxel, 0..65535, shape ``(n_taxels, 3)``."""
-        self.counts = quantize(self.magnet(self.layout.to_taxel_frame(reading["force"])) / COUNT_UT)
+        """Return raw counts X, Y, Z of each taxel, 0..65535, shape ``(n_taxels, 3)``."""
+        self.counts = quantize(self.magnet(self.layout.to_taxel_frame(reading["force"])) / UT_PER_COUNT)
         return self.counts
 
     def stream(self, t_ns: int, name: str) -> Transmissions[CanFrame]:
-        """Return a frame for each taxel while started."""
+        """Return one frame for each taxel, between start and stop."""
         if not self.streaming:
             return ()
         taxels = zip(self.ids, self.layout.on_wire(self.counts))
         return [CanFrame(arbitration_id=ident, data=TAXEL.pack(axes=axes)) for ident, axes in taxels]
 
     def receive(self, data: CanFrame, t_ns: int, port: str) -> Transmissions[CanFrame]:
-        """Start and stop; nothing is ever answered."""
+        """Start or stop the stream; the board never answers."""
         if data != CanFrame(arbitration_id=self.command_id, data=data.data):
             self.counters["ignored"] += 1
         elif data.data[:2] in (b"\x07\x00", b"\x07\x01"):
@@ -146,7 +145,7 @@ class XelaUskin(Device[CanFrame]):
 
     @property
     def commands(self) -> tuple[Command, ...]:
-        """Start and stop."""
+        """The commands start and stop."""
         to, origin = f"{self.command_id:03X}", "ur-o2as@97adced xela_sensor.py"
         return (
             Command(name="start", request=f"{to}#0700", about="streams until stopped", origin=origin),
@@ -176,11 +175,11 @@ class XelaUskin4x6(XelaUskin):
     def __init__(
         self,
         *,
-        board: Annotated[int, Option("number, as the switches of the board say", low=1, high=15)] = 1,
+        board: Annotated[int, Option("number set by the switches of the board", low=1, high=15)] = 1,
         first_id: Annotated[int, Option("identifier of row 0, column 0", low=0, high=0x7FF - 0x35)] = 0x100,
         gains: Annotated[
             tuple[float, float, float],
-            Option("of the force along x, y and z of a taxel, z out of the skin", unit="uT/N"),
+            Option("field per force along x, y and z of a taxel, z out of the skin", unit="uT/N"),
         ] = GAIN_UT_PER_N,
     ):
         super().__init__(ids="grid", board=board, gains=gains)

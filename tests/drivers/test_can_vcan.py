@@ -13,7 +13,7 @@ import pytest
 
 import tactemu
 from firmware_protocols import CanFrame
-from firmware_protocols.devices.icub_triangles import TAXELS
+from firmware_protocols.devices.icub_triangles import TAXEL_PADS
 from tactemu.wire.can_bits import frame_bits
 from tests.drivers.rig import EQUAL
 
@@ -99,7 +99,7 @@ def test_icub_forearm_of_240_taxels_at_50_hz_on_one_bus():
     sent = {name: {sample.counts[at].astype(np.uint8).tobytes() for sample in samples} for name, at in taxels.items()}
     for board, periods in skins(pressed.frames).items():
         for triangle, pads in ((triangle, pads) for period in periods for triangle, pads in period.items()):
-            felt, name = pads[list(TAXELS)], f"{board}.{triangle}"
+            felt, name = pads[list(TAXEL_PADS)], f"{board}.{triangle}"
             assert felt.tobytes() in sent[name]
             assert {int(pads[k]) for k in (6, 10)} == {240}
             fallen[taxels[name]] |= felt < 240

@@ -5,7 +5,7 @@ import pytest
 
 import firmware_protocols as fp
 from firmware_protocols.check.readings import reading_of
-from firmware_protocols.devices.icub_triangles import FOREARM_RADIUS, PAD_PLACES, PITCH, SIDE, TAXELS
+from firmware_protocols.devices.icub_triangles import FOREARM_RADIUS_M, PAD_PLACES_M, PITCH_M, SIDE_M, TAXEL_PADS
 from tests.firmware.feeding import sample, send
 
 START = "0700"
@@ -150,10 +150,10 @@ def test_only_the_pressed_patch_falls_and_by_its_shift():
         device = forearm(shift=shift)
         skin = decoded(sample(device, newtons, 0))
         name = device.layout.patches[7].name
-        assert name == "3.1" and skin[name][list(TAXELS[:4])].tolist() == expected
+        assert name == "3.1" and skin[name][list(TAXEL_PADS[:4])].tolist() == expected
         others = np.concatenate([pads for key, pads in skin.items() if key != name])
         assert set(others) == {240} and set(skin[name][[4, 5, 6, 7, 8, 9, 10, 11]]) == {240}
-        flat = np.concatenate([skin[patch.name][list(TAXELS)] for patch in device.layout.patches])
+        flat = np.concatenate([skin[patch.name][list(TAXEL_PADS)] for patch in device.layout.patches])
         assert np.array_equal(flat, device.counts), "the truth is what a perfect driver decodes"
 
 
@@ -190,21 +190,23 @@ def test_what_is_compensated_is_the_thermal_pad_times_a_gain(kind, gain, degrees
     drift = (thermal // 4 * gain) >> 5 if thermal > 0 else -(-thermal // 4 * gain) >> 5
     assert pads.tolist() == np.clip(240 - ((change - drift) >> 2), 0, 255).tolist()
     if kind == 0:
-        assert set(pads[list(TAXELS)]) <= {239, 240, 241} and set(pads[[6, 10]]) == {
+        assert set(pads[list(TAXEL_PADS)]) <= {239, 240, 241} and set(pads[[6, 10]]) == {
             240 - degrees * 5 if degrees > 0 else 255
         }
 
 
 def test_a_compensated_press_on_a_warm_skin_reads_nearly_as_on_a_cold_one():
     device = forearm()
-    cold, warm = (decoded(sample(device, 0.2, temperature=degrees))["1.0"][list(TAXELS)] for degrees in (25.0, 40.0))
+    cold, warm = (
+        decoded(sample(device, 0.2, temperature=degrees))["1.0"][list(TAXEL_PADS)] for degrees in (25.0, 40.0)
+    )
     assert np.abs(cold - warm).max() <= 1
 
 
 def test_test_mode_is_the_low_byte_of_the_raw_value():
     device = forearm(kind=7)
     frames = sample(device, 0.3)
-    assert set(decoded(frames)["1.0"][list(TAXELS)]) == {180} and {f.data[7] for f in frames[1::2]} == {0}
+    assert set(decoded(frames)["1.0"][list(TAXEL_PADS)]) == {180} and {f.data[7] for f in frames[1::2]} == {0}
 
 
 def test_an_ergo_hand_is_sent_in_another_order_with_fingertips_as_they_are():
@@ -247,26 +249,26 @@ def test_faulty_triangles_say_so_and_every_fifth_that_is_unheard_recalibrates():
 
 
 def test_triangle_is_a_lattice_of_ten_with_thermal_pads_in_its_gaps():
-    taxels = PAD_PLACES[list(TAXELS)]
+    taxels = PAD_PLACES_M[list(TAXEL_PADS)]
     assert np.allclose(taxels.mean(axis=0), 0, atol=1e-9)
     nearest = np.sort(cdist(taxels, taxels) + 9 * np.eye(10), axis=1)[:, 0]
-    assert np.allclose(nearest, PITCH)
-    assert np.allclose(cdist(PAD_PLACES[[1, 5, 9]], PAD_PLACES[[1, 5, 9]])[np.triu_indices(3, 1)], 3 * PITCH)
-    assert cdist(PAD_PLACES[[6, 10]], taxels).min() > 0.5 * PITCH
+    assert np.allclose(nearest, PITCH_M)
+    assert np.allclose(cdist(PAD_PLACES_M[[1, 5, 9]], PAD_PLACES_M[[1, 5, 9]])[np.triu_indices(3, 1)], 3 * PITCH_M)
+    assert cdist(PAD_PLACES_M[[6, 10]], taxels).min() > 0.5 * PITCH_M
 
 
 def test_forearm_taxels_keep_their_distance_and_normals_point_out():
     layout = fp.create("icub_skin").layout
     assert len(layout) == 240 and len(layout.patches) == 24
     radial = layout.positions * [1, 1, 0]
-    assert np.allclose(np.linalg.norm(radial, axis=1), FOREARM_RADIUS)
-    assert np.allclose(layout.normals, radial / FOREARM_RADIUS)
+    assert np.allclose(np.linalg.norm(radial, axis=1), FOREARM_RADIUS_M)
+    assert np.allclose(layout.normals, radial / FOREARM_RADIUS_M)
     distances = cdist(layout.positions, layout.positions) + np.eye(240)
-    assert 0.9 * PITCH < distances.min() < PITCH
-    assert np.sort(distances, axis=1)[:, 0].max() < 1.01 * PITCH
+    assert 0.9 * PITCH_M < distances.min() < PITCH_M
+    assert np.sort(distances, axis=1)[:, 0].max() < 1.01 * PITCH_M
     centres = np.array([layout.positions[p.taxels].mean(axis=0) for p in layout.patches])
     apart = np.sort(cdist(centres, centres) + np.eye(24), axis=1)[:, 0]
-    assert np.allclose(apart, SIDE / np.sqrt(3), rtol=0.05), "neighbours share a side"
+    assert np.allclose(apart, SIDE_M / np.sqrt(3), rtol=0.05), "neighbours share a side"
 
 
 def test_one_flat_triangle():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import firmware_protocols as fp
-from firmware_protocols.devices.paxini_modules import TAXELS
+from firmware_protocols.devices.paxini_modules import TAXELS_BY_MODEL
 from tests.firmware.feeding import sample, send
 
 
@@ -19,10 +19,10 @@ def ask(device, device_id, function, address, count, data=b"", t_ns=0):
     return reply[13], reply[14:-1]
 
 
-@pytest.mark.parametrize("model", TAXELS)
+@pytest.mark.parametrize("model", TAXELS_BY_MODEL)
 def test_every_model(model):
     device = fp.create("paxini_px6ax", models=model, places=[1])
-    n = TAXELS[model]
+    n = TAXELS_BY_MODEL[model]
     force = np.zeros((n, 3))
     force[n - 1] = (1.2, -0.7, -3.0)
     sample(device, force=force)
