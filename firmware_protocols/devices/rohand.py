@@ -240,12 +240,8 @@ class RoHand(Device):
             self.counts = quantize(-z, MILLINEWTONS_PER_NEWTON)
         else:
             direction = np.rint(np.rad2deg(np.arctan2(y, x))).astype(int) % 360
-            points = [
-                quantize(-z, COUNTS_PER_NEWTON, 0, FULL_SCALE - 1),
-                quantize(np.hypot(x, y), COUNTS_PER_NEWTON, 0, FULL_SCALE - 1),
-                direction,
-            ]
-            self.counts = np.stack(points, axis=-1)
+            forces = [quantize(force, COUNTS_PER_NEWTON, 0, FULL_SCALE - 1) for force in (-z, np.hypot(x, y))]
+            self.counts = np.stack([*forces, direction], axis=-1)
             palm = self.layout.patches[-1].taxels
             self.counts[palm] = 0
             self.counts[palm, 0] = quantize(-z[palm], DOT_COUNTS_PER_NEWTON, 0, 255)
