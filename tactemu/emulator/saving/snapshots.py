@@ -18,7 +18,7 @@ MAX_TURN_NS = 600_000_000_000
 """Longest turn of the loop in which a state can be saved: one in which kernels are compiled."""
 
 
-def take(emulator: Any) -> dict[str, Any]:
+def snapshot_of(emulator: Any) -> dict[str, Any]:
     """Return the whole state as plain data.
 
     Raises:

@@ -1,0 +1,159 @@
+"""The part of an emulator that its callers use: open and close, run and stop, scheduled calls, saved states."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from tactemu.base.agenda import Action, Agenda, ScheduledCallback
+from tactemu.base.calls import Calls
+from tactemu.base.clock import Clock, RealClock
+from tactemu.emulator.channel import Channel
+from tactemu.truth import Truth
+
+
+class Lifecycle(ABC):
+    """A loop that runs devices; a subclass defines its :meth:`step`.
+
+    Args:
+        channels: the devices.
+        clock: real time by default.
+        truth: the log of samples, frames and faults.
+        recipe: the scene and options of the emulator, as plain data; a state with another recipe is refused.
+    """
+
+    def __init__(
+        self, channels: Iterable[Channel], clock: Clock | None, truth: Truth | None, recipe: Mapping[str, Any]
+    ):
+        self.recipe = recipe
+        self.channels = list(channels)
+        self.wires = list(dict.fromkeys(wire for channel in self.channels for wire in channel.wires.values()))
+        for wire in self.wires:
+            wire.name = wire.name or "+".join(c.name for c in self.channels if wire in c.wires.values())
+        self.clock: Clock = clock or RealClock()
+        self.truth = truth or Truth()
+        self._stop_requested = False
+        self.now_ns = 0
+        """Time of the turn, at which everything in it happens."""
+        self._channels = {channel.name: channel for channel in self.channels}
+        self._agenda: Agenda[Action | ScheduledCallback] = Agenda(self._is_valid)
+        self._calls = Calls()
+        self._is_restored = False
+        """True if the run continues from a state, rather than from power-up."""
+
+    @abstractmethod
+    def step(self, end_ns: int | None = None) -> None:
+        """Run one turn of the loop, and wait until the next one."""
+
+    @abstractmethod
+    def _power_on(self, channel: Channel) -> None: ...
+
+    @abstractmethod
+    def _is_valid(self, action: Action) -> bool: ...
+
+    def open(self) -> None:
+        """Open every port, or none; time starts here.
+
+        Raises:
+            TransportError: a port cannot be made; those already open are closed again.
+            DeviceError: a device cannot be started.
+        """
+        try:
+            for channel in self.channels:
+                channel.attach_wires()
+            for wire in self.wires:
+                wire.is_paused, wire.is_real_time = self.clock.is_paused, not self.clock.virtual
+                wire.open()
+            self._calls.open()
+            self.clock.start()
+            if self._is_restored:
+                self.clock.set_ns(self.now_ns)
+            else:  # in real time some time has passed already; the start is 0 on every clock
+                self.now_ns = self.clock.now_ns() if self.clock.virtual else 0
+            self.truth.begin(self.clock.origin_ns, block_when_full=self.clock.virtual)
+            for channel in () if self._is_restored else self.channels:
+                self._power_on(channel)
+        except BaseException:
+            self.close()
+            raise
+
+    def close(self) -> None:
+        """Remove every port. Safe to call twice."""
+        for wire in self.wires:
+            wire.close()
+        self._calls.close()
+        self.truth.close(self.summary())
+
+    def __enter__(self):
+        self.open()
+        return self
+
+    def __exit__(self, *_):
+        self.close()
+
+    def run(self, seconds: float | None = None) -> None:
+        """Run for ``seconds`` of emulation time, or until :meth:`stop`, also if that was called before."""
+        end = None if seconds is None else self.clock.now_ns() + round(seconds * 1e9)
+        try:
+            while not self._stop_requested and (end is None or self.clock.now_ns() < end):
+                self.step(end)
+        finally:
+            self._stop_requested = False
+
+    def stop(self) -> None:
+        """Leave :meth:`run` after the current turn, or the next run at once. Safe from any thread and from a signal
+        handler."""
+        self._stop_requested = True
+        self.call(lambda: None)
+
+    def summary(self) -> list[dict[str, Any]]:
+        """Return the counts of each device: samples, frames in both directions, injected faults."""
+        return [channel.defer_statistics(self.truth.injected_at(channel.name))() for channel in self.channels]
+
+    # -- scheduled calls -----------------------------------------------------------------------------------------------
+
+    def call(self, action: ScheduledCallback, at_ns: int = 0) -> None:
+        """Have ``action`` run by the loop at the end of a turn, not before ``at_ns``. Safe from any thread."""
+        self._calls.put(action, at_ns)
+
+    def at(self, t_ns: int, action: Action | ScheduledCallback) -> None:
+        """Have ``action`` run by the loop at an emulation time, before the samples of that time. Call from the loop's
+        thread, or before it runs."""
+        self._agenda.put(t_ns, action)
+
+    # -- saving --------------------------------------------------------------------------------------------------------
+
+    def snapshot(self) -> dict[str, Any]:
+        """Return the complete state as plain data, for :meth:`restore`. Call between two turns: from :meth:`call`, or
+        while the loop does not run.
+
+        Raises:
+            StateError: a part of it cannot be saved.
+        """
+        from tactemu.emulator.saving import snapshots
+
+        return snapshots.snapshot_of(self)
+
+    def restore(self, state: Mapping[str, Any] | str | Path) -> None:
+        """Restore a state, or a file of one, as often as you like. Call between two turns; before :meth:`open`, the
+        devices then do not power up.
+
+        Raises:
+            StateError: the state is of another emulator; the message names the difference. Nothing has changed.
+        """
+        from tactemu.emulator.saving import snapshots
+
+        snapshots.restore(self, state)
+        self._is_restored = True
+
+    def save(self, path: str | Path) -> int:
+        """Write the state to a file; return its size [byte]. Call as :meth:`snapshot`.
+
+        Raises:
+            StateError: a part of it cannot be saved, or the file cannot be written.
+        """
+        from tactemu.emulator.saving import snapshots
+
+        return snapshots.write(path, self.snapshot())
