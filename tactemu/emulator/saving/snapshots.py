@@ -68,7 +68,7 @@ def _check_time(t_ns: int, tree: Mapping[str, Any]) -> None:
 
 
 def _simulation(there: Mapping[str, Any]) -> Any:
-    return next((part for part in there.values() if hasattr(part, "context")), None)
+    return next((part for part in there.values() if hasattr(getattr(part, "context", None), "memory")), None)
 
 
 def _memory(there: Mapping[str, Any]) -> list[Any]:
