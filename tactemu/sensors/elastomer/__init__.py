@@ -1,1 +1,1 @@
-"""Level 3: ElastomerTaxel, a soft skin whose markers move."""
+"""The model of level 3: ElastomerTaxel, a soft skin whose markers move."""

@@ -1,1 +1,1 @@
-"""Level 2 on point clouds: ProximityTaxel."""
+"""The model of level 2 on point clouds: ProximityTaxel."""

@@ -1,4 +1,4 @@
-"""Which clusters of points can come near the skin at all, per environment: taxels then look at those only."""
+"""The list of the clusters of points that can come near the skin, per environment: taxels then visit only these."""
 
 # pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
 # pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
@@ -18,12 +18,12 @@ from tactemu.sensors.sensor_model import Site
 
 @dataclass(frozen=True, kw_only=True)
 class NearClusters:
-    """What the stage writes."""
+    """The arrays that the stage writes."""
 
     clusters: wp.array
     """Indices of clusters, cloud by cloud, int32, shape ``(n_envs, n_clusters)``."""
     start: wp.array
-    """Where each cloud begins in that list, and its end, int32, shape ``(n_envs, n_clouds + 1)``."""
+    """Start of each cloud in that list, and the list's end, int32, shape ``(n_envs, n_clouds + 1)``."""
 
 
 @functools.cache
@@ -70,12 +70,12 @@ def _kernel(real, lanes: int):
 
 
 def near_clusters(site: Site, clouds, reach: float | None) -> tuple[NearClusters, Callable[[], None]]:
-    """Allocate the list and record its update.
+    """Allocate the list, and return it with the launch that updates it.
 
     Args:
-        site: of the sensor; it has at least one probe.
+        site: the site of the sensor; it has at least one probe.
         clouds: the points on the device.
-        reach: largest radius of a probe [m]; ``None``: not known, every cluster is listed.
+        reach: largest radius of a probe [m]; ``None``: unknown, every cluster is listed.
     """
     context, positions = site.context, site.probes.positions
     n_envs, vec3 = context.n_envs, site.vec3

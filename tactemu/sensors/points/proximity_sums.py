@@ -1,8 +1,8 @@
-"""Sums of each taxel over the points within its radius: how much of a surface is near, and where.
+"""Sums of each taxel over the points within its radius: how much of a surface is near, and in which direction.
 
-With ``P_j = R - |x_j - r|`` for the points of a body nearer than R, the sums are ``sum P_j`` and
-``sum P_j (x_j - r)``. All that a ProximityTaxel reads is linear in them, since a body moves rigidly. The taxel is taken
-into each body's frame, so that points are never moved, and clusters out of reach are skipped.
+With ``P_j = R - |x_j - r|`` for the points of a body nearer than R, the sums are ``sum P_j`` and ``sum P_j (x_j - r)``.
+All readings of a ProximityTaxel are linear in them, since a body moves rigidly. The taxel is transformed into each
+body's frame, so that points are never moved, and clusters out of reach are skipped.
 """
 
 # pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
@@ -23,21 +23,24 @@ from tactemu.sensors.points.table import cloud_type
 from tactemu.sensors.sensor_model import Site
 
 _TAXELS_PER_WARP = 32
-"""Taxels that run together on a GPU: they should be near each other, to look at the same points."""
-BLOCK = 256, 6
-"""Threads of a block on a GPU, and how many blocks a multiprocessor shall hold at once: bounds the registers."""
+"""Taxels that one warp of a GPU computes: they should be near each other, so that they visit the same points."""
+MAX_THREADS_PER_BLOCK = 256
+"""Maximum number of threads of a block on a GPU."""
+MIN_BLOCKS_PER_MULTIPROCESSOR = 6
+"""Number of blocks that a multiprocessor holds at once; it limits the registers of a thread."""
+LAUNCH_BOUNDS = MAX_THREADS_PER_BLOCK, MIN_BLOCKS_PER_MULTIPROCESSOR
 _POINTS_PER_FETCH = 4
-"""Points fetched at once."""
+"""Number of points that a thread fetches at once."""
 
 
 @functools.cache
 def _kernel(real):
-    """Of a GPU, whose threads run in step: points out of reach add zeros, with quick roots."""
+    """Return the kernel for a GPU, whose threads run in step: points out of reach add zeros, with fast square roots."""
     vec3, vec4 = wp.types.vector(3, real), wp.types.vector(4, real)
     transform = wp.types.transformation(real)
     fetch, _, _ = vector_readers(real, 4)
 
-    @wp.kernel(module="unique", enable_backward=False, module_options={"fast_math": True}, launch_bounds=BLOCK)
+    @wp.kernel(module="unique", enable_backward=False, module_options={"fast_math": True}, launch_bounds=LAUNCH_BOUNDS)
     def sum_points(
         first_env: int,
         clouds: cloud_type(real),
@@ -85,12 +88,12 @@ def _kernel(real):
 
 
 class ProximitySums:
-    """The sums over one sensor's clouds, for as many sets of radii as are asked for.
+    """The sums over one sensor's clouds, for any number of sets of radii.
 
     Args:
-        site: of the sensor.
+        site: the site of the sensor.
         clouds: its points on the device.
-        near: clusters that are worth a look.
+        near: the clusters that taxels visit.
     """
 
     def __init__(self, site: Site, clouds, near: NearClusters):
@@ -99,13 +102,13 @@ class ProximitySums:
         order = spatial_order(site.probes.positions, WIDTH if self._on_cpu else _TAXELS_PER_WARP)
         self._order = wp.array(order, dtype=wp.int32, device=site.context.device)
         self.place = wp.array(np.argsort(order), dtype=wp.int32, device=site.context.device)
-        """Where each taxel's sums are, shape ``(n_taxels,)``."""
+        """Index of each taxel in the sums, shape ``(n_taxels,)``."""
 
     def record(self, radius: wp.array) -> tuple[wp.array, Callable[[], None]]:
-        """Allocate sums and record their update.
+        """Allocate sums, and return them with the launch that updates them.
 
         Args:
-            radius: of each taxel [m], shape ``(1 or n_envs, n_taxels)``.
+            radius: radius of each taxel [m], shape ``(1 or n_envs, n_taxels)``.
 
         Returns:
             vec4 (``sum P_j (x_j - r)`` in the link's frame [m^2], ``sum P_j`` [m]), shape

@@ -6,8 +6,8 @@ normal a, ``v_j = v_body(x_j) - v_skin(r)``, ``v_tj`` its part across a, and ``D
     F = k D (sum P_j) a + c D sum P_j v_tj             k stiffness, c shear_coupling
     T = r x F - c_w a sum P_j (w_j - w_skin).a / sum P_j        c_w twist_scalar
 
-The normal part is the force on the *body*, the shear part the force on the skin: so Genesis has it. ``forces_on_skin``
-turns the normal and twist parts round, so that all of F and T acts on the skin.
+The normal part is the force on the *body*, the shear part the force on the skin, as in Genesis. ``forces_on_skin``
+reverses the normal and twist parts, so that all of F and T acts on the skin.
 """
 
 # pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
@@ -35,12 +35,12 @@ from tactemu.sensors.sensor_model import Compiled, SensorModel, Site, Trial
 
 @functools.cache
 def coefficients_type(real):
-    """The Warp struct of a ProximityTaxel's numbers."""
+    """Return the Warp struct of a ProximityTaxel's parameters."""
 
     @wp.struct
     class Coefficients:
-        normal: real  # of the sum, along the probe's normal
-        shear: real  # of the velocity sum
+        normal: real  # factor of the sum, along the probe's normal
+        shear: real  # factor of the velocity sum
         twist: real
 
     return Coefficients
@@ -48,7 +48,8 @@ def coefficients_type(real):
 
 @functools.cache
 def proximity_kernel(real, moving: bool, has_gain: bool):
-    """Force and torque from the sums over points, see :mod:`tactemu.sensors.points.proximity_sums`."""
+    """Return the kernel of force and torque from the sums over points
+    (:mod:`tactemu.sensors.points.proximity_sums`)."""
     vec3, vec4 = wp.types.vector(3, real), wp.types.vector(4, real)
 
     @wp.kernel(module="unique", enable_backward=False)
@@ -110,7 +111,7 @@ class ProximityTaxel(SensorModel):
     stiffness: float = 100.0
     """Force per summed overlap [N/m], before ``density_scalar``."""
     density_scalar: float = 100.0
-    """Number of points for which ``stiffness`` is meant: sums are multiplied by ``density_scalar / M``."""
+    """Number of points to which ``stiffness`` applies: sums are multiplied by ``density_scalar / M``."""
     shear_coupling: float = 0.0
     """Force per summed overlap and velocity [N s/m^2], before ``density_scalar``."""
     twist_scalar: float = 1.0
@@ -120,7 +121,7 @@ class ProximityTaxel(SensorModel):
     points: Sequence | np.ndarray | None = None
     """The points themselves in the frame of the tracked body [m], ``(M, 3)``; a list of such arrays for several."""
     forces_on_skin: bool = False
-    """Turn the normal and twist parts so that they too act on the skin."""
+    """Reverse the normal and twist parts so that they too act on the skin."""
 
     level = 2
     work = 10

@@ -1,7 +1,7 @@
-"""The sums of :mod:`.proximity_sums` on a CPU: eight neighbouring taxels side by side in vector registers.
+"""The sums of :mod:`.proximity_sums` on a CPU: eight neighbouring taxels in parallel in vector registers.
 
-What is out of reach of all eight is left out by one look; the others add zeros where a point is out of their own reach,
-and so come to the same sums as alone.
+One test skips a cluster out of reach of all eight; a point out of reach of one taxel adds zero to its sums, which
+therefore equal those computed alone.
 """
 
 # pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
@@ -18,7 +18,7 @@ from tactemu.sensors.points.table import cloud_type
 
 @functools.cache
 def strip_sums_kernel(real):
-    """As the kernel of :mod:`.proximity_sums`, a thread for each ``WIDTH`` places."""
+    """Return the kernel of :mod:`.proximity_sums` for a CPU, with a thread for each ``WIDTH`` places."""
     vec3, vec4 = wp.types.vector(3, real), wp.types.vector(4, real)
     transform = wp.types.transformation(real)
 
@@ -74,7 +74,7 @@ _SUM = """
     Vector x, y, z, limit;
     Point low, high;
     Number farthest = Number(0);
-    for (int l = 0; l < wide; ++l) {  // a lane too many is as the last
+    for (int l = 0; l < wide; ++l) {  // a surplus lane repeats the last
         const int i = order.data[first + (l < n ? l : n - 1)];
         const Point p = wp::quat_rotate_inv(turn, wp::sub(positions.data[i], origin));
         x[l] = p[0], y[l] = p[1], z[l] = p[2], limit[l] = radius.data[i];

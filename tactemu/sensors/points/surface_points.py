@@ -14,9 +14,9 @@ from tactemu.sensors.point_cloud import PointCloud, farthest_points, split_evenl
 from tactemu.sensors.sensor_model import Site
 
 FEWER_POINTS = "lower `n_sample_points`"
-"""What makes a cloud cost less, for the plan."""
+"""The advice to make a cloud cost less, for the plan."""
 MAX_SAMPLE_POINTS = 1_000_000
-"""Most points that are sampled on bodies; bounds memory."""
+"""Maximum number of points sampled on a sensor's bodies; bounds memory."""
 
 
 def _counts(given: int | Sequence[int], n_bodies: int, sensor: str) -> list[int]:
@@ -53,10 +53,10 @@ def surface_points(
     """Return one cloud per tracked body.
 
     Args:
-        site: of the sensor; its target bodies are sampled.
-        n_sample_points: for all bodies together, split evenly, or one number per body.
-        points: the points themselves, ``(M, 3)`` for one body or a list of such arrays; nothing is sampled then.
-        point_area: surface that each of them stands for [m^2].
+        site: the site of the sensor, whose target bodies are sampled.
+        n_sample_points: number of points for all bodies together, split evenly, or one number per body.
+        points: points to use instead of sampling, ``(M, 3)`` for one body or a list of such arrays.
+        point_area: surface that each of these points stands for [m^2].
 
     Raises:
         SceneError: numbers do not fit the bodies, or a body has no surface to sample.
@@ -73,9 +73,10 @@ def surface_points(
 
 
 def _sampled(body: Body, count: int, site: Site) -> PointCloud:
-    """Return an even spread of points over a body, from the random stream of the first sensor that asks for so many."""
+    """Return an even spread of points over a body, from the random stream of the first sensor that needs this number of
+    points."""
     rng = generator(site.context.seed, f"{site.name}/points of {body.name}")
-    assert body.shape is not None  # of those without a shape nothing is felt
+    assert body.shape is not None  # sensed bodies have a shape
     candidates, area = body.shape.sample(body.name, max(256, 4 * count), rng)
     positions = candidates[farthest_points(candidates, count)]
     return PointCloud(body.index, positions, np.full(count, area / count))

@@ -14,7 +14,7 @@ from tactemu.sensors.point_cloud import Clusters
 
 @functools.cache
 def cloud_type(real):
-    """The Warp struct of the sorted clouds; see :class:`tactemu.sensors.point_cloud.Clusters`."""
+    """Return the Warp struct of the sorted clouds; see :class:`tactemu.sensors.point_cloud.Clusters`."""
     vec4 = wp.types.vector(4, real)
 
     @wp.struct
@@ -32,7 +32,7 @@ def cloud_type(real):
 
 
 def upload_clouds(clusters: Clusters, context: Context):
-    """A filled :func:`cloud_type`. Balls are a little enlarged, so that rounding never hides a point."""
+    """Return a filled :func:`cloud_type`. Balls are enlarged slightly, so that rounding never hides a point."""
     real, device = context.real, context.device
     vec4 = wp.types.vector(4, real)
     slack = np.array([1.0, 1.0, 1.0, 1.0 + 1e-5])

@@ -1,1 +1,1 @@
-"""Levels 0 to 2: what a probe at a point feels of the bodies around it."""
+"""The models of levels 0 to 2: readings of probes at points, each from the depth of the bodies around it."""

@@ -1,7 +1,7 @@
-"""On a GPU: the probes of an environment are of one block of threads, or of a few.
+"""The kernel for a GPU, where one or a few blocks of threads handle the probes of an environment.
 
-All threads of a block then look at the same poses, and know from the number of their block alone which: dividing a
-thread's own number by how many probes there are would take longer than looking at a ball.
+All threads of a block then read the same poses, and compute the environment from the block's number alone: dividing a
+thread's own number by the number of probes would take longer than testing a ball.
 """
 
 # pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
@@ -17,28 +17,28 @@ from tactemu.sensors.probes.formula import Formula, probe_functions
 from tactemu.sensors.probes.query import near_bits, probes_struct
 
 MAX_BLOCK_THREADS = 128
-"""Threads of a block."""
+"""Maximum number of threads of a block."""
 MIN_BUSY_THREADS = 2**18
-"""Threads that keep a GPU busy: with fewer, several blocks share an environment."""
+"""Number of threads that keep a GPU busy: with fewer, several blocks share an environment."""
 
 
 @dataclass(frozen=True)
 class Blocks:
-    """How threads are laid over environments and probes."""
+    """The distribution of threads over environments and probes."""
 
     n_envs: int
     n_probes: int
 
     @property
     def block_dim(self) -> int:
-        """Threads of a block, whole warps."""
+        """Number of threads of a block, a multiple of a warp."""
         n_probes = max(1, self.n_probes)
         turns = -(-n_probes // MAX_BLOCK_THREADS)
         return 32 * -(-n_probes // (32 * turns))
 
     @property
     def shift(self) -> int:
-        """Binary logarithm of how many blocks share an environment."""
+        """Binary logarithm of the number of blocks that share an environment."""
         turns, shift = -(-self.n_probes // self.block_dim), 0
         while 2**shift < turns and self.n_envs * self.block_dim * 2**shift < MIN_BUSY_THREADS:
             shift += 1
@@ -46,7 +46,7 @@ class Blocks:
 
     @property
     def n_threads(self) -> int:
-        """Of the whole launch."""
+        """Number of threads of the launch."""
         return self.n_envs * self.block_dim * 2**self.shift
 
 
@@ -58,7 +58,7 @@ class Blocks:
 #endif
 """)
 def block_index() -> int:
-    """Which block of the launch this thread is of."""
+    """Return the index of this thread's block in the launch."""
     ...
 
 
@@ -70,13 +70,13 @@ def block_index() -> int:
 #endif
 """)
 def thread_index() -> int:
-    """Which thread of its block this is."""
+    """Return the index of this thread in its block."""
     ...
 
 
 @functools.cache
 def block_kernel(formula: Formula, shift: int):
-    """The kernel of a formula: the truth and, if separate, the measured branch."""
+    """Return the kernel of a formula on a GPU: the truth and, if separate, the measured branch."""
     real = formula.real
     transform = wp.types.transformation(real)
     probes_type, shapes_type, numbers_type = probes_struct(real), table_type(real), formula.numbers

@@ -1,4 +1,4 @@
-"""ContactDepthProbe: how deep each probe is in what it touches [m]."""
+"""ContactDepthProbe: the depth of each probe in the body that it touches [m]."""
 
 # pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
 # pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
@@ -16,7 +16,7 @@ from tactemu.sensors.sensor_model import Compiled, SensorModel, Site, Trial
 
 @functools.cache
 def depth_formula(real):
-    """Depth times gain, 0 where nothing is."""
+    """Return the formula of depth times gain, 0 without contact."""
     vec3 = wp.types.vector(3, real)
 
     @wp.func
@@ -54,8 +54,8 @@ class ContactDepthProbe(SensorModel):
     layouts = {"depth": slice(0, 1)}
     senses_within_radius = True
     valid = (
-        "Exact as a distance, at any depth with the ray query; it knows no equilibrium, so that beside a contact "
-        "nothing moves."
+        "Exact as a distance, at any depth with the ray query; it computes no equilibrium, so that nothing moves "
+        "beside a contact."
     )
     source = "Geometry. Option names and numbers are those of the sensor of this name in Genesis (genesis-world 1.4.5)."
 

@@ -1,8 +1,8 @@
 """ContactProbe: touch or no touch, with a Schmitt trigger on the depth of each probe.
 
-On when depth > ``contact_threshold``; once on, it stays on while depth > ``release_threshold``. Both inequalities are
-strict and are decided in the kernels' own float type. The truth latches on the true depth, the measured branch on the
-spoiled one (metres until here), and the delay acts on the bit.
+A probe switches on when depth > ``contact_threshold``; it stays on while depth > ``release_threshold``. Both
+inequalities are strict and are evaluated in the kernels' own float type. The truth latches on the true depth, the
+measured branch on the depth after imperfections (metres until here), and the delay acts on the bit.
 """
 
 # pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
@@ -26,7 +26,7 @@ from tactemu.sensors.sensor_model import Compiled, SensorModel, Site, Trial
 
 @functools.cache
 def schmitt_kernel(real):
-    """Latches each channel; the bit (0 or 1) is its own state. NaN stays NaN."""
+    """Return the kernel that latches each channel; the bit (0 or 1) is its own state. NaN stays NaN."""
 
     @wp.kernel(module="unique", enable_backward=False)
     def schmitt(
@@ -46,7 +46,7 @@ def schmitt_kernel(real):
 
 
 def compile_latch(depth: wp.array, enter: float, leave: float, name: str, context: Context):
-    """The array of bits behind ``depth``, and its stage."""
+    """Return the array of bits of ``depth``, and its stage."""
     bits = context.zeros(depth.shape, context.real)
     kernel = schmitt_kernel(context.real)
     launch = context.record(kernel, depth.shape[:2], [depth, enter, leave], [bits])
@@ -66,7 +66,7 @@ class ContactProbe(SensorModel):
     unit = "m"
     layouts = {"touch": slice(0, 1)}
     senses_within_radius = True
-    valid = "Wherever depth is right; which taxels touch is a matter of the threshold, since nothing yields."
+    valid = "Wherever depth is right; the threshold decides which taxels touch, since nothing yields."
     source = "A Schmitt trigger. Option names and numbers are those of the sensor of this name in Genesis."
 
     @classmethod

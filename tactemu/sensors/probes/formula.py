@@ -1,15 +1,15 @@
-"""What one probe reads, as Warp functions made of a model's formula.
+"""The reading of one probe, as Warp functions made from a model's formula.
 
 A formula is a Warp function ``measure(numbers, probes, depth, gain, normal, body, e, i, out)``. It writes the reading
 of probe ``i`` of environment ``e`` into ``out``:
 
-* ``numbers``: of the model, a Warp struct or one number.
-* ``depth``: the probe's radius minus its distance, not cut at 0, since NaN (a pose that is not finite) must come out as
-  NaN: ask ``not (depth <= 0)``, for ``max(0, NaN)`` is 0.
-* ``gain``: of the taxel; 1 where no imperfection asks for one.
-* ``normal``, ``body``: of what is nearest, -1 for none.
+* ``numbers``: parameters of the model, a Warp struct or one number.
+* ``depth``: the probe's radius minus its distance, not clipped at 0, since NaN (a pose that is not finite) must come
+  out as NaN: test ``not (depth <= 0)``, for ``max(0, NaN)`` is 0.
+* ``gain``: gain of the taxel; 1 where no imperfection sets one.
+* ``normal``, ``body``: normal and index of the nearest body; -1 for none.
 
-Where nothing comes near a probe the formula is asked with depth 0.
+The formula is called with depth 0 where no body is near a probe.
 """
 
 # pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
@@ -24,19 +24,19 @@ from tactemu.sensors.probes.query import contact_function, probes_struct
 
 
 class Formula(NamedTuple):
-    """What a kernel is made for; with it factories of kernels are cached."""
+    """The parameters of a kernel, by which the factories of kernels are cached."""
 
     real: Any
     """The float type."""
     kinds: frozenset
-    """Of shape, in the scene."""
+    """Kinds of shape in the scene."""
     along_normal: bool
     measure: Any
-    """From a cached factory."""
+    """The Warp function, from a cached factory."""
     numbers: Any
-    """Type of the model's numbers."""
+    """Type of the model's parameters."""
     at_surface: bool
-    """Probes have no radius, depth is that of the taxel's own place."""
+    """Is depth that of the taxel's own position, so that probes have no radius?"""
     separate: bool
     """Is there a measured branch beside the truth, with its own radii and gains?"""
     has_gain: bool
@@ -44,21 +44,21 @@ class Formula(NamedTuple):
 
 
 class ProbeFunctions(NamedTuple):
-    """Warp functions about probe ``i`` of environment ``e``."""
+    """The Warp functions of probe ``i`` in environment ``e``."""
 
     margin: Any
-    """``margin(probes, radius, e, i)``: its radius, the larger of both branches [m]; negative: it does not exist."""
+    """``margin(probes, radius, e, i)`` returns its radius, the larger of both branches [m]; negative for a filler."""
     nearest: Any
     """:func:`~tactemu.sensors.probes.query.contact_function`"""
     write: Any
-    """``write(probes, numbers, gain, radius, distance, normal, body, e, i, truth_out, raw_out)``"""
+    """``write(probes, numbers, gain, radius, distance, normal, body, e, i, truth_out, raw_out)`` writes its reading."""
     away: Any
-    """``away(probes, numbers, e, i, truth_out, raw_out)``: nothing is near."""
+    """``away(probes, numbers, e, i, truth_out, raw_out)`` writes its reading where no body is near."""
 
 
 @functools.cache
 def probe_functions(formula: Formula) -> ProbeFunctions:
-    """Return the functions of a formula."""
+    """Return the Warp functions that a kernel of this formula calls."""
     real, measure, numbers_type = formula.real, formula.measure, formula.numbers
     at_surface, separate, has_gain, has_radius = formula[-4:]
     vec3 = wp.types.vector(3, real)

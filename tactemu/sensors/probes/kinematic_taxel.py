@@ -7,7 +7,7 @@ With depth ``d > 0``, ``s = d**normal_exponent``, ``n`` the normal of the body t
     T = r x F - c_w ((w_body - w_skin) . n) n    c_w twist_scalar, r the probe's position in the link's frame
 
 The normal part is the force on the skin. The shear and twist parts oppose the body's motion, which is the force on the
-*body*: so Genesis has it. ``forces_on_skin`` turns them round, so that all of F and T acts on the skin.
+*body*, as in Genesis. ``forces_on_skin`` reverses them, so that all of F and T acts on the skin.
 """
 
 # pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
@@ -30,17 +30,17 @@ from tactemu.sensors.sensor_model import Compiled, SensorModel, Site, Trial
 
 
 class ForceTorque(NamedTuple):
-    """A reading, link frame; each of shape ``([n_envs,] layout, 3)``."""
+    """A reading in the link frame; each part of shape ``([n_envs,] layout, 3)``."""
 
     force: np.ndarray
-    """[N]."""
+    """Force [N]."""
     torque: np.ndarray
-    """About the link's origin [N m]."""
+    """Torque about the link's origin [N m]."""
 
 
 @functools.cache
 def springs_type(real):
-    """The Warp struct of a KinematicTaxel's numbers, and of the motion of what presses."""
+    """Return the Warp struct of a KinematicTaxel's parameters and of the motion of the pressing bodies."""
     vec3 = wp.types.vector(3, real)
 
     @wp.struct
@@ -59,7 +59,7 @@ def springs_type(real):
 
 @functools.cache
 def springs_formula(real, moving: bool):
-    """Force and torque of one probe; ``moving``: damping, shear or twist are asked for."""
+    """Return the formula of force and torque of one probe; ``moving``: damping, shear or twist are not 0."""
     vec3 = wp.types.vector(3, real)
     springs_struct, probes_type = springs_type(real), probes_struct(real)
 
@@ -78,7 +78,7 @@ def springs_formula(real, moving: bool):
         force = vec3(real(0.0))
         torque = vec3(real(0.0))
         d = depth * gain
-        if not (d <= real(0.0)):  # so that NaN goes on
+        if not (d <= real(0.0)):  # a form of the test that lets NaN pass
             if wp.dot(n, n) < real(0.5):
                 n = -probes.normals[i]
             r = probes.positions[i]
@@ -123,7 +123,7 @@ class KinematicTaxel(SensorModel):
     twist_scalar: float = 1.0
     """Torque of a probe per spin about the normal [N m s/rad]."""
     forces_on_skin: bool = False
-    """Turn the shear and twist parts so that they too act on the skin (a body that slides drags the skin along)."""
+    """Reverse the shear and twist parts so that they too act on the skin (a body that slides drags the skin along)."""
     clamp_adhesion: bool = False
     """Never let the damper pull on the skin."""
 
@@ -135,8 +135,8 @@ class KinematicTaxel(SensorModel):
     senses_within_radius = True
     strengths = ("normal_stiffness", "normal_damping", "shear_scalar", "twist_scalar")
     valid = (
-        "Each probe is a spring of its own: what presses, and how hard, once the stiffness is fitted. Under a flat "
-        "face or an edge the fitted force is off by up to 74 %; it neither sticks nor slips."
+        "Each probe is an independent spring: it shows where a body presses, and how hard, once the stiffness is "
+        "fitted. Under a flat face or an edge the fitted force is off by up to 74 %; it neither sticks nor slips."
     )
     source = "Springs and dampers. Option names and numbers are those of the sensor of this name in Genesis."
 

@@ -1,7 +1,7 @@
-"""On a GPU where bodies are searched: first those probes are listed that need it, then a thread takes each of the list.
+"""The kernels for a GPU where bodies are searched: one lists the probes that need a search, one searches for each of
+them.
 
-Searches for neighbouring probes, of which some are near a mesh and some are not, would leave most threads of a warp
-without work.
+If each thread searched for its own probe, only some of which are near a mesh, most threads of a warp would be idle.
 """
 
 # pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
@@ -19,7 +19,7 @@ from tactemu.sensors.probes.query import ALL_NEAR, probes_struct, within_functio
 from tactemu.sensors.sensor_model import Site
 
 SEARCH_BLOCK_THREADS = 64
-"""Threads of a block that searches: few, since one that lasts keeps the others' registers."""
+"""Number of threads of a searching block: few, since one slow thread keeps the registers of the others."""
 
 
 @wp.func_native("""
@@ -36,13 +36,14 @@ SEARCH_BLOCK_THREADS = 64
     listed.data[at] = value;
 """)
 def append(listed: wp.array(dtype=wp.int32), count: wp.array(dtype=wp.int32), value: int):
-    """Put a number at the end of a list; those of a warp's threads side by side, by one atomic."""
+    """Append a number to a list; the threads of a warp write next to each other, with one atomic operation."""
     ...
 
 
 @functools.cache
 def list_kernel(formula: Formula):
-    """Lists the probes that a body is near to, unless its distance is known without a search; writes the others."""
+    """Return the kernel that lists the probes near a body, unless their distance is known without a search, and writes
+    the readings of the others."""
     real = formula.real
     transform = wp.types.transformation(real)
     probes_type, shapes_type, numbers_type = probes_struct(real), table_type(real), formula.numbers
@@ -68,7 +69,7 @@ def list_kernel(formula: Formula):
     ):
         thread = wp.tid()
         i = natural(thread // pose.shape[0])
-        e = natural(thread - i * pose.shape[0])  # side by side: the same probe in many environments
+        e = natural(thread - i * pose.shape[0])  # neighbouring threads take the same probe in many environments
         reach = margin(probes, radius, e, i)
         if reach >= real(0.0):
             if not within(shapes, pose, targets, probes, e, i, reach):
@@ -86,7 +87,7 @@ def list_kernel(formula: Formula):
 
 @functools.cache
 def search_kernel(formula: Formula):
-    """Looks at the bodies for each probe of the list."""
+    """Return the kernel that searches the bodies for each probe of the list."""
     real = formula.real
     transform = wp.types.transformation(real)
     probes_type, shapes_type, numbers_type = probes_struct(real), table_type(real), formula.numbers
@@ -122,19 +123,19 @@ def search_kernel(formula: Formula):
 def record_listed(
     site: Site, formula: Formula, scene: list, numbers, gain: wp.array, radius: wp.array, out: list
 ) -> Launch:
-    """Return the launches of both kernels.
+    """Return the recorded launches of both kernels.
 
     Args:
-        site: of the sensor.
-        formula: of the kernels.
+        site: the site of the sensor.
+        formula: the formula of the kernels.
         scene: shapes, poses, targets and probes.
-        numbers: of the model.
-        gain: of the measured branch.
-        radius: likewise.
-        out: truth and measured branch.
+        numbers: parameters of the model.
+        gain: gains of the measured branch.
+        radius: radii of the measured branch.
+        out: output arrays of the truth and the measured branch.
     """
     context, n = site.context, site.probes.n
-    # scratch: both are filled within the step
+    # scratch: each step fills both before it reads them
     near = wp.empty(context.n_envs * n, dtype=wp.int32, device=context.device)
     n_near = wp.zeros(1, dtype=wp.int32, device=context.device)
     inputs = [*scene, numbers, gain, radius]

@@ -1,8 +1,9 @@
-"""How deep each probe is in what it touches: the query that ContactProbe, ContactDepthProbe and KinematicTaxel share.
+"""The depth of each probe in the bodies that it touches: the query of ContactProbe, ContactDepthProbe and
+KinematicTaxel.
 
-``d = max(0, R - distance)`` over the bodies felt: a probe at the surface of a body reads its radius ``R``, and one in
-free space within ``R`` reads ``R`` minus the distance. There is no gate: two fixed bodies touch as any two do.
-The distance is that to the nearest surface, or with ``contact_depth_query="ray"`` that along the taxel's normal.
+``d = max(0, R - distance)`` over the sensed bodies: a probe at the surface of a body reads its radius ``R``, and one in
+free space within ``R`` reads ``R`` minus the distance. There is no gate: two fixed bodies touch like any others. The
+distance is that to the nearest surface, or with ``contact_depth_query="ray"`` that along the taxel's normal.
 """
 
 # pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
@@ -21,7 +22,7 @@ from tactemu.sensors.sensor_model import Trial
 
 @functools.cache
 def probes_struct(real):
-    """The Warp struct of a sensor's probes: what does not change from step to step."""
+    """Return the Warp struct of a sensor's probes, which do not change from step to step."""
     vec3 = wp.types.vector(3, real)
     vec4 = wp.types.vector(4, real)
 
@@ -30,7 +31,7 @@ def probes_struct(real):
         positions: wp.array(dtype=vec3)
         normals: wp.array(dtype=vec3)
         radii: wp.array(dtype=real)
-        reach: wp.array(dtype=real)  # how far behind a probe the ray query begins; empty for the others
+        reach: wp.array(dtype=real)  # distance behind a probe at which the ray query begins; empty for other queries
         strip: wp.int32  # probes that one thread handles
         strip_ball: wp.array(dtype=vec4)  # per strip: centre and radius of a ball that holds its probes
 
@@ -57,9 +58,10 @@ def probes_struct(real):
     return found;
 """)
 def near_bits(flags: wp.array2d(dtype=wp.uint8), targets: wp.array(dtype=wp.int32), e: int) -> wp.int64:
-    """Which of the first 64 bodies felt are near to the skin (:class:`tactemu.sensors.poses.LinkView`), a bit for each.
+    """Return a bit for each of the first 64 sensed bodies: is it near the skin
+    (:class:`tactemu.sensors.poses.LinkView`)?
 
-    On a GPU all threads of a warp call it together, for one environment.
+    On a GPU all threads of a warp must call it together, for one environment.
     """
     ...
 
@@ -69,14 +71,14 @@ ALL_NEAR = wp.constant(wp.int64(-1))
 
 @wp.func
 def is_near(bits: wp.int64, t: int):
-    """May the body felt that is ``t``-th be near?"""
+    """Return True if the ``t``-th sensed body may be near."""
     return t > 63 or (bits >> wp.int64(t)) & wp.int64(1) == wp.int64(1)
 
 
 @functools.cache
 def nearest_of_function(real, kinds: frozenset):
-    """``nearest(shapes, pose, near, targets, e, r, margin) -> (distance, normal, body)``: as :func:`nearest_function`,
-    of the bodies felt that may be ``near`` (:func:`near_bits`)."""
+    """Return ``nearest(shapes, pose, near, targets, e, r, margin) -> (distance, normal, body)``: like
+    :func:`nearest_function`, over those sensed bodies that may be ``near`` (:func:`near_bits`)."""
     vec3 = wp.types.vector(3, real)
     transform = wp.types.transformation(real)
     shapes_type = table_type(real)
@@ -96,7 +98,7 @@ def nearest_of_function(real, kinds: frozenset):
         best = real(FAR)
         normal = vec3(real(0.0))
         body = int(-1)
-        t = int(0)  # Warp's ranges cost a CPU a third of all this
+        t = int(0)  # a while loop: Warp's ranges would take a third of the time on a CPU
         while t < targets.shape[0]:
             if is_near(near, t):
                 b = natural(targets[natural(t)])
@@ -118,11 +120,11 @@ def nearest_of_function(real, kinds: frozenset):
 
 @functools.cache
 def nearest_function(real, kinds: frozenset):
-    """``nearest(shapes, pose, targets, e, r, margin) -> (distance, normal, body)``.
+    """Return ``nearest(shapes, pose, targets, e, r, margin) -> (distance, normal, body)``.
 
-    Among the bodies felt in environment ``e`` the one nearest to the point ``r`` of the link's frame, and its normal
-    there in that frame. Bodies farther than ``margin`` may be skipped: then the distance is 1e18 m and the body -1. A
-    pose that is not finite gives a NaN distance.
+    It finds the sensed body in environment ``e`` nearest to the point ``r`` of the link's frame, and its normal there
+    in that frame. Bodies farther than ``margin`` may be skipped: then the distance is 1e18 m and the body -1. A pose
+    that is not finite gives a NaN distance.
     """
     transform, vec3 = wp.types.transformation(real), wp.types.vector(3, real)
     shapes_type, nearest_of = table_type(real), nearest_of_function(real, kinds)
@@ -143,9 +145,10 @@ def nearest_function(real, kinds: frozenset):
 
 @functools.cache
 def first_function(real, kinds: frozenset):
-    """``first(shapes, pose, near, targets, e, r, m, reach, margin) -> (distance, normal, body)``.
+    """Return ``first(shapes, pose, near, targets, e, r, m, reach, margin) -> (distance, normal, body)``.
 
-    As :func:`nearest_function`, along the taxel's normal ``m`` from ``reach`` behind ``r`` on; the normal is ``-m``.
+    It works like :func:`nearest_function`, along the taxel's normal ``m`` starting ``reach`` behind ``r``; the normal
+    is ``-m``.
     """
     vec3 = wp.types.vector(3, real)
     transform = wp.types.transformation(real)
@@ -186,7 +189,8 @@ def first_function(real, kinds: frozenset):
 
 @functools.cache
 def contact_function(real, kinds: frozenset, along_normal: bool):
-    """``contact(shapes, pose, near, targets, probes, e, i, margin) -> (distance, normal, body)`` of probe ``i``."""
+    """Return ``contact(shapes, pose, near, targets, probes, e, i, margin) -> (distance, normal, body)`` of probe
+    ``i``."""
     transform = wp.types.transformation(real)
     shapes_type = table_type(real)
     probes_type = probes_struct(real)
@@ -224,7 +228,8 @@ def contact_function(real, kinds: frozenset, along_normal: bool):
 
 @functools.cache
 def within_function(real, kinds: frozenset, along_normal: bool):
-    """``within(shapes, pose, targets, probes, e, i, margin) -> bool``: may any body touch probe ``i``? Cheap."""
+    """Return ``within(shapes, pose, targets, probes, e, i, margin) -> bool``: may any body touch probe ``i``? It is
+    cheap."""
     vec3 = wp.types.vector(3, real)
     transform = wp.types.transformation(real)
     shapes_type = table_type(real)
@@ -246,7 +251,7 @@ def within_function(real, kinds: frozenset, along_normal: bool):
             if wp.static(along_normal):
                 o = probes.positions[i] - wp.transform_get_translation(pose[e, b])
                 across = vec3(wp.cross(o, probes.normals[i]))
-                if not (wp.dot(across, across) > shapes.bound[b] * shapes.bound[b]):  # NaN is looked at closely
+                if not (wp.dot(across, across) > shapes.bound[b] * shapes.bound[b]):  # NaN needs the exact test
                     return True
             elif reaches(shapes, b, pose[e, b], probes.positions[i], margin):
                 return True
@@ -256,7 +261,7 @@ def within_function(real, kinds: frozenset, along_normal: bool):
 
 
 CHEAPER_QUERY = 'set `contact_depth_query = "sdf"`'
-"""What makes a query cost less, for the plan."""
+"""The advice to make a query cost less, for the plan."""
 
 
 def query_trials() -> list[Trial]:

@@ -1,4 +1,4 @@
-"""One frame for the kernels of all probes: strips of neighbours, what comes near them, what each probe reads.
+"""The common kernel of all probes: strips of neighbours, the bodies near them, and the reading of each probe.
 
 On a GPU each thread has its own probe (:mod:`tactemu.sensors.probes.blocks`); where bodies are searched, the probes
 near to any are listed first (:mod:`tactemu.sensors.probes.near_list`).
@@ -24,15 +24,15 @@ from tactemu.sensors.probes.query import is_near, near_bits, probes_struct
 from tactemu.sensors.sensor_model import Site
 
 PROBES_PER_STRIP = 8
-"""Probes that one thread handles on the CPU, where a thread is a call."""
+"""Number of probes that one thread handles on a CPU, where a thread is a function call."""
 
 
 @functools.cache
 def strip_function(real, kinds: frozenset):
-    """``touches(shapes, pose, near, targets, probes, e, strip, noise) -> bool``.
+    """Return ``touches(shapes, pose, near, targets, probes, e, strip, noise) -> bool``.
 
-    May any body reach any probe of a strip? The broad phase: one look per strip and body at the balls around them.
-    ``noise`` is added to the radii.
+    May any body reach any probe of a strip? This is the broad phase: one test per strip and body of the balls around
+    them. ``noise`` is added to the radii.
     """
     vec3 = wp.types.vector(3, real)
     transform = wp.types.transformation(real)
@@ -58,7 +58,7 @@ def strip_function(real, kinds: frozenset):
             b = targets[t]
             d = centre - wp.transform_get_translation(pose[e, b])
             reach = shapes.bound[b] + ball[3] + noise
-            if not (wp.dot(d, d) > reach * reach):  # NaN is looked at closely
+            if not (wp.dot(d, d) > reach * reach):  # NaN needs the exact test
                 return True
         return False
 
@@ -67,7 +67,8 @@ def strip_function(real, kinds: frozenset):
 
 @functools.cache
 def noise_function(real, has_radius: bool):
-    """``noise(probes, radius, e, strip)``: by how much a radius of the measured branch exceeds the nominal, at most."""
+    """Return ``noise(probes, radius, e, strip)``: the largest excess of a measured radius over the nominal one in a
+    strip."""
     probes_type = probes_struct(real)
 
     @wp.func
@@ -83,7 +84,7 @@ def noise_function(real, has_radius: bool):
 
 @functools.cache
 def strip_kernel(formula: Formula):
-    """The kernel of a formula: the truth and, if separate, the measured branch."""
+    """Return the kernel of a formula on a CPU: the truth and, if separate, the measured branch."""
     real = formula.real
     transform = wp.types.transformation(real)
     probes_type, shapes_type, numbers_type = probes_struct(real), table_type(real), formula.numbers
@@ -115,7 +116,7 @@ def strip_kernel(formula: Formula):
             for i in range(first, last):
                 away(probes, numbers, e, i, truth_out, raw_out)
             return
-        i = int(first)  # not a range: see the query
+        i = int(first)  # a while loop, not a range: see the query
         while i < last:
             i = natural(i)
             reach = margin(probes, radius, e, i)
@@ -133,13 +134,13 @@ def record_strips(
     """Return the recorded launches of a formula over all probes of a sensor.
 
     Args:
-        site: of the sensor.
+        site: the site of the sensor.
         measure: the formula, from a cached factory.
         numbers_type: type of ``numbers``.
-        numbers: of the model.
-        truth: written, ``(n_envs, n_taxels, channels)``.
-        raw: of the measured branch, of the same shape; the same array unless ``site.separate``.
-        at_surface: no radius, and no branch of its own with noised radii and gains.
+        numbers: parameters of the model.
+        truth: the output, ``(n_envs, n_taxels, channels)``.
+        raw: output of the measured branch, of the same shape; the same array unless ``site.separate``.
+        at_surface: ignore radii, and compute no separate branch with noised radii and gains.
     """
     context = site.context
     gain, radius = (None, None) if at_surface else (site.gain, site.radius)
@@ -160,16 +161,16 @@ def record_strips(
 
 
 def _watch(site: Site, has_noise: bool) -> None:
-    """Have the bodies that are near to this skin told from the others."""
+    """Register this skin's probes, so that ``site.view.near`` marks the bodies near to them."""
     probes = site.probes
     bounds = np.array([row.bound for row in site.table.rows])
-    if site.along_normal or has_noise:  # it may measure farther than its radii say
+    if site.along_normal or has_noise:  # it may reach beyond its radii
         bounds = np.full(len(bounds), FAR)
     site.view.watch(probes.positions, np.broadcast_to(probes.radii, probes.n), bounds)
 
 
 def probe_arrays(site: Site):
-    """The probes as kernels take them."""
+    """Return the probes as the kernels take them."""
     real = site.context.real
     probes = probes_struct(real)()
     probes.positions, probes.normals, probes.radii = site.positions, site.normals, site.radii
@@ -195,7 +196,8 @@ def _strip_balls(site: Site, length: int) -> wp.array:
 
 
 def _reach(site: Site) -> wp.array:
-    """How far behind each probe the ray query begins [m]: the option, or to the far side of the sensor's link."""
+    """Return the distance behind each probe at which the ray query begins [m]: the option, or to the far side of the
+    link."""
     context, given = site.context, site.model.ray_reach
     if given is not None or site.link.shape is None:
         values = np.full(site.probes.n, FAR if given is None else given)

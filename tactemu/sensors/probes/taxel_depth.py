@@ -1,4 +1,4 @@
-"""How deep each taxel's own place is inside the bodies felt, and which part of a grid is in contact."""
+"""The depth of each taxel's own position inside the sensed bodies, and the part of a grid that is in contact."""
 
 # pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
 # pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
@@ -21,14 +21,15 @@ _NO_INDEX = 2**30
 
 @dataclass(frozen=True, kw_only=True)
 class TaxelDepth:
-    """What the stage writes."""
+    """The arrays that the stage writes."""
 
     depth: wp.array
     """``max(0, -distance)`` [m], shape ``(n_envs, n_taxels)``; 0 for fillers; NaN for poses that are not finite."""
     power: wp.array
     """``depth ** exponent``; the same array for exponent 1."""
     box: wp.array
-    """First and last row, first and last column in contact, int32, shape ``(n_envs, 4)``; first > last: none."""
+    """First and last row, first and last column in contact, int32, shape ``(n_envs, 4)``; first > last without
+    contact."""
 
 
 @functools.cache
@@ -47,7 +48,8 @@ def _clear_kernel():
 
 @functools.cache
 def box_kernel(real, lanes: int):
-    """A warp per environment: on a GPU atomics of many taxels on few numbers would queue."""
+    """Return the kernel that finds the box with a warp per environment: on a GPU atomics of many taxels on few numbers
+    would queue."""
 
     @wp.kernel(module="unique", enable_backward=False)
     def find_box(first_env: int, depth: wp.array2d(dtype=real), cols: int, box: wp.array2d(dtype=wp.int32)):
@@ -97,7 +99,8 @@ def _box_type(real):
 
 @functools.cache
 def _depth_formula(real, widens: bool):
-    """``widens``: each taxel in contact widens the box, on a CPU, where one thread sees all of an environment."""
+    """Return the formula of depth. With ``widens`` each taxel in contact widens the box, on a CPU, where one thread
+    handles all taxels of an environment."""
     vec3 = wp.types.vector(3, real)
     boxes_type, probes_type = _box_type(real), probes_struct(real)
 
@@ -114,7 +117,7 @@ def _depth_formula(real, widens: bool):
         out: wp.array3d(dtype=real),
     ):
         h = real(0.0)
-        if not (depth <= real(0.0)):  # so that NaN goes on
+        if not (depth <= real(0.0)):  # a form of the test that lets NaN pass
             h = depth
             if wp.static(widens):
                 row = i // boxes.cols
@@ -133,7 +136,7 @@ def _depth_formula(real, widens: bool):
 
 
 def taxel_depth(site: Site, exponent: float) -> tuple[TaxelDepth, Callable[[], None]]:
-    """Allocate the arrays and record the query. ``exponent`` > 0."""
+    """Allocate the arrays, and return them with the launch of the query; ``exponent`` > 0."""
     context = site.context
     real, shape = context.real, (context.n_envs, site.probes.n)
     depth = context.zeros(shape, real)
