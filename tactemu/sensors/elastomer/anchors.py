@@ -1,7 +1,7 @@
-"""Where points of an object stick to the elastomer: latched on touching, anchored there, released on leaving.
+"""The points of an object that stick to the elastomer: latched on touching, anchored there, released on leaving.
 
 A point latches when it is deeper in the skin's body than ``contact_threshold``; its place then, in the link's frame, is
-its anchor. It is released when farther outside than the release margin. A latched point of depth b at y drags the
+its anchor. It is released when it is farther outside than the release margin. A latched point of depth b at y drags the
 markers around it by ``b (y - anchor)``, see :mod:`tactemu.sensors.elastomer.shear`. The anchor never slips.
 """
 
@@ -28,22 +28,24 @@ from tactemu.sensors.shape_table import ShapeTable
 
 @dataclass(frozen=True, kw_only=True)
 class Anchors:
-    """State and output of the stage. Points have the places of the clusters."""
+    """The state and output of the stage. Points have the places of the clusters."""
 
     is_latched: wp.array
-    """uint8, shape ``(n_envs, n_clusters * CLUSTER_SIZE)``."""
+    """1 for each latched point, uint8, shape ``(n_envs, n_clusters * CLUSTER_SIZE)``."""
     anchor: wp.array
-    """Where each latched point stuck [m], link frame, vec3, same shape."""
+    """Place where each latched point stuck [m], link frame, vec3, same shape."""
     n_latched: wp.array
-    """Latched points of each cluster, int32, shape ``(n_envs, n_clusters)``."""
+    """Number of latched points of each cluster, int32, shape ``(n_envs, n_clusters)``."""
     n_pulling: wp.array
-    """Latched points with depth of each cluster; they are listed from its place ``cluster * CLUSTER_SIZE``."""
+    """Number of latched points with depth of each cluster; they are listed from its place ``cluster *
+    CLUSTER_SIZE``."""
     groups: ActiveGroups
     """Clusters with such points."""
     place: wp.array
-    """Where the listed points are [m], link frame, vec3, shape ``(n_envs, n_clusters * CLUSTER_SIZE)``."""
+    """Positions of the listed points [m], link frame, vec3, shape ``(n_envs, n_clusters * CLUSTER_SIZE)``."""
     pull: wp.array
-    """Depth times way from the anchor, times the sample's area if areas weigh [m^2 or m^4], same shape."""
+    """Depth times displacement from the anchor, times the sample's area if ``area_weighted`` [m^2 or m^4], same
+    shape."""
 
 
 @functools.cache
@@ -51,7 +53,7 @@ def _kernels(real, functions: ShapeFunctions, slope: float, area_weighted: bool)
     vec3 = wp.types.vector(3, real)
     transform = wp.types.transformation(real)
     distance = functions.distance
-    steepest = wp.constant(real(slope))
+    max_slope = wp.constant(real(slope))
 
     @wp.kernel(module="unique", enable_backward=False)
     def follow_points(
@@ -78,7 +80,7 @@ def _kernels(real, functions: ShapeFunctions, slope: float, area_weighted: bool)
         last = first + clouds.counts[c]
         centre = wp.transform_point(at, vec3(ball[0], ball[1], ball[2]))
         centre_distance, _normal = distance(shapes, link, centre)
-        if centre_distance > steepest * ball[3] + wp.max(release_margin, real(0.0)):
+        if centre_distance > max_slope * ball[3] + wp.max(release_margin, real(0.0)):
             if n_latched[env, c] > 0:
                 for p in range(first, last):
                     is_latched[env, p] = wp.uint8(0)
@@ -93,7 +95,7 @@ def _kernels(real, functions: ShapeFunctions, slope: float, area_weighted: bool)
             depth = -depth
             holds = is_latched[env, p] != wp.uint8(0) and not (depth < -release_margin)
             touches = not holds and depth > contact_threshold
-            if is_nan(depth):  # the pose is not finite: say so, and keep the state
+            if is_nan(depth):  # the pose is not finite: output NaN, and keep the state
                 place[env, first + pulling] = y
                 pull[env, first + pulling] = y
                 pulling += 1
@@ -105,7 +107,7 @@ def _kernels(real, functions: ShapeFunctions, slope: float, area_weighted: bool)
             is_latched[env, p] = wp.uint8(stays)
             if stays:
                 latched += 1
-                if depth > real(0.0) and not touches:  # the anchor of a point that touches now is where it is
+                if depth > real(0.0) and not touches:  # a point that touches now is at its anchor
                     weight = depth
                     if wp.static(area_weighted):
                         weight *= clouds.areas[p]
@@ -143,7 +145,7 @@ def shear_anchors(
     release_margin: float,
     area_weighted: bool,
 ) -> tuple[Anchors, Callable[[], None], Callable[[wp.array], None]]:
-    """Allocate the state and record its update.
+    """Allocate the state, and record its update.
 
     Args:
         clusters: points of the tracked bodies.
@@ -152,7 +154,7 @@ def shear_anchors(
         area_weighted: multiply each pull by the surface that the point stands for.
 
     Returns:
-        The state, the launch, and the reset by a mask of environments.
+        The state, the launch of its update, and a function that resets it by a mask of environments.
     """
     real, device, n_envs = context.real, context.device, context.n_envs
     vec3 = wp.types.vector(3, real)

@@ -1,7 +1,6 @@
-"""Dilation for taxels anywhere: each taxel sums over those in contact, offsets projected on its own tangent plane.
+"""Dilation for taxels in any layout: each taxel sums over those in contact, offsets projected on its own tangent plane.
 
-The pressed taxels are listed chunk by chunk, in a fixed order, so that the sums skip the others and come out the same
-every time.
+The pressed taxels are listed chunk by chunk, in a fixed order, so that the sums skip the others and are reproducible.
 """
 
 # pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
@@ -20,11 +19,13 @@ from tactemu.plan.plan import Context
 from tactemu.sensors.elastomer.dilation_kernels import DilationOptions, radial_weight
 
 CHUNK = 64
-_LARGEST_ESTIMATE = 20_000
+"""Number of taxels that one thread searches for pressed ones."""
+_MAX_ESTIMATED_TAXELS = 20_000
+"""Maximum number of taxels whose areas are estimated; bounds memory and time, which grow with its square."""
 
 
 def free_spacing(positions: np.ndarray) -> float:
-    """Genesis' length for layouts that are no grid: root of the area per taxel of the bounding box [m].
+    """Return Genesis' length for layouts that are no grid: root of the area per taxel of the bounding box [m].
 
     The area is the product of the two largest extents, or the square of the largest if the second is nearly zero.
     """
@@ -34,18 +35,18 @@ def free_spacing(positions: np.ndarray) -> float:
 
 
 def free_areas(positions: np.ndarray, normals: np.ndarray) -> np.ndarray:
-    """Area of skin that each taxel stands for [m^2], from the density of taxels around it, shape ``(n,)``.
+    """Return the area of skin that each taxel stands for [m^2], from the density of taxels around it, shape ``(n,)``.
 
     The density is a Gaussian average over 0.8 of the distance between neighbours: exact to 1e-4 inside a regular
-    layout; at its border it counts up to half as much again, since the skin is taken to go on.
+    layout; at its border it is up to half as large again, since the skin is assumed to continue.
 
     Raises:
-        SceneError: more taxels than such an estimate is made for.
+        SceneError: the layout has too many taxels for this estimate.
     """
     n = len(positions)
-    if n > _LARGEST_ESTIMATE:
+    if n > _MAX_ESTIMATED_TAXELS:
         raise SceneError(
-            f"area_weighted: {n} taxels in a free layout; give taxel_area for more than {_LARGEST_ESTIMATE}"
+            f"area_weighted: {n} taxels in a free layout; give taxel_area= for more than {_MAX_ESTIMATED_TAXELS}"
         )
     if n == 1:
         return np.ones(1)
@@ -60,7 +61,8 @@ def free_areas(positions: np.ndarray, normals: np.ndarray) -> np.ndarray:
 
 @functools.cache
 def _kernels(real, quick: bool):
-    """``quick``: a GPU's short exponential and quotient, good to 1e-6."""
+    """Return the kernels that list pressed taxels and sum over them; ``quick`` selects a GPU's short exponential and
+    quotient, accurate to 1e-6."""
     vec3 = wp.types.vector(3, real)
 
     @wp.kernel(module="unique", enable_backward=False)
@@ -157,10 +159,10 @@ def direct_dilation(
         scale: factor on the motion (``dilate_scale``).
         depth: depth of each taxel [m], shape ``(n_envs, n_taxels)``.
         power: ``depth ** normal_exponent``, same shape.
-        positions: the same on the device.
+        positions: ``host_positions`` on the device.
         normals: unit normals on the device.
         is_sensing: false for fillers.
-        motion: written: motion of the markers, vec3, shape ``(n_envs, n_taxels)``.
+        motion: the output: motion of the markers, vec3, shape ``(n_envs, n_taxels)``.
     """
     real, device, n_envs = context.real, context.device, context.n_envs
     n = len(host_positions)

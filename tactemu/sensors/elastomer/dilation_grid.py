@@ -1,7 +1,7 @@
 """Dilation on a regular grid: two passes of separable weights over the contact's bounding box.
 
 Pass 1 sums over rows, for every column in contact; pass 2 over columns. On a GPU one thread computes ``WIDTH`` rows of
-a column: neighbouring memory for neighbouring threads. For a CPU: :mod:`.dilation_simd`.
+a column, so that neighbouring threads read neighbouring memory. The version for a CPU is :mod:`.dilation_simd`.
 """
 
 # pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
@@ -28,16 +28,18 @@ from tactemu.sensors.elastomer.separable import overlapping_blocks, separable_te
 from tactemu.sensors.probe_grid import Grid
 
 WIDTH = 8
+"""Number of rows of a grid that one thread computes."""
 BLOCK = 256
-"""Threads of a block on a GPU; how many of these a multiprocessor shall hold at once bounds the registers of each."""
+"""Number of threads of a block on a GPU; the number of blocks that a multiprocessor holds at once limits their
+registers."""
 _TOLERANCE = {wp.float32: 1e-7, wp.float64: 1e-13}
-"""Of the separable form, as a part of its strongest term."""
+"""Largest error of the separable form, as a fraction of its strongest term."""
 _NEGLIGIBLE = 1e-30
-"""Smaller weights, as a part of the largest, count as 0: numbers below the normal range of floats are slow."""
+"""Smaller weights, as a fraction of the largest, count as 0: subnormal numbers are slow."""
 
 
 def _offsets(grid: Grid) -> tuple[np.ndarray, np.ndarray]:
-    """Signed offsets (u, v) [m], shape ``(2 rows - 1, 2 cols - 1)`` each."""
+    """Return the signed offsets (u, v) [m], shape ``(2 rows - 1, 2 cols - 1)`` each."""
     v, u = np.meshgrid(
         np.arange(1 - grid.rows, grid.rows) * grid.dv, np.arange(1 - grid.cols, grid.cols) * grid.du, indexing="ij"
     )
@@ -45,7 +47,7 @@ def _offsets(grid: Grid) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _periodic_layer(grid: Grid, thickness: float) -> tuple[np.ndarray, float]:
-    """Return the layer's planes (u, v) at the grid's offsets as Genesis has them, and their peak."""
+    """Return the layer's planes (u, v) at the grid's offsets as Genesis computes them, and their peak."""
     ny, nx = (1 << (2 * n - 2).bit_length() for n in (grid.rows, grid.cols))
     planes = spectral_layer((ny, nx), (grid.du, grid.dv), thickness)
     rows, cols = np.arange(1 - grid.rows, grid.rows), np.arange(1 - grid.cols, grid.cols)
@@ -62,9 +64,7 @@ def _free_layer(grid: Grid, thickness: float, area: float) -> tuple[np.ndarray, 
 
 
 def far_planes(grid: Grid, options: DilationOptions) -> tuple[np.ndarray, float]:
-    """Return the far-reaching weight times the offset, planes (u, v) at signed offsets, and the peak used in a
-    blend.
-    """
+    """Return the far-reaching weight times the offset, planes (u, v) at signed offsets, and the peak for a blend."""
     area = grid.du * grid.dv if options.area_weighted else 1.0
     if options.uses_layer and options.area_weighted:
         return _free_layer(grid, options.elastomer_thickness, area)
@@ -77,7 +77,7 @@ def far_planes(grid: Grid, options: DilationOptions) -> tuple[np.ndarray, float]
 
 
 def plane_terms(grid: Grid, options: DilationOptions, tolerance: float) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Separable terms of the planes (u, v, normal): rows and columns each, see :func:`separable_terms`."""
+    """Return the separable terms of the planes (u, v, normal): rows and columns each, see :func:`separable_terms`."""
     u, v = _offsets(grid)
     area = grid.du * grid.dv if options.area_weighted else 1.0
     row = np.exp(-options.lambda_d * v[:, 0] ** 2)[None]
@@ -180,9 +180,10 @@ def grid_dilation(
         scale: factor on the motion (``dilate_scale``).
         depth: depth of each taxel [m], shape ``(n_envs, n_taxels)``; 0 where not pressed.
         power: ``depth ** normal_exponent``, same shape.
-        box: first and last row, first and last column in contact, int32, shape ``(n_envs, 4)``; first > last: none.
+        box: first and last row, first and last column in contact, int32, shape ``(n_envs, 4)``; first > last without
+            contact.
         is_sensing: false for fillers, bool, shape ``(n_taxels,)``.
-        motion: written: motion of the markers, link frame, vec3, shape ``(n_envs, n_taxels)``.
+        motion: the output: motion of the markers, link frame, vec3, shape ``(n_envs, n_taxels)``.
     """
     real = context.real
     (row_u, col_u), (row_v, col_v), (row_n, col_n) = plane_terms(grid, options, _TOLERANCE[real])
@@ -198,12 +199,14 @@ def grid_dilation(
     passes = _simd if context.device.is_cpu else _two_passes
     axes = [vec3(*(scale * axis)) for axis in (grid.u, grid.v, grid.normal)]
     as_grid = (context.n_envs, grid.rows, grid.cols)
-    felt = [depth.reshape(as_grid), power.reshape(as_grid), box]
-    return passes(context, grid, *terms, n_terms, felt, axes, is_sensing.reshape(as_grid[1:]), motion.reshape(as_grid))
+    contact = [depth.reshape(as_grid), power.reshape(as_grid), box]
+    return passes(
+        context, grid, *terms, n_terms, contact, axes, is_sensing.reshape(as_grid[1:]), motion.reshape(as_grid)
+    )
 
 
-def _two_passes(context, grid, rows, cols, n_terms: int, felt: list, axes: list, is_sensing, motion):
-    """On a GPU: a thread for each block of rows and column."""
+def _two_passes(context, grid, rows, cols, n_terms: int, contact: list, axes: list, is_sensing, motion):
+    """Record the passes on a GPU: a thread for each block of rows and column."""
     real, device = context.real, context.device
     block = wp.types.vector(WIDTH, real)
     row_blocks = wp.array(overlapping_blocks(rows, WIDTH), dtype=block, device=device)
@@ -211,22 +214,22 @@ def _two_passes(context, grid, rows, cols, n_terms: int, felt: list, axes: list,
     n_blocks = -(-grid.rows // WIDTH)
     partial = context.zeros((context.n_envs, 2 * n_terms + 1, n_blocks, grid.cols), block)
     sum_rows, sum_columns = _kernels(real)
-    first = context.record(sum_rows, partial.shape, [*felt, row_blocks, n_terms], [partial])
+    first = context.record(sum_rows, partial.shape, [*contact, row_blocks, n_terms], [partial])
     second = context.record(
         sum_columns,
         (context.n_envs, n_blocks, grid.cols),
-        [partial, felt[2], col_terms, n_terms, *axes, is_sensing],
+        [partial, contact[2], col_terms, n_terms, *axes, is_sensing],
         [motion],
     )
     return in_turn(first, second)
 
 
-def _simd(context, grid, rows, cols, n_terms: int, felt: list, axes: list, is_sensing, motion):
-    """On a CPU: both passes of an environment in one thread."""
+def _simd(context, grid, rows, cols, n_terms: int, contact: list, axes: list, is_sensing, motion):
+    """Record the passes on a CPU: both passes of an environment in one thread."""
     tables = [
         wp.array(np.pad(part, ((0, 0), (0, WIDTH))), dtype=context.real, device=context.device) for part in (rows, cols)
     ]
     size = scratch_numbers(grid.rows, grid.cols, 2 * n_terms + 1)
     scratch = wp.zeros((context.threads, size), dtype=context.real, device=context.device)
-    inputs = [*felt, *tables, n_terms, *axes, is_sensing, scratch]
+    inputs = [*contact, *tables, n_terms, *axes, is_sensing, scratch]
     return context.record_blocks(dilation_kernel(context.real), context.threads, inputs, [motion], 1)

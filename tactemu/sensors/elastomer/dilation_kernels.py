@@ -1,14 +1,14 @@
-"""Dilation of an elastomer: how far a marker moves when its neighbours are pressed. Weights only, float64 on the host.
+"""Dilation of an elastomer: the weights of a marker's motion when its neighbours are pressed, in float64 on the host.
 
 A taxel at offset ``o`` (in the tangent plane of the target, length ``rho``) from a taxel pressed by ``h`` moves by
 ``h w(rho) o`` in the plane. Three weights exist, and a blend of the first with one of the others:
 
 =========  ====================================  ===========================================================
-name       w(rho)                                when
+name       w(rho)                                used for
 =========  ====================================  ===========================================================
 Gaussian   exp(-lambda_d rho^2)                  ``compressibility`` 1: the bulge stays local
 global     1 / (rho^2 + eps^2)                   ``compressibility`` 0: volume is kept, the motion reaches far
-layer      inverse transform of S(|k| H) / |k|   as global, ``elastomer_thickness`` H > 0
+layer      inverse transform of S(|k| H) / |k|   like global, with ``elastomer_thickness`` H > 0
 =========  ====================================  ===========================================================
 
 ``S(q) = 2 q^2 / (sinh 2q - 2q)`` is the surface response of an incompressible layer bonded to a rigid back, indented by
@@ -26,27 +26,27 @@ import numpy as np
 
 @dataclass(frozen=True, kw_only=True)
 class DilationOptions:
-    """What decides the shape of the weights. Units SI."""
+    """The options that decide the shape of the weights. Units are SI."""
 
     lambda_d: float = 700.0
     """Fall-off of the Gaussian [1/m^2]."""
     compressibility: float = 1.0
-    """1: Gaussian, 0: global, between: each divided by its peak of ``rho w`` and mixed."""
+    """1: Gaussian, 0: global, between: a mixture of both, each divided by its peak of ``rho w``."""
     elastomer_thickness: float = 0.0
     """Thickness H of the layer [m]; 0: unknown, the global weight with the taxel spacing for ``eps``."""
     area_weighted: bool = False
-    """Weight each taxel with its area, so that sums do not depend on the pitch."""
+    """Weight each taxel by its area, so that sums do not depend on the pitch."""
 
     @property
     def uses_layer(self) -> bool:
-        """Whether the layer weight takes part."""
+        """Is the layer weight used?"""
         return self.compressibility < 1.0 and self.elastomer_thickness > 0.0
 
 
 def layer_response(q: np.ndarray) -> np.ndarray:
-    """``S(q) = 2 q^2 / (sinh 2q - 2q)`` for any ``q > 0``, without overflow and without loss of digits.
+    """Return ``S(q) = 2 q^2 / (sinh 2q - 2q)`` for any ``q > 0``, without overflow or loss of digits.
 
-    Below 0.35 the denominator is its series; above, both sides are multiplied by ``2 exp(-2q)``.
+    Below 0.35 the denominator is its series; above, numerator and denominator are multiplied by ``2 exp(-2q)``.
     """
     q = np.asarray(q, dtype=np.float64)
     small = q < 0.35
@@ -72,30 +72,33 @@ def spectral_layer(shape: tuple[int, int], spacing: tuple[float, float], thickne
 
 
 def _bessel_j1(x: np.ndarray) -> np.ndarray:
-    """Bessel function J1 from its integral over a period; the trapezoid rule converges faster than any power."""
+    """Return the Bessel function J1 from its integral over a period; the trapezoid rule converges faster than any
+    power."""
     points = int(np.max(np.abs(x), initial=0.0)) + 40
     angle = np.pi * (np.arange(points) + 0.5) / points
     return np.cos(angle - x[..., None] * np.sin(angle)).mean(axis=-1)
 
 
 _NEAR = 14.0
-"""Distance in thicknesses beyond which the layer's weight is that of a far field."""
+"""Distance in thicknesses beyond which the layer's weight equals its far field."""
 
 
 @functools.cache
 def _near_field() -> np.polynomial.Chebyshev:
-    """What the layer's weight lacks to its far field, by distance in thicknesses up to ``_NEAR``."""
+    """Return the difference of the layer's weight from its far field, by distance in thicknesses up to ``_NEAR``."""
     node, weight = np.polynomial.legendre.leggauss(200)
     x, weight = 11.0 * (node + 1.0), 11.0 * weight
-    rest = weight * (x * layer_response(x) - 1.5 * np.exp(-x * x))
-    return np.polynomial.Chebyshev.interpolate(lambda r: _bessel_j1(r[:, None] * x) @ rest, 80, domain=[0.0, _NEAR])
+    remainder = weight * (x * layer_response(x) - 1.5 * np.exp(-x * x))
+    return np.polynomial.Chebyshev.interpolate(
+        lambda r: _bessel_j1(r[:, None] * x) @ remainder, 80, domain=[0.0, _NEAR]
+    )
 
 
 def radial_layer(rho: np.ndarray, thickness: float) -> np.ndarray:
     """Return the layer weight in an unbounded plane, times ``rho``, per area of the pressed taxel [1/m^2].
 
-    ``1/(2 pi H^2) int x S(x) J1(x rho/H) dx``. The part ``1.5 exp(-x^2)`` of ``x S(x)``, which makes the far field
-    ``3/(4 pi H rho)``, is integrated in closed form; the rest falls off exponentially with ``rho``.
+    It is ``1/(2 pi H^2) int x S(x) J1(x rho/H) dx``. The part ``1.5 exp(-x^2)`` of ``x S(x)``, which makes the far
+    field ``3/(4 pi H rho)``, is integrated in closed form; the remainder falls off exponentially with ``rho``.
     """
     r = np.asarray(rho, dtype=np.float64) / thickness
     safe = np.where(r > 0, r, 1.0)
@@ -106,7 +109,7 @@ def radial_layer(rho: np.ndarray, thickness: float) -> np.ndarray:
 
 @dataclass(frozen=True)
 class RadialWeight:
-    """``w(rho)`` of one sensor where it has a closed form or a radial table: used by the direct sums."""
+    """The weight ``w(rho)`` of one sensor where it has a closed form or a radial table: used by the direct sums."""
 
     gaussian: float
     """Factor of ``exp(-lambda_d rho^2)``."""
@@ -115,17 +118,18 @@ class RadialWeight:
     eps: float
     """Length in the global weight [m]."""
     table: np.ndarray | None = None
-    """``w`` at ``rho = i * table_step``, in place of the global weight (layer, area-weighted)."""
+    """Values of ``w`` at ``rho = i * table_step``, used instead of the global weight (layer, area-weighted)."""
     table_step: float = 1.0
 
 
 def gaussian_peak(lambda_d: float) -> float:
-    """Largest ``rho exp(-lambda_d rho^2)``; infinite for ``lambda_d`` 0, where a blend keeps its global part only."""
+    """Return the largest ``rho exp(-lambda_d rho^2)``; infinite for ``lambda_d`` 0, where a blend keeps only its global
+    part."""
     return math.exp(-0.5) / math.sqrt(2.0 * lambda_d) if lambda_d > 0 else math.inf
 
 
 def blend(compressibility: float, local_peak: float, far_peak: float) -> tuple[float, float]:
-    """Factors (Gaussian, global): 1 and 0 at the ends, each divided by its peak between them."""
+    """Return the factors (Gaussian, global): 1 and 0 at the ends, each divided by its peak between them."""
     if compressibility >= 1.0:
         return 1.0, 0.0
     if compressibility <= 0.0:
@@ -134,7 +138,8 @@ def blend(compressibility: float, local_peak: float, far_peak: float) -> tuple[f
 
 
 def _radial_table(thickness: float, reach: float) -> tuple[np.ndarray, float]:
-    """``w`` of the unbounded layer from 0 to ``reach``, fine enough that linear steps keep 1e-6 of the peak."""
+    """Return ``w`` of the unbounded layer from 0 to ``reach``, and its step, fine enough that linear interpolation
+    keeps 1e-6 of the peak."""
     step = max(min(thickness / 400.0, reach / 64.0), reach / 200_000.0)
     rho = step * np.arange(int(reach / step) + 3)
     weight = np.zeros_like(rho)

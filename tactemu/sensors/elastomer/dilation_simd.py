@@ -1,4 +1,4 @@
-"""Dilation on a regular grid, on a CPU: the two passes of :mod:`.dilation_grid` as products of small matrices, of which
+"""Dilation on a regular grid on a CPU: the two passes of :mod:`.dilation_grid` as products of small matrices, of which
 eight rows by eight columns stay in vector registers."""
 
 # pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
@@ -12,13 +12,15 @@ from tactemu.geometry.simd import padded_length, vector_prelude
 
 
 def scratch_numbers(rows: int, cols: int, n_all: int) -> int:
-    """How many numbers a thread needs for a grid: depth, its power, and the sums over rows of all terms."""
+    """Return the number of scratch values of a thread for a grid: depth, its power, and the sums over rows of all
+    terms."""
     return (2 + n_all) * padded_length(rows) * padded_length(cols)
 
 
 @functools.cache
 def dilation_kernel(real):
-    """One thread for a share of the environments; ``row_terms`` and ``col_terms`` are a register longer than needed."""
+    """Return the kernel that gives a thread a share of the environments; ``row_terms`` and ``col_terms`` are one
+    register longer than needed."""
     vec3 = wp.types.vector(3, real)
     numbers, table = wp.array2d(dtype=real), wp.array(dtype=real)
 
@@ -80,7 +82,7 @@ _DILATE = """
     const bool touched = box.data[0] <= box.data[1];
     const int top = touched ? box.data[0] : 0, deep = touched ? box.data[1] + 1 - top : 0;
     const int left = touched ? box.data[2] : 0, across = touched ? box.data[3] + 1 - left : 0;
-    const int stride = (across + wide - 1) / wide * wide;  // of what is in the box
+    const int stride = (across + wide - 1) / wide * wide;  // of the box
     Number* const pressed = scratch.data;
     Number* const raised = pressed + deep * stride;
     Number* const partial = raised + deep * stride;
@@ -90,7 +92,7 @@ _DILATE = """
             pressed[k * stride + c] = c < across ? depth.data[at] : Number(0);
             raised[k * stride + c] = c < across ? power.data[at] : Number(0);
         }
-    // A product of two matrices, eight rows by eight columns of it: of factors ``apart`` from row to row, and of lines.
+    // An eight-by-eight block of a matrix product: factors have the row stride ``apart``, lines the stride ``to_next``.
     auto gather = [&](Vector* sums, const Number* factors, const int64_t apart, const int step,
                       const Number* lines, const int64_t to_next, const int count) {
         Vector a = sums[0], b = sums[1], c = sums[2], d = sums[3], e = sums[4], f = sums[5], g = sums[6], h = sums[7];

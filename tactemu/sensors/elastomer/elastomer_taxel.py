@@ -1,18 +1,19 @@
-"""ElastomerTaxel: how markers on a soft skin move, by dilation around a press and by shear of what sticks to it.
+"""ElastomerTaxel: the motion of markers on a soft skin, by dilation around a press and by shear of objects that stick
+to it.
 
 Neighbours of a pressed taxel are pushed aside and bulge along the normal; points of an object that stick to the skin
-drag the markers along. For marker i at ``r_i`` with normal ``n_i``, pressed taxels j of depth ``h_j``, ``o`` the way
+drag the markers along. For marker i at ``r_i`` with normal ``n_i``, pressed taxels j of depth ``h_j``, ``o`` the vector
 from j to i in the tangent plane of i, and points k that stuck at ``a_k`` and are now ``b_k`` deep at ``y_k``::
 
     u_i        = dilate_scale * dilation_i + shear_scale * shear_i                                      [m]
     dilation_i = sum_j h_j w(|o|) o + n_i sum_j h_j**normal_exponent exp(-lambda_d |o|^2)
     shear_i    = sum_k exp(-lambda_s |P_i (r_i - y_k)|^2) P_i b_k (y_k - a_k)       P_i: onto the tangent plane
     w(rho)     = exp(-lambda_d rho^2)        compressibility 1: the push stays local
-                 1 / (rho^2 + eps^2)         compressibility 0: it reaches far; eps is the spacing of the taxels
-                 the response of a layer of elastomer_thickness on a rigid back, where that is given, instead
+                 1 / (rho^2 + eps^2)         compressibility 0: the push reaches far; eps is the spacing of the taxels
+                 the response of a layer of elastomer_thickness on a rigid back instead, if you give one
 
-Sums run over taxels and over points, so that they grow with their number. ``area_weighted`` multiplies each by the area
-that it stands for, and gives the layer its unbounded form in every layout: results then do not depend on the pitch.
+The sums run over taxels and points, so that they grow with their number. ``area_weighted`` multiplies each term by the
+area that it stands for, and uses the layer's unbounded form in every layout: results then do not depend on the pitch.
 """
 
 from __future__ import annotations
@@ -61,17 +62,17 @@ class ElastomerTaxel(SensorModel):
     compressibility: float = 1.0
     """1: Gaussian dilation, 0: far-reaching, between: a blend of the two, each divided by its peak."""
     elastomer_thickness: float = 0.0
-    """Thickness of a layer bonded to a rigid back [m]; 0: unknown, the taxel spacing takes its place."""
+    """Thickness of a layer bonded to a rigid back [m]; 0: unknown, the taxel spacing is used instead."""
     contact_threshold: float = 1e-5
     """Depth at which a point starts to stick [m]."""
     release_threshold: float = -1e-4
-    """Depth at which it lets go [m]; negative: outside the skin."""
+    """Depth at which it releases [m]; negative: outside the skin."""
     n_sample_points: int | Sequence[int] = 500
     """Points on all tracked bodies together, split evenly, or one number per tracked body."""
     points: Sequence | np.ndarray | None = None
     """The points themselves in the frame of the tracked body [m], ``(M, 3)``; a list of such arrays for several."""
     area_weighted: bool = False
-    """Weight taxels and points with the area they stand for [m^2]: results do not depend on their number."""
+    """Weight taxels and points by the area that they stand for [m^2]: results do not depend on their number."""
     taxel_area: float | Sequence[float] | None = None
     """Area of each taxel of a free layout [m^2]; ``None``: estimated from the spacing. For ``area_weighted``."""
     point_area: float | None = None
@@ -86,8 +87,8 @@ class ElastomerTaxel(SensorModel):
     strengths = ("dilate_scale", "shear_scale")
     examples = {"": {"probe_radius": 0.002, "shear_scale": 0.0}, " with shear": {"n_sample_points": 500}}
     valid = (
-        "How markers move along the skin, once scales and fall-offs are fitted; the motion along the normal is a bulge "
-        "to look at, not the skin's surface (90 % off). What sticks never slips."
+        "Motion of markers along the skin, once scales and fall-offs are fitted; the motion along the normal is a "
+        "bulge for display, not the skin's surface (90 % off). Points that stick never slip."
     )
     unbounded = ("lambda_d", "lambda_s")
     source = "A model of optical skins. Option names and numbers are those of the sensor of this name in Genesis."
@@ -113,7 +114,7 @@ class ElastomerTaxel(SensorModel):
             )
 
     def compile(self, site: Site) -> Compiled:
-        """Depth, dilation, anchors, shear: only those that are switched on."""
+        """Compile the stages depth, dilation, anchors and shear, those that are switched on."""
         context = site.context
         motion = context.zeros((context.n_envs, site.probes.n), site.vec3)
         stages: list[Stage] = []
@@ -136,7 +137,10 @@ class _Parts:
         self.is_sensing = wp.array(probes.active, dtype=wp.bool, device=site.context.device)
         self.grid = probes.grid
         if probes.is_grid and self.grid is None and min(probes.layout) > 1:
-            log.warning("%s: the taxels are no flat, even grid with one normal: summed one by one", site.name)
+            log.warning(
+                "%s: the taxels form no flat, even grid with one normal; each is summed separately, which is slower",
+                site.name,
+            )
 
     def dilation(self) -> list[Stage]:
         site, model = self.site, self.model
@@ -188,12 +192,13 @@ class _Parts:
         site, model = self.site, self.model
         if site.link.shape is None:
             raise SceneError(
-                f"{site.name}: shear needs the skin's own body to know what sticks to it, but link {site.link.name!r} "
-                f"has no shape; give it one, or set shear_scale=0"
+                f"{site.name}: shear needs the shape of the skin's own link to find the points that stick, but "
+                f"{site.link.name!r} "
+                f"has none; give it one, or set shear_scale=0"
             )
         clouds = cluster(surface_points(site, model.n_sample_points, model.points, model.point_area))
         if model.area_weighted and not np.isfinite(clouds.areas).all():
-            raise SceneError(f"{site.name}: area_weighted with points given needs point_area [m^2]")
+            raise SceneError(f"{site.name}: area_weighted=True with points= needs point_area= [m^2]; give it")
         anchors, follow, reset = shear_anchors(
             site.context,
             site.own_table,

@@ -1,8 +1,8 @@
 """Convolution weights on a grid as sums of products: ``K[dy, dx] = sum_t row_t[dy] col_t[dx]``.
 
-Gaussians are one product, and the smooth far-reaching weights of an elastomer need 7 to 20 of them to be exact to the
-last digit. With them a convolution is two short passes that skip everything outside the contact, which is faster than
-a padded FFT at every size met on a skin, and has no periodic images.
+A Gaussian is one product, and the smooth far-reaching weights of an elastomer need 7 to 20 of them to be exact to the
+last digit. A convolution then takes two short passes that skip everything outside the contact, which is faster than a
+padded FFT at every size of a real skin, and has no periodic images.
 """
 
 from __future__ import annotations
@@ -10,11 +10,13 @@ from __future__ import annotations
 import numpy as np
 
 _MAX_EXACT_SIDE = 200
-"""Tables with more rows and columns are decomposed by random projection onto half as many directions."""
+"""Largest side of a table that is decomposed exactly; a larger one is projected at random onto half as many
+directions."""
 
 
 def _parity_parts(table: np.ndarray):
-    """Split a table over signed offsets, centre in the middle, into its even and odd parts along both axes."""
+    """Yield the even and odd parts along both axes, with their signs, of a table over signed offsets, centre in the
+    middle."""
     for row_sign in (1, -1):
         half = (table + row_sign * table[::-1]) / 2
         for col_sign in (1, -1):
@@ -27,7 +29,8 @@ def _mirror(vectors: np.ndarray, sign: int) -> np.ndarray:
 
 
 def _svd(table: np.ndarray, tolerance: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Singular value decomposition; of a large table only what the tolerance needs, by random projection."""
+    """Return the singular value decomposition; of a large table only the part that the tolerance needs, by random
+    projection."""
     if min(table.shape) > _MAX_EXACT_SIDE:
         probe = np.random.default_rng(0).normal(size=(table.shape[1], _MAX_EXACT_SIDE // 2))
         basis, _ = np.linalg.qr(table @ probe)
@@ -67,6 +70,7 @@ def separable_terms(table: np.ndarray, tolerance: float) -> tuple[np.ndarray, np
 
 
 def overlapping_blocks(vectors: np.ndarray, width: int) -> np.ndarray:
-    """``blocks[t, k, m] = vectors[t, k + m]``, zero past the end: a thread loads ``width`` neighbours at once."""
+    """Return ``blocks[t, k, m] = vectors[t, k + m]``, zero past the end: a thread loads ``width`` neighbours at
+    once."""
     padded = np.pad(vectors, ((0, 0), (0, width)))
     return np.stack([padded[:, m : m + vectors.shape[1]] for m in range(width)], axis=-1)

@@ -1,9 +1,10 @@
-"""How latched points drag the markers: each by its pull, falling off as a Gaussian with the distance in the plane.
+"""The shear of markers by latched points: each drags them by its pull, falling off as a Gaussian with the distance in
+the plane.
 
 ``u_i = scale sum_o exp(-lambda_s |P_i (r_i - y_o)|^2) P_i pull_o`` with ``P_i`` the projection onto the tangent plane
-of marker i. There are three ways to the same numbers: taxels one by one; a block of rows of a flat grid in one thread;
-and, on a CPU, tables of the Gaussians of each row and column. ``quick`` asks for a GPU's short exponential, which is
-good to 1e-6.
+of marker i. Three implementations give the same numbers: taxels one by one; a block of rows of a flat grid in one
+thread; and, on a CPU, tables of the Gaussians of each row and column. ``quick`` selects a GPU's short exponential,
+accurate to 1e-6.
 """
 
 # pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
@@ -24,26 +25,27 @@ from tactemu.sensors.probe_grid import Grid
 
 @dataclass(frozen=True, kw_only=True)
 class Drag:
-    """What all three ways are told."""
+    """The arguments of all three implementations."""
 
     context: Context
     anchors: Anchors
     is_sensing: wp.array
-    """False for fillers, bool, shape ``(n_taxels,)``; they are left alone."""
+    """False for fillers, whose motion is not changed; bool, shape ``(n_taxels,)``."""
     scale: float
     lambda_s: float
-    """[1/m^2]"""
+    """Fall-off of the shear [1/m^2]."""
     motion: wp.array
-    """Of the markers [m], vec3, shape ``(n_envs, n_taxels)``: added to, or written if ``add`` is false."""
+    """Motion of the markers [m], vec3, shape ``(n_envs, n_taxels)``: added to, or written if ``add`` is false."""
     add: bool
 
     @property
     def pulling(self) -> list[wp.array]:
-        """Clusters with points that pull, as kernels take them."""
+        """The clusters with points that pull, as kernels take them."""
         return [self.anchors.n_pulling, self.anchors.groups.n_active, self.anchors.groups.active]
 
 
 WIDTH = 8
+"""Number of rows of a grid that one thread computes."""
 _NEGLIGIBLE = 1.0e-30
 """Smaller Gaussians count as 0: numbers below the normal range of floats are slow."""
 
@@ -93,7 +95,8 @@ def _direct_kernel(real, add: bool, quick: bool):
 
 @functools.cache
 def _tables_kernel(real, add: bool):
-    """A thread for a share of the environments, with tables for all points of one."""
+    """Return the kernel that gives a thread a share of the environments, with tables for all points of one
+    environment."""
     vec3 = wp.types.vector(3, real)
     snippet = _DRAG.replace("CLUSTER_SIZE", str(CLUSTER_SIZE)).replace("NEGLIGIBLE", repr(_NEGLIGIBLE))
 
@@ -166,7 +169,7 @@ _DRAG = """
         const Number g = wp::exp(-lambda_s * d * d);
         return g < Number(NEGLIGIBLE) ? Number(0) : g;
     };
-    // Of each point: Gaussians of the rows, times the pull along u and along v, and Gaussians of the columns.
+    // For each point: Gaussians of the rows, times the pull along u and along v, and Gaussians of the columns.
     const int apart = 2 * tall + broad;
     int count = 0;
     for (int a = 0; a < n_active; ++a) {
@@ -264,7 +267,7 @@ def _block_kernel(real, add: bool, quick: bool):
 
 
 def direct_shear_motion(drag: Drag, positions: wp.array, normals: wp.array) -> Callable[[], None]:
-    """Record the sum for taxels anywhere, each with its own normal."""
+    """Record the sum for taxels in any layout, each with its own normal."""
     context, anchors = drag.context, drag.anchors
     kernel = _direct_kernel(context.real, drag.add, not context.device.is_cpu)
     inputs = [
@@ -294,7 +297,7 @@ def tabulated_shear_motion(drag: Drag, grid: Grid) -> Callable[[], None]:
 
 
 def grid_shear_motion(drag: Drag, grid: Grid) -> Callable[[], None]:
-    """Record the sum for a grid, each exponential where it is needed: for many environments."""
+    """Record the sum for a grid, with exponentials computed where they are needed: for many environments."""
     context, anchors = drag.context, drag.anchors
     vec3 = wp.types.vector(3, context.real)
     shape = (context.n_envs, grid.rows, grid.cols)
