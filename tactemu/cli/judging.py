@@ -15,16 +15,16 @@ from rich.table import Table
 from tactemu.base.errors import TactemuError
 from tactemu.cli.datasheet import options_of
 from tactemu.cli.signals import ended_by_signals
-from tactemu.judge import smallest
-from tactemu.judge.budget import ENOUGH_S
+from tactemu.judge import smallest_case
+from tactemu.judge.budget import EVERY_POSITION_BUDGET_S
 from tactemu.judge.driver import reading_command
-from tactemu.judge.junit import junit
+from tactemu.judge.html_report import html_report
+from tactemu.judge.junit_report import junit_report
 from tactemu.judge.outcome import ABOUT, FAILING, Outcome
-from tactemu.judge.page import page
 from tactemu.judge.processes import age_s
 from tactemu.judge.report import Report, written
-from tactemu.judge.running import Judge, Options
-from tactemu.judge.verdicts import judged
+from tactemu.judge.trial_runner import Judge, JudgeOptions
+from tactemu.judge.verdicts import judge_record
 
 FAILED, NOT_JUDGED, INTERRUPTED = 1, 3, 130
 """Exit codes: something fails; there was nothing to judge; Ctrl-C."""
@@ -99,15 +99,15 @@ def judge_driver(
         reading_command(reads) if reads else [sys.executable if command[0] == "python" else command[0], *command[1:]]
     )
     began, limit = time.monotonic() - age_s(), budget_of(budget)  # imports count: on a busy machine they take seconds
-    chosen = Options(
-        rest_s=rest, seed=seed or 0, budget_s=began + limit - time.monotonic() if limit else None,
-        every=(limit or 0.0) >= ENOUGH_S, only=tuple(only), fail_on=kinds_of(fail_on),
+    chosen = JudgeOptions(
+        no_contact_s=rest, seed=seed or 0, budget_s=began + limit - time.monotonic() if limit else None,
+        every=(limit or 0.0) >= EVERY_POSITION_BUDGET_S, only=tuple(only), fail_on=kinds_of(fail_on),
         columns=columns, record=record, device_options=options_of(options), port=ports_of(ports), patience_s=patience,
     )  # fmt: skip
     report = Report(target, list(command), chosen.seed, chosen.fail_on)
     if baseline is not None:
         report.compare(baseline)
-    case = smallest.read(replay) if replay is not None else None
+    case = smallest_case.read(replay) if replay is not None else None
     console = Console(stderr=True)
     interrupted = False
     with ended_by_signals(_interrupt), console.status("starting the driver") as status:
@@ -129,7 +129,7 @@ def judge_driver(
     _print_end(console, report)
     if interrupted:
         return INTERRUPTED
-    return FAILED if report.failed and report.judged else NOT_JUDGED if not report.judged else 0
+    return FAILED if report.failed and report.is_judged else NOT_JUDGED if not report.is_judged else 0
 
 
 def _interrupt() -> None:
@@ -140,7 +140,7 @@ def _replayed(judge: Judge, case: dict):
     """The clean run, and the case."""
     yield judge.clean()
     if judge.columns.values:
-        yield judged(judge.record(smallest.trial_of(case)))
+        yield judge_record(judge.run_trial(smallest_case.trial_of(case)))
 
 
 def _print_columns(console: Console, report: Report) -> None:
@@ -173,7 +173,7 @@ def _print_outcome(console: Console, report: Report, outcome: Outcome) -> None:
 def _print_end(console: Console, report: Report) -> None:
     for case in report.cases[:3]:
         console.print(f"\n[bold]{case['trial']}, smallest case[/]")
-        console.print(smallest.in_words(case), markup=False, highlight=False)
+        console.print(smallest_case.in_words(case), markup=False, highlight=False)
     if report.left_behind:
         console.print(f"{report.left_behind} processes of the driver had left its session; they were ended")
     failed = len(report.failed)
@@ -186,15 +186,15 @@ def _write(
     report: Report, html: Path | None, junit_file: Path | None, json_file: Path | None, cases: Path | None
 ) -> None:
     if html is not None:
-        written(html, page(report))
+        written(html, html_report(report))
     if junit_file is not None:
-        written(junit_file, junit(report))
+        written(junit_file, junit_report(report))
     if json_file is not None:
         report.write_json(json_file)
     if cases is not None and report.cases:
         cases.mkdir(parents=True, exist_ok=True)
         for case in report.cases:
-            smallest.write(case, cases / f"{case['trial'].replace(' ', '-')}.json")
+            smallest_case.write(case, cases / f"{case['trial'].replace(' ', '-')}.json")
 
 
 def run_proxy(

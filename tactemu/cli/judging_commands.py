@@ -155,7 +155,7 @@ def sweep(
     from tactemu.judge.sweep import read_plan
     from tactemu.judge.sweep import sweep as run_sweep
 
-    rows = run_sweep(read_plan(plan), results, at_once=at_once, cluster=cluster, say=typer.echo)
+    rows = run_sweep(read_plan(plan), results, at_once=at_once, cluster=cluster, report_progress=typer.echo)
     if any(row["fails"] for row in rows):
         raise typer.Exit(1)
 

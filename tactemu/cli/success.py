@@ -11,7 +11,7 @@ from rich.console import Console
 
 from tactemu.base.errors import TactemuError
 from tactemu.cli.signals import ended_by_signals
-from tactemu.judge.success import as_data, as_text, curve, read_script
+from tactemu.judge.success import as_data, as_text, read_script, success_curve
 
 NOT_JUDGED, INTERRUPTED = 3, 130
 """Exit codes: it never succeeds, not even without a fault; Ctrl-C."""
@@ -40,9 +40,9 @@ def judge_success(
     words = [sys.executable if command[0] == "python" else command[0], *command[1:]]
     points, interrupted = {}, False
     with ended_by_signals(_interrupt), Console(stderr=True).status("starting") as status:
-        trials = curve(
+        trials = success_curve(
             target, words, read_script(script), only=only, port=ports_of(ports), seed=seed or 0, budget_s=budget_s,
-            say=status.update,
+            report_progress=status.update,
         )  # fmt: skip
         try:
             for each in trials:

@@ -7,18 +7,18 @@ from collections.abc import Sequence
 
 from tactemu.judge.plan import Trial
 
-TELLING = (
+MOST_TELLING_FIRST = (
     "flip", "unplug", "hang", "silence", "drop", "truncate", "replace", "stray", "load", "late", "reset", "lose",
     "wrap", "garbage", "split", "rate", "busoff", "reorder", "halfopen", "stop", "baud", "chunk", "merge", "saturate",
 )  # fmt: skip
 """Kinds of fault and actions, in the order in which they tell most of a driver; others come after them."""
-END_S = 0.4
+SHUTDOWN_S = 0.4
 """Time that the end of the driver and the report take [s]."""
-ENOUGH_S = 120.0
+EVERY_POSITION_BUDGET_S = 120.0
 """A budget from which on every position of a frame is tried [s]."""
 
 
-class BudgetSpent(Exception):
+class BudgetSpentError(Exception):
     """The deadline has passed while a trial was on."""
 
 
@@ -37,7 +37,11 @@ def ordered(trials: Sequence[Trial]) -> list[Trial]:
     def rank(trial: Trial) -> tuple[bool, int, int]:
         kind = kind_of(trial)
         turn = seen[kind] = seen.get(kind, -1) + (not trial.skipped)
-        return bool(trial.skipped), turn, TELLING.index(kind) if kind in TELLING else len(TELLING)
+        return (
+            bool(trial.skipped),
+            turn,
+            MOST_TELLING_FIRST.index(kind) if kind in MOST_TELLING_FIRST else len(MOST_TELLING_FIRST),
+        )
 
     return sorted(trials, key=rank)  # it calls `rank` once for each, in the order of the plan
 
@@ -51,7 +55,7 @@ class Budget:
 
     def __init__(self, seconds: float | None):
         self.seconds = seconds
-        self._end = float("inf") if seconds is None else time.monotonic() + seconds - END_S
+        self._end = float("inf") if seconds is None else time.monotonic() + seconds - SHUTDOWN_S
         self._limit = float("inf")
         """The time that ends the trial that is on."""
         self._expected, self._took = 0.0, 0.0
@@ -89,9 +93,9 @@ class Budget:
         """Sleep.
 
         Raises:
-            BudgetSpent: the deadline has passed, or would pass.
+            BudgetSpentError: the deadline has passed, or would pass.
         """
         if time.monotonic() + seconds > self._limit:
-            raise BudgetSpent
+            raise BudgetSpentError
         if seconds > 0:
             time.sleep(seconds)

@@ -99,7 +99,7 @@ def misread(columns: Columns) -> list[str]:
 
 def misnamed(columns: Columns) -> list[str]:
     """Return the columns that are named after an axis and hold another, in words."""
-    said = []
+    sentences = []
     wrench = {channel.unit for channel in columns.channels} >= {"N", "Nm"}
     words = {word for channel in columns.channels for word in words_in(channel.name.rpartition(".")[2])}
     for column in columns.values:
@@ -107,14 +107,14 @@ def misnamed(columns: Columns) -> list[str]:
         named, side = axis_in(column.name), side_in(column.name)
         told = words_in(column.name) & words
         if column.how != "mix" and told and not told & words_in(channel.name):
-            said.append(f"column {column.name!r} holds {channel.name}")
+            sentences.append(f"column {column.name!r} holds {channel.name}")
         if column.how == "mix" or not channel.axis or not named:
             continue
         if wrench and side and channel.unit in ("N", "Nm") and side != channel.unit:
-            said.append(f"column {column.name!r} holds {channel.name}")
+            sentences.append(f"column {column.name!r} holds {channel.name}")
         elif channel.axis != named:
-            said.append(f"column {column.name!r} holds the {channel.axis} axis")
-    return said
+            sentences.append(f"column {column.name!r} holds the {channel.axis} axis")
+    return sentences
 
 
 def mirrored(columns: Columns) -> list[str]:
@@ -122,7 +122,7 @@ def mirrored(columns: Columns) -> list[str]:
 
     Turned axes and reactions change forces and torques alike: the products of their three signs stay equal.
     """
-    said = []
+    sentences = []
     for skin in dict.fromkeys(channel.skin for channel in columns.channels):
         halves: dict[str, list[Column]] = {"N": [], "Nm": []}
         for column in columns.values:
@@ -134,8 +134,8 @@ def mirrored(columns: Columns) -> list[str]:
         if len(halves["N"]) + len(halves["Nm"]) == 6 and all(
             _product(halves["N"], sign) != _product(halves["Nm"], sign) for sign in _signs(columns)
         ):
-            said.append(f"the sign of {_odd(halves)} goes with no frame of the other columns")
-    return said
+            sentences.append(f"the sign of {_odd(halves)} goes with no frame of the other columns")
+    return sentences
 
 
 def _signs(columns: Columns) -> Iterable[Callable[[Column], float]]:
@@ -168,7 +168,7 @@ def clipped(columns: Columns) -> list[str]:
 
 def misscaled(columns: Columns) -> list[str]:
     """Return the columns in another unit than their name states or the device declares, in words."""
-    said = []
+    sentences = []
     for column in columns.values:
         channel = _channel(columns, column)
         if not channel.counts_per_unit or not channel.unit or column.how not in ("line", "clipped", *MISTAKES):
@@ -183,8 +183,8 @@ def misscaled(columns: Columns) -> list[str]:
         unit, like = stated or channel.unit, _known_by(ratio, right, known, stated or channel.unit)
         if stated or like or 0.5 < off < 2:
             one = f"1 {channel.unit}" if right == 1.0 else f"{right:.4g} {unit}"
-            said.append(f"column {column.name!r} reads {ratio:.4g} {unit} for {one}{like}")
-    return said
+            sentences.append(f"column {column.name!r} reads {ratio:.4g} {unit} for {one}{like}")
+    return sentences
 
 
 def _known_by(ratio: float, right: float, known: dict[str, float], unit: str) -> str:
@@ -209,7 +209,7 @@ def _is_power(ratio: float) -> bool:
     return abs(power - round(power)) < np.log10(1 + _KNOWN) and abs(power) < 9.5
 
 
-def forgotten(columns: Columns) -> list[Channel]:
+def unread_channels(columns: Columns) -> list[Channel]:
     """Return the channels that no column holds though half of their like are held.
 
     Alike are the channels of one kind over the taxels of a patch, and those of one unit at a single point. Of a hand
@@ -222,8 +222,8 @@ def forgotten(columns: Columns) -> list[Channel]:
         return []  # they may be in what cannot be told
 
     def is_half_read(alike: Callable[[Channel], Any]) -> Callable[[Channel], bool]:
-        whole, left = (Counter(map(alike, channels)) for channels in (columns.channels, missing))
-        return lambda channel: left[alike(channel)] <= _HALF * whole[alike(channel)]
+        total, left = (Counter(map(alike, channels)) for channels in (columns.channels, missing))
+        return lambda channel: left[alike(channel)] <= _HALF * total[alike(channel)]
 
     of_patch = is_half_read(_like)
     of_device = is_half_read(lambda channel: (_like(channel)[0].rpartition(".")[2], channel.skin))
@@ -236,20 +236,20 @@ def _like(channel: Channel) -> tuple[str, str]:
     return (kind, channel.skin) if kind != channel.name else (channel.unit, channel.skin)
 
 
-def still(columns: Columns) -> list[str]:
+def frozen(columns: Columns) -> list[str]:
     """Return the columns that never moved though what they are named after did, in words."""
-    said = []
+    sentences = []
     alike, lists = (Counter(pattern(column.name) for column in columns.columns) for pattern in (_pattern, _list))
     holding = Counter(_pattern(column.name) for column in columns.values)
-    lost = bool(forgotten(columns))
+    lost = bool(unread_channels(columns))
     sides = {(channel.axis, channel.unit == "Nm") for channel in columns.channels if channel.axis}
     for column in columns.flags:
         pattern, side = _pattern(column.name), side_in(column.name)
         among = lost and holding[pattern] >= _NEARLY_ALL * alike[pattern]
         total = _TOTAL.search(column.name.lower()) and lists[_list(column.name)] in (1, 3, 6)
         if among or total or (side and (axis_in(column.name), side == "Nm") in sides):
-            said.append(f"column {column.name!r} always reads {column.constant:g}")
-    return said
+            sentences.append(f"column {column.name!r} always reads {column.constant:g}")
+    return sentences
 
 
 def _pattern(name: str) -> str:

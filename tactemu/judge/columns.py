@@ -1,6 +1,7 @@
-"""What each column of the driver's rows holds: a channel of the device, in which unit; a flag, a counter, a clock.
+"""Columns of a driver's rows: each holds a channel of the device with a scale, a flag, a counter or a clock.
 
-It is learned from a run without faults (:mod:`tactemu.judge.learning`), shown, and kept in a file that may be edited.
+They are learned from a run without faults (:mod:`tactemu.judge.column_learning`), shown, and kept in a file that you
+may edit.
 """
 
 from __future__ import annotations

@@ -16,7 +16,7 @@ from firmware_protocols import Device, Reading, calls
 from firmware_protocols.check.readings import METRES_PER_NEWTON, reading_of
 from firmware_protocols.device import CONTACT
 
-Mode = Literal["rest", "random", "steps"]
+Mode = Literal["untouched", "random", "steps"]
 STEP = 32
 """Samples for which ``steps`` holds a value: a driver that filters comes to rest within them."""
 WIDE = 5000
@@ -32,7 +32,7 @@ _FEW, _FEW_EVERY = 2, 6
 """Taxels that are touched in one of so many samples, all others at rest: sums over a skin are not full then."""
 
 
-class Span:
+class ExcitationRange:
     """How far a device may be driven: the largest push, pull and sideways force on each taxel [N].
 
     A force-torque sensor is driven by each component of its wrench [N, Nm]: one point of contact cannot move all six
@@ -67,7 +67,7 @@ class Span:
 
     @property
     def has_wrench(self) -> bool:
-        """Whether the device senses forces and torques of the whole skin."""
+        """Whether the device senses forces and torques on the whole skin."""
         return WRENCH[0] in self.axes
 
     def wrench(self, shares: np.ndarray) -> np.ndarray:
@@ -88,10 +88,10 @@ class Span:
         device, counts = self._make(), []
         for stream in device.periods:
             calls.measure(device, self._reading(stream), 0)  # firmware that takes its baseline takes it here
-            reading, felt = self._reading(stream, axis, amount), None
+            reading, measured = self._reading(stream, axis, amount), None
             for k in range(1, _SETTLE):
-                felt = calls.measure(device, reading, 200_000_000 * k)
-            counts += flattened(felt)
+                measured = calls.measure(device, reading, 200_000_000 * k)
+            counts += flattened(measured)
         return np.concatenate([each.ravel() for each in counts]).astype(float) if counts else np.zeros(0)
 
     def _limit(self, axis: str, sign: float) -> float:
@@ -128,19 +128,19 @@ class Span:
     def _room(self) -> np.ndarray:
         """By how many counts each channel may move down and up, shape ``(2, n_channels)``."""
         room = []
-        shapes = [each.shape for stream in self.device.periods for each in flattened(self._felt(stream))]
+        shapes = [each.shape for stream in self.device.periods for each in flattened(self._measured(stream))]
         senses = [sense for stream in self.device.periods for sense in senses_of(self.device, stream)]
         for shape, sense in zip(shapes, senses):
             columns = columns_of(self.device, sense, shape)
             bounds = [[column.low, column.high] if column else [-WIDE, WIDE] for column in columns]
             low, high = np.array(bounds, float).T
             room.append(np.tile(np.stack([low, high]), int(np.prod(shape)) // max(1, len(columns))))
-        whole = np.concatenate(room, axis=1)
-        share = np.where(whole[1] - whole[0] > WIDE, 0.1, 0.9)
-        span = np.stack([self._rest - whole[0], whole[1] - self._rest])
-        return np.maximum(span, 1e-3 * (whole[1] - whole[0])) * share
+        limits = np.concatenate(room, axis=1)
+        share = np.where(limits[1] - limits[0] > WIDE, 0.1, 0.9)
+        span = np.stack([self._rest - limits[0], limits[1] - self._rest])
+        return np.maximum(span, 1e-3 * (limits[1] - limits[0])) * share
 
-    def _felt(self, stream: str) -> Any:
+    def _measured(self, stream: str) -> Any:
         return calls.measure(self._make(), self._reading(stream), 0)
 
 
@@ -151,8 +151,8 @@ def flattened(counts: Any) -> list[np.ndarray]:
 
 def senses_of(device: Device, stream: str) -> list[str]:
     """Keys of the senses in the order of :func:`flattened`; "" where the device does not name them."""
-    felt = calls.measure(device, reading_of(device, 0.0, stream), 0)
-    return list(felt) if isinstance(felt, Mapping) else [""]
+    counts = calls.measure(device, reading_of(device, 0.0, stream), 0)
+    return list(counts) if isinstance(counts, Mapping) else [""]
 
 
 def columns_of(device: Device, sense: str, shape: tuple[int, ...]) -> list[Any]:
@@ -171,9 +171,9 @@ class Excitation:
         seed: of all that is random.
     """
 
-    def __init__(self, spans: Mapping[str, Span], seed: int = 0):
+    def __init__(self, spans: Mapping[str, ExcitationRange], seed: int = 0):
         self.spans, self.seed = dict(spans), seed
-        self.mode: Mode = "rest"
+        self.mode: Mode = "untouched"
         self.hold_ns = 0
         """How long ``steps`` holds a value [ns]."""
         self.dead: dict[str, int] = {}
@@ -186,12 +186,12 @@ class Excitation:
         t_ns = round(t_s * 1e9)
         if self.mode == "steps" and self.hold_ns:
             t_ns -= t_ns % self.hold_ns
-        return {name: self._felt(k, name, t_ns) for k, name in enumerate(self.spans)}
+        return {name: self._quantities(k, name, t_ns) for k, name in enumerate(self.spans)}
 
-    def _felt(self, k: int, name: str, t_ns: int) -> dict[str, Any]:
-        span, resting = self.spans[name], self.mode == "rest"
+    def _quantities(self, k: int, name: str, t_ns: int) -> dict[str, Any]:
+        span, is_untouched = self.spans[name], self.mode == "untouched"
         random = np.random.default_rng((self.seed, k, t_ns))
-        if resting:
+        if is_untouched:
             forces, wrench = np.zeros((span.n, 3)), np.zeros(6)
             around = (25.0, (0.0, 0.0, 9.80665), (0.0, 0.0, 0.0))
         else:
@@ -202,10 +202,10 @@ class Excitation:
                 forces[random.permutation(span.n)[_FEW:]] = 0.0
         if name in self.dead and span.n:
             forces[self.dead[name] % span.n] = 0.0
-        felt: dict[str, Any] = {quantity: _quantity(quantity, span.device, forces) for quantity in span.device.contact}
+        values: dict[str, Any] = {each: _quantity(each, span.device, forces) for each in span.device.contact}
         if span.has_wrench:
-            felt["wrench"] = wrench
-        return felt | dict(zip(("temperature", "acceleration", "angular_velocity"), around))
+            values["wrench"] = wrench
+        return values | dict(zip(("temperature", "acceleration", "angular_velocity"), around))
 
 
 def _quantity(quantity: str, device: Device, forces: np.ndarray) -> np.ndarray:

@@ -17,7 +17,7 @@ OTHER = 0x15
 """What the bits of a wrong answer's values are turned by, so that they are no reading."""
 
 
-class Lie(NamedTuple):
+class ForgedReply(NamedTuple):
     """A wrong answer."""
 
     name: str
@@ -26,7 +26,7 @@ class Lie(NamedTuple):
     """The faults that make it of the frame with this number."""
 
 
-def forged_values(frames: Sequence[str], wire: str) -> list[Lie]:
+def forged_values(frames: Sequence[str], wire: str) -> list[ForgedReply]:
     """Wrong answers, if the frames are answers of Modbus to a reading of registers."""
     data = [bytes.fromhex(frame) for frame in frames if "#" not in frame]
     rtu = [frame for frame in data if _is_rtu(frame)]
@@ -34,7 +34,7 @@ def forged_values(frames: Sequence[str], wire: str) -> list[Lie]:
     if wire == "serial" and rtu:
         return _all(rtu[-1][:-2], 0, lambda old, new, n: [f"replace frame {n} hex={_rtu(new).hex()}"])
     if wire == "tcp" and tcp:
-        other = Lie(
+        other = ForgedReply(
             "another transaction",
             "the answer to another question",
             lambda n: [f"flip frame {n} byte 1 bit 0", *_flips(n, tcp[-1][9:11], _turned(tcp[-1][9:11]), 9)],
@@ -78,7 +78,7 @@ def _flips(n: int, old: bytes, new: bytes, start: int) -> list[str]:
     ]
 
 
-def _all(data: bytes, unit: int, faults: Callable[[bytes, bytes, int], list[str]]) -> list[Lie]:
+def _all(data: bytes, unit: int, faults: Callable[[bytes, bytes, int], list[str]]) -> list[ForgedReply]:
     """``data`` is an answer without its sum, ``unit`` the place of the unit's number; function and count follow it."""
     head, body = data[: unit + 3], data[unit + 3 :]
     turned = _turned(body[:2]) + body[2:]
@@ -87,7 +87,9 @@ def _all(data: bytes, unit: int, faults: Callable[[bytes, bytes, int], list[str]
     half = max(2, len(body) // 4 * 2)
     short = data[: unit + 2] + bytes([half]) + body[:half]
     return [
-        Lie("exception", "the device says that it failed", lambda n: faults(data, exception, n)),
-        Lie("another unit", "an answer of another unit on the line", lambda n: faults(data, other, n)),
-        Lie("short answer", "fewer registers than were asked for, and well formed", lambda n: faults(data, short, n)),
+        ForgedReply("exception", "the device says that it failed", lambda n: faults(data, exception, n)),
+        ForgedReply("another unit", "an answer of another unit on the line", lambda n: faults(data, other, n)),
+        ForgedReply(
+            "short answer", "fewer registers than were asked for, and well formed", lambda n: faults(data, short, n)
+        ),
     ]

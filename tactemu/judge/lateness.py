@@ -8,10 +8,10 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from tactemu.judge.processes import queued_ns
-from tactemu.judge.tape import TrialRecord
+from tactemu.judge.trial_record import TrialRecord
 
 
-class Delay(NamedTuple):
+class SchedulingDelay(NamedTuple):
     """One look at the machine."""
 
     t: int
@@ -25,7 +25,7 @@ MOST_QUEUED = 3.0
 """Multiple of a waiting time by which it may be prolonged on a busy machine."""
 
 
-class Patience:
+class DriverTimeout:
     """A time to wait for the driver, longer by the time for which it and this process wait for a processor.
 
     Args:
@@ -45,32 +45,32 @@ class Patience:
         return more > min(queued_s, MOST_QUEUED * self.seconds)
 
 
-def late_ms(tape: TrialRecord, delays: Sequence[Delay]) -> float:
+def late_ms(record: TrialRecord, delays: Sequence[SchedulingDelay]) -> float:
     """Return the delay of a row for which the driver is not to blame [ms].
 
     It is the largest of: the lateness of the emulator's loop with the frames, the lateness of the thread that reads
     the rows, both but for one in a hundred, and the time for which the driver had to wait for a processor, per row.
     """
-    during = [delay for delay in delays if tape.on <= delay.t <= tape.end]
+    during = [delay for delay in delays if record.on <= delay.t <= record.end]
     overslept = sorted(delay.overslept_ns for delay in during)
     own = overslept[len(overslept) * 99 // 100] / 1e6 if overslept else 0.0
-    return max(_loop_ms(tape), own, _queued_ms(tape, during))
+    return max(_loop_ms(record), own, _queued_ms(record, during))
 
 
-def _loop_ms(tape: TrialRecord) -> float:
+def _loop_ms(record: TrialRecord) -> float:
     """Return the lateness of the emulator's loop with its frames, beyond the quickest [ms]."""
-    at = {sample.number: sample.t for sample in tape.samples}
+    at = {sample.number: sample.t for sample in record.samples}
     waits = sorted(
         f.t - at[f.sample]
-        for f in tape.frames
-        if f.way == "tx" and not f.answer and f.sample in at and f.t >= tape.on and tape.on
+        for f in record.frames
+        if f.way == "tx" and not f.answer and f.sample in at and f.t >= record.on and record.on
     )
     return (waits[len(waits) * 99 // 100] - waits[0]) / 1e6 if waits else 0.0
 
 
-def _queued_ms(tape: TrialRecord, during: Sequence[Delay]) -> float:
+def _queued_ms(record: TrialRecord, during: Sequence[SchedulingDelay]) -> float:
     """Return the driver's waiting for a processor, per row [ms]."""
     if len(during) < 2:
         return 0.0
-    rows = sum(during[0].t < said.t <= during[-1].t for said in tape.rows)
+    rows = sum(during[0].t < printed.t <= during[-1].t for printed in record.rows)
     return max(0, during[-1].queued_ns - during[0].queued_ns) / 1e6 / max(1, rows)

@@ -1,4 +1,4 @@
-"""Options of a run of the judge."""
+"""JudgeOptions of a run of the judge."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ PATIENCE_S = 1.5
 
 
 @dataclass
-class Options:
+class JudgeOptions:
     """The way in which a driver is judged."""
 
-    rest_s: float = 1.0
+    no_contact_s: float = 1.0
     """Time without contact after the first row [s]: drivers tare."""
     seed: int = 0
     budget_s: float | None = None

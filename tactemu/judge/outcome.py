@@ -43,7 +43,7 @@ class Finding:
 
 
 @dataclass
-class Known:
+class CleanRun:
     """What the run without faults has shown."""
 
     asks: bool = False
@@ -119,7 +119,7 @@ class Outcome:
     """Why they were not tried again, although they do not count before they came again."""
     skipped: str = ""
     case: dict[str, Any] | None = None
-    """The smallest case, as :mod:`tactemu.judge.smallest` found it."""
+    """The smallest case, as :mod:`tactemu.judge.smallest_case` found it."""
 
     def has(self, *kinds: str) -> bool:
         """Whether there is a finding of one of these kinds."""

@@ -48,7 +48,7 @@ class Trial:
 
 
 @dataclass
-class Facts:
+class LineFacts:
     """What the plan depends on: the line, and what went over it in the run without faults."""
 
     wire: str = "serial"
@@ -96,7 +96,7 @@ def size_of(frame: str) -> int:
 class Plan:
     """The trials for one device and driver."""
 
-    def __init__(self, facts: Facts, seed: int = 0, every: bool = False):
+    def __init__(self, facts: LineFacts, seed: int = 0, every: bool = False):
         self.facts, self.every = facts, every
         self.random = np.random.default_rng(seed)
 
@@ -215,14 +215,14 @@ class Plan:
         hits = self._hits(4, 6)
         late = [f"late frame {hits[0]} by 150ms", f"late frame {hits[1]} by 700ms"]
         yield Trial("late answer", "an answer comes when the next question has been asked", late, takes_s=2.5)
-        forged_values = forged_replies.forged_values(facts.frames[-4 * max(1, facts.frames_per_row) :], facts.wire)
-        for lie in forged_values:
-            yield Trial(lie.name, lie.why, [fault for n in self._hits(3, 5) for fault in lie.faults(n)])
+        forged = forged_replies.forged_values(facts.frames[-4 * max(1, facts.frames_per_row) :], facts.wire)
+        for reply in forged:
+            yield Trial(reply.name, reply.why, [fault for n in self._hits(3, 5) for fault in reply.faults(n)])
         foreign = [reply for reply in facts.replies if reply][:6]
         if foreign:
             faults = [f"replace frame {n} hex={data}" for n, data in zip(self._hits(len(foreign), 5), foreign)]
             yield Trial("another answer", "the answer to another command comes", faults)
-        elif not forged_values:
+        elif not forged:
             about = "no other answer of this device is known"
             yield Trial("another answer", "the answer to another command comes", skipped=about)
 

@@ -1,4 +1,4 @@
-"""Proof that the event of a trial happened, from its tape. Without it the trial says nothing about the driver."""
+"""Proof that the event of a trial happened, from its record. Without it the trial says nothing about the driver."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from tactemu.judge.columns import Columns
-from tactemu.judge.outcome import Known
-from tactemu.judge.tape import Frame, InjectedFault, TrialRecord
+from tactemu.judge.outcome import CleanRun
+from tactemu.judge.trial_record import InjectedFault, ReceivedFrame, TrialRecord
 from tactemu.wire.faults import parse
 
 MOST_OF_IT = 0.5
@@ -27,36 +27,38 @@ FOLLOWS, FRAMES_NEEDED, FRAMES_COMPARED = 0.4, 40, 400
 """A byte belongs to a value if it correlates so much with a channel over the frames that are compared."""
 
 
-def missing(tape: TrialRecord, columns: Columns, known: Known) -> str:
+def missing(record: TrialRecord, columns: Columns, known: CleanRun) -> str:
     """Return why the event of a trial did not happen, or cannot be shown to have happened; empty where it did."""
-    check = _BY_NAME.get(tape.name) or _BY_ACTION.get(tape.trial.get("action", ""), _no_check)
-    if tape.trial.get("faults") and not _changes(tape):
+    check = _BY_NAME.get(record.name) or _BY_ACTION.get(record.trial.get("action", ""), _no_check)
+    if record.trial.get("faults") and not _changes(record):
         return "none of its faults hit anything"
-    return check(tape, columns, known)
+    return check(record, columns, known)
 
 
-def _no_check(tape: TrialRecord, columns: Columns, known: Known) -> str:
+def _no_check(record: TrialRecord, columns: Columns, known: CleanRun) -> str:
     return ""
 
 
-def _changes(tape: TrialRecord, *kinds: str) -> list[InjectedFault]:
+def _changes(record: TrialRecord, *kinds: str) -> list[InjectedFault]:
     """Return the faults that were injected in the trial, of some kinds or all."""
-    return [change for change in tape.changes if change.t >= tape.on and (not kinds or change.what in kinds)]
+    return [
+        change for change in record.injected_faults if change.t >= record.on and (not kinds or change.what in kinds)
+    ]
 
 
-def outages(tape: TrialRecord) -> int:
+def outages(record: TrialRecord) -> int:
     """Return how often the port went away in the trial."""
-    return len({change.t for change in _changes(tape, "unplug")})  # several skins lose their ports at one time
+    return len({change.t for change in _changes(record, "unplug")})  # several skins lose their ports at one time
 
 
 # -- edits of frames ---------------------------------------------------------------------------------------------------
 
 
-def _flipped(tape: TrialRecord, columns: Columns, known: Known) -> str:
+def _flipped(record: TrialRecord, columns: Columns, known: CleanRun) -> str:
     """Where bytes follow the channels that the driver reads, a flip must have hit one of them."""
-    changes = [change for change in _changes(tape, "flip") if change.after]
+    changes = [change for change in _changes(record, "flip") if change.after]
     for size in {len(change.before) for change in changes}:
-        places = _places_of_values(tape, columns, size)
+        places = _places_of_values(record, columns, size)
         own = [change for change in changes if len(change.before) == size]
         if not places or any(_differing(change) & places for change in own):
             return ""
@@ -68,17 +70,19 @@ def _differing(change: InjectedFault) -> set[int]:
     return {k for k, (one, other) in enumerate(zip(before, after)) if one != other}
 
 
-def _places_of_values(tape: TrialRecord, columns: Columns, size: int) -> set[int]:
+def _places_of_values(record: TrialRecord, columns: Columns, size: int) -> set[int]:
     """Return the positions of bytes that follow a channel which the driver reads, and of bytes beside them that vary.
 
     Low bytes of a value follow nothing, so those next to one that does are taken for its own.
     """
     read = sorted({int(k) for c in columns.values for k in (c.weights or (c.channel,))})
-    samples = {sample.number: sample.counts for sample in tape.samples if len(sample.counts) > max(read, default=0)}
-    harmed = {change.before for change in tape.changes} | {after for c in tape.changes for after in c.after}
+    samples = {sample.number: sample.counts for sample in record.samples if len(sample.counts) > max(read, default=0)}
+    harmed = {change.before for change in record.injected_faults} | {
+        after for c in record.injected_faults for after in c.after
+    }
     carried = [
         (frame.data, samples[frame.sample])
-        for frame in tape.frames
+        for frame in record.frames
         if frame.way == "tx" and len(frame.data) == size and frame.data not in harmed
         if frame.sample is not None and frame.sample in samples
     ][:FRAMES_COMPARED]
@@ -103,10 +107,10 @@ def _correlation(sent: np.ndarray, counts: np.ndarray) -> np.ndarray:
     return np.any(together > FOLLOWS, axis=1)
 
 
-def _late_answer(tape: TrialRecord, columns: Columns, known: Known) -> str:
+def _late_answer(record: TrialRecord, columns: Columns, known: CleanRun) -> str:
     """The driver must have asked again before the answer came."""
-    asked = [frame.t for frame in tape.frames if frame.way == "rx"]
-    waits = [(change.t, change.t + parse(change.fault).by_ns) for change in _changes(tape, "late")]
+    asked = [frame.t for frame in record.frames if frame.way == "rx"]
+    waits = [(change.t, change.t + parse(change.fault).by_ns) for change in _changes(record, "late")]
     overtaken = any(ready < t < came for ready, came in waits for t in asked)
     return "" if overtaken else "the driver waited for each late answer: none came after another question"
 
@@ -114,31 +118,31 @@ def _late_answer(tape: TrialRecord, columns: Columns, known: Known) -> str:
 # -- outages -----------------------------------------------------------------------------------------------------------
 
 
-def _hang(tape: TrialRecord, columns: Columns, known: Known) -> str:
+def _hang(record: TrialRecord, columns: Columns, known: CleanRun) -> str:
     """Nothing came of the device, although something would have."""
-    if tape.trial.get("faults"):
+    if record.trial.get("faults"):
         return ""
-    if known.asks and not any(frame.way == "rx" and tape.on < frame.t < tape.off for frame in tape.frames):
+    if known.asks and not any(frame.way == "rx" and record.on < frame.t < record.off for frame in record.frames):
         return "the driver asked for nothing meanwhile"
-    quiet = _longest_gap([frame.t for frame in tape.frames if frame.way == "tx"], tape)
+    quiet = _longest_gap([frame.t for frame in record.frames if frame.way == "tx"], record)
     return "" if quiet > MOST_OF_IT else "frames went on"
 
 
-def _stopped(tape: TrialRecord, columns: Columns, known: Known) -> str:
-    quiet = _longest_gap([said.t for said in tape.rows], tape)
+def _stopped(record: TrialRecord, columns: Columns, known: CleanRun) -> str:
+    quiet = _longest_gap([printed.t for printed in record.rows], record)
     return "" if quiet > MOST_OF_IT else "the driver's process did not stand still"
 
 
-def _longest_gap(times: Sequence[int], tape: TrialRecord) -> float:
+def _longest_gap(times: Sequence[int], record: TrialRecord) -> float:
     """Return the longest time between events, as a share of the time that the trial lasted."""
-    inside = [tape.on, *(t for t in times if tape.on < t < tape.off), tape.off]
-    return max(b - a for a, b in itertools.pairwise(inside)) / max(1, tape.off - tape.on)
+    inside = [record.on, *(t for t in times if record.on < t < record.off), record.off]
+    return max(b - a for a, b in itertools.pairwise(inside)) / max(1, record.off - record.on)
 
 
-def _wrong_baud(tape: TrialRecord, columns: Columns, known: Known) -> str:
+def _wrong_baud(record: TrialRecord, columns: Columns, known: CleanRun) -> str:
     """What is heard at another speed has another length, or nothing is heard at all."""
-    during = [frame for frame in tape.frames if tape.on < frame.t < tape.off]
-    usual = {(frame.way, len(frame.data)) for frame in tape.frames if frame.t < tape.on}
+    during = [frame for frame in record.frames if record.on < frame.t < record.off]
+    usual = {(frame.way, len(frame.data)) for frame in record.frames if frame.t < record.on}
     misheard = [frame for frame in during if (frame.way, len(frame.data)) not in usual]
     return "" if misheard or not during else "what passed was heard as before"
 
@@ -146,19 +150,19 @@ def _wrong_baud(tape: TrialRecord, columns: Columns, known: Known) -> str:
 # -- the device --------------------------------------------------------------------------------------------------------
 
 
-def _reset(tape: TrialRecord, columns: Columns, known: Known) -> str:
-    begun = tape.on - BEGUN_BEFORE_NS
-    happened = any(change.what == "reset" and change.t >= begun for change in tape.changes)
+def _reset(record: TrialRecord, columns: Columns, known: CleanRun) -> str:
+    begun = record.on - BEGUN_BEFORE_NS
+    happened = any(change.what == "reset" and change.t >= begun for change in record.injected_faults)
     return "" if happened else "the device did not restart"
 
 
-def _wrap(tape: TrialRecord, columns: Columns, known: Known) -> str:
-    return "" if _changes(tape, "wrap") else f"the {tape.trial.get('preset')} was not full while the driver read"
+def _wrap(record: TrialRecord, columns: Columns, known: CleanRun) -> str:
+    return "" if _changes(record, "wrap") else f"the {record.trial.get('preset')} was not full while the driver read"
 
 
-def _saturated(tape: TrialRecord, columns: Columns, known: Known) -> str:
+def _saturated(record: TrialRecord, columns: Columns, known: CleanRun) -> str:
     """Several samples show one extreme that none shows afterwards."""
-    during, usual = _counts(tape, tape.on, tape.off), _afterwards(tape)
+    during, usual = _counts(record, record.on, record.off), _afterwards(record)
     for sign in (1.0, -1.0) if len(during) and len(usual) else ():
         end = (sign * during).max(axis=0)
         often = (sign * during == end).sum(axis=0) >= max(LEAST_AT_END, AT_ITS_END * len(during))
@@ -167,9 +171,9 @@ def _saturated(tape: TrialRecord, columns: Columns, known: Known) -> str:
     return "no channel came to an end of its range"
 
 
-def _dead(tape: TrialRecord, columns: Columns, known: Known) -> str:
+def _dead(record: TrialRecord, columns: Columns, known: CleanRun) -> str:
     """Return a channel that moves afterwards stands still, once the device's own filter has settled."""
-    during, usual = _counts(tape, (tape.on + tape.off) // 2, tape.off), _afterwards(tape)
+    during, usual = _counts(record, (record.on + record.off) // 2, record.off), _afterwards(record)
     if len(during) and len(usual):
         moves = usual.std(axis=0)
         stopped = (moves > 0) & (during.std(axis=0) < STOPPED_MOVING * moves)
@@ -178,27 +182,27 @@ def _dead(tape: TrialRecord, columns: Columns, known: Known) -> str:
     return "no channel stood still while others moved"
 
 
-def _afterwards(tape: TrialRecord) -> np.ndarray:
+def _afterwards(record: TrialRecord) -> np.ndarray:
     """Return the counts of the time in which the driver reads on; what was before may be another trial."""
-    return _counts(tape, (tape.off + tape.end) // 2, tape.end)
+    return _counts(record, (record.off + record.end) // 2, record.end)
 
 
-def _counts(tape: TrialRecord, since: int, until: int) -> np.ndarray:
-    return np.array([sample.counts for sample in tape.samples if since < sample.t <= until])
+def _counts(record: TrialRecord, since: int, until: int) -> np.ndarray:
+    return np.array([sample.counts for sample in record.samples if since < sample.t <= until])
 
 
-def _rate(tape: TrialRecord, columns: Columns, known: Known) -> str:
+def _rate(record: TrialRecord, columns: Columns, known: CleanRun) -> str:
     """More readings arrive than usually, or fewer samples are taken."""
-    rises = tape.name == "high rate"
-    times = _carried(tape.frames) if rises else [sample.t for sample in tape.samples]
-    during = _per_second(times, tape.on, tape.off)
-    usual = max(_per_second(times, tape.on - SECOND_NS, tape.on), _per_second(times, tape.off, tape.end))
+    rises = record.name == "high rate"
+    times = _carried(record.frames) if rises else [sample.t for sample in record.samples]
+    during = _per_second(times, record.on, record.off)
+    usual = max(_per_second(times, record.on - SECOND_NS, record.on), _per_second(times, record.off, record.end))
     if during > RISES * usual if rises else during < FALLS * usual:
         return ""
     return f"{during:.0f} readings a second {'arrived' if rises else 'were taken'}, {usual:.0f} otherwise"
 
 
-def _carried(frames: Sequence[Frame]) -> list[int]:
+def _carried(frames: Sequence[ReceivedFrame]) -> list[int]:
     """Return when the first frame of each sample left."""
     first: dict[int, int] = {}
     for frame in frames:
@@ -211,7 +215,7 @@ def _per_second(times: Sequence[int], since: int, until: int) -> float:
     return sum(since < t <= until for t in times) / max(1e-9, (until - since) / 1e9)
 
 
-Check = Callable[[TrialRecord, Columns, Known], str]
+Check = Callable[[TrialRecord, Columns, CleanRun], str]
 _BY_NAME: dict[str, Check] = {"flipped": _flipped, "late answer": _late_answer, "memory": _no_check}
 _BY_ACTION: dict[str, Check] = {
     "hang": _hang, "stop": _stopped, "baud": _wrong_baud, "reset": _reset, "wrap": _wrap, "saturate": _saturated,

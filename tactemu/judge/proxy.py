@@ -28,10 +28,10 @@ from tactemu.truth.recorder import Recorder
 from tactemu.truth.recording import Entry
 from tactemu.wire.wire import ReceivedData, Wire
 
-CHUNK = 4096
-LONGEST_WAIT_S = 0.02
+MAX_READ_BYTES = 4096
+MAX_PARTIAL_WAIT_S = 0.02
 """A frame of which the rest does not come is passed on as it is, if a fault waits for whole frames."""
-_PUSHES = (0.0, 0.3, 1.0, 2.5)
+_PROBE_FORCES_N = (0.0, 0.3, 1.0, 2.5)
 """What a model is pressed with [N] to see what of its frames is always the same."""
 
 
@@ -69,7 +69,7 @@ class Framing:
 def framing_of(device: Device) -> Framing:
     """What the device's own model sends by itself, looked at."""
     frames = []
-    for k, push in enumerate(_PUSHES):
+    for k, push in enumerate(_PROBE_FORCES_N):
         for stream in device.periods:
             calls.measure(device, reading_of(device, push, stream), 10_000_000 * (k + 1))
             for out in device.stream(10_000_000 * (k + 1), stream):
@@ -99,14 +99,14 @@ class Cutter:
 
     def __init__(self, framing: Framing):
         self.framing = framing
-        self.rest = b""
+        self.partial = b""
 
     def cut(self, data: bytes) -> list[bytes]:
         """Whole frames, and pieces that are none, in order; the beginning of a frame stays in :attr:`rest`."""
         head, size = self.framing.head, self.framing.size
         if not size:
             return [data] if data else []
-        data, found = self.rest + data, []
+        data, found = self.partial + data, []
         while data:
             at = data.find(head)
             if at < 0:
@@ -122,13 +122,13 @@ class Cutter:
                 break
             found.append(data[:size])
             data = data[size:]
-        self.rest = data
+        self.partial = data
         return found
 
-    def give_up(self) -> list[bytes]:
+    def flush_partial(self) -> list[bytes]:
         """What waits, as it is."""
-        rest, self.rest = self.rest, b""
-        return [rest] if rest else []
+        partial, self.partial = self.partial, b""
+        return [partial] if partial else []
 
 
 # -- the real port -----------------------------------------------------------------------------------------------------
@@ -170,7 +170,7 @@ class RealSerial:
     def read(self) -> list[WireFrame]:
         """What is there."""
         try:
-            data = self.port.read(CHUNK)
+            data = self.port.read(MAX_READ_BYTES)
         except OSError as error:
             raise TransportError(f"lost the sensor's port {self.name}: {error}") from None
         return [data] if data else []
@@ -298,8 +298,8 @@ class Proxy:
                 self.real.follow(event)
         for data in self.real.read():
             self._pass(data, now)
-        if self.cutter.rest and now - self._began_ns > LONGEST_WAIT_S * 1e9:
-            self._send(self.cutter.give_up(), now)
+        if self.cutter.partial and now - self._began_ns > MAX_PARTIAL_WAIT_S * 1e9:
+            self._send(self.cutter.flush_partial(), now)
         self.wire.flush(self.clock.now_ns())
         self._wait()
 
@@ -342,8 +342,8 @@ class Proxy:
         """Until something comes, or something that a fault held back is due."""
         due = self.wire.next_due_ns()
         wait_s = 0.05 if due is None else min(0.05, max(0.0, (due - self.clock.now_ns()) / 1e9))
-        if self.cutter.rest and self.wire.faults:
-            wait_s = min(wait_s, LONGEST_WAIT_S)
+        if self.cutter.partial and self.wire.faults:
+            wait_s = min(wait_s, MAX_PARTIAL_WAIT_S)
         fileno = self.real.fileno()
         here = self.wire.filenos()
         if fileno < 0 or not here:

@@ -46,7 +46,7 @@ class Report:
         return [outcome for outcome in self.outcomes if self.failures(outcome)]
 
     @property
-    def judged(self) -> bool:
+    def is_judged(self) -> bool:
         """Whether there was anything to judge."""
         return bool(self.outcomes) and not self.outcomes[0].has("silent", "unlearned", "floods", "died")
 

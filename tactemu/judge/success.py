@@ -81,7 +81,7 @@ def read_script(path: Path) -> Success:
     return names["success"]
 
 
-def curve(
+def success_curve(
     target: str,
     command: Sequence[str],
     success: Success,
@@ -90,7 +90,7 @@ def curve(
     port: str | Mapping[str, str] | None = None,
     seed: int = 0,
     budget_s: float | None = None,
-    say: Callable[[str], object] = lambda text: None,
+    report_progress: Callable[[str], object] = lambda text: None,
 ) -> Iterator[dict[tuple[str, float], Point]]:
     """Try each fault at each strength, round by round; yields all points after each trial.
 
@@ -102,7 +102,7 @@ def curve(
         port: as for :func:`tactemu.serve`.
         seed: of the first round; later ones count on.
         budget_s: rounds go on until so much time has passed; the first is always whole.
-        say: gets what is being tried.
+        report_progress: gets what is being tried.
 
     Raises:
         TactemuError: no such kind, or something asked for cannot be had; the script failed.
@@ -115,7 +115,7 @@ def curve(
     began, k = time.monotonic(), 0
     while k < ROUNDS if budget_s is None else k == 0 or time.monotonic() < began + budget_s:
         for key in keys:
-            say(f"round {k + 1}: {title(key[0])} {key[1]:g}" if key[0] else f"round {k + 1}: no fault")
+            report_progress(f"round {k + 1}: {title(key[0])} {key[1]:g}" if key[0] else f"round {k + 1}: no fault")
             points[key] = points[key].after(_tried(target, command, success, key, port, seed + k))
             yield points
             if budget_s is not None and k and time.monotonic() > began + budget_s:

@@ -164,7 +164,7 @@ def sweep(
     *,
     at_once: int | None = None,
     cluster: str | None = None,
-    say: Callable[[str], object] = lambda text: None,
+    report_progress: Callable[[str], object] = lambda text: None,
 ) -> list[dict[str, Any]]:
     """Run what is not in the journal yet; all rows, also written to ``results`` (Parquet).
 
@@ -173,7 +173,7 @@ def sweep(
         results: the Parquet file; the journal is beside it.
         at_once: runs side by side on this machine; default: one for each core, which is what keeps real time.
         cluster: address of a Dask scheduler, whose workers run them, one at a time each.
-        say: told when a run is finished.
+        report_progress: told when a run is finished.
 
     Raises:
         TactemuError: a library is missing, or the cluster cannot be reached.
@@ -181,13 +181,13 @@ def sweep(
     journal = Journal(results.with_suffix(".jsonl"))
     left = [job for job in jobs if job.key not in journal.rows]
     if len(left) < len(jobs):
-        say(f"{len(jobs) - len(left)} of {len(jobs)} runs are in the journal already")
+        report_progress(f"{len(jobs) - len(left)} of {len(jobs)} runs are in the journal already")
     finished = _on_cluster(left, cluster) if cluster else _here(left, at_once or os.cpu_count() or 1)
     for job, report in finished:
         rows = rows_of(job, report)
         journal.add(job, rows)
         failed = [row["trial"] or row["verdict"] for row in rows if row["fails"]]
-        say(f"{job.name} {job.device} seed {job.seed}: {', '.join(failed) or 'nothing fails'}")
+        report_progress(f"{job.name} {job.device} seed {job.seed}: {', '.join(failed) or 'nothing fails'}")
     journal.write_parquet(results)
     return [row for job in jobs for row in journal.rows.get(job.key, [])]
 

@@ -1,4 +1,4 @@
-"""What a recorded trial says of the driver: a pure function of the tape.
+"""What a recorded trial says of the driver: a pure function of the record.
 
 A row is *right* if it is, column by column, a sample that was sent. What is done with the others, and when they come,
 are the verdicts. Thresholds stand at the top of the file that uses them; each has its reason.
@@ -13,12 +13,12 @@ from functools import cached_property
 import numpy as np
 
 from tactemu.judge import proof
-from tactemu.judge.checks import clipped, forgotten, mirrored, misnamed, misread, misscaled, still
+from tactemu.judge.checks import clipped, frozen, mirrored, misnamed, misread, misscaled, unread_channels
 from tactemu.judge.columns import Columns
-from tactemu.judge.counting import LEAK_AT_ONCE, LEAK_BYTES, count, listen, template, weigh
-from tactemu.judge.following import SETTLED, Questions, Reading, left_times, recovered
-from tactemu.judge.outcome import ABOUT, Finding, Known, Outcome
-from tactemu.judge.tape import TrialRecord
+from tactemu.judge.outcome import ABOUT, CleanRun, Finding, Outcome
+from tactemu.judge.row_tracking import SETTLED, Questions, RowTracker, left_times, recovered
+from tactemu.judge.trial_counts import LEAK_AT_ONCE, LEAK_BYTES, count_messages, count_rows, measure_resources, template
+from tactemu.judge.trial_record import TrialRecord
 
 LATE_MS = 5.0
 """A driver may always be so late at its median; half a period, if that is more."""
@@ -42,29 +42,29 @@ CAME_AGAIN = ("doubled", "late answer", "old frame")
 """Trials in which an old answer does come; where answers have no number, nobody can tell one or two."""
 
 
-def judged(tape: TrialRecord) -> Outcome:
+def judge_record(record: TrialRecord) -> Outcome:
     """What a recorded trial says."""
-    columns, known = Columns.from_dict(tape.columns or {"columns": []}), Known(**tape.known)
-    trial = tape.trial
-    out = Outcome(tape.name, trial.get("why", ""), skipped=trial.get("skipped", ""))
-    out.seconds = (tape.end - tape.on) / 1e9
+    columns, known = Columns.from_dict(record.columns or {"columns": []}), CleanRun(**record.known)
+    trial = record.trial
+    out = Outcome(record.name, trial.get("why", ""), skipped=trial.get("skipped", ""))
+    out.seconds = (record.end - record.on) / 1e9
     if out.skipped:
         out.verdict = f"not tried: {out.skipped}"
         return out
-    if tape.trouble:
-        kind = _kind_of_trouble(tape.trouble)
-        out.findings.append(Finding(kind, tape.trouble.removeprefix(f"{kind}: ")))
+    if record.trouble:
+        kind = _kind_of_trouble(record.trouble)
+        out.findings.append(Finding(kind, record.trouble.removeprefix(f"{kind}: ")))
         out.verdict = str(out.findings[0])
         return out
-    reading = Reading(columns, known)
-    reading.feed(tape)
-    left = left_times(tape)
-    count(out, tape, reading, left)
-    listen(out, tape, known)
-    weigh(out, tape)
-    out.recovered_s = recovered(tape, reading.matches, known, tape.off, left)
-    out.findings = _Rules(out, tape, reading, columns, known).findings()
-    out.skipped = "" if out.findings else proof.missing(tape, columns, known)
+    tracker = RowTracker(columns, known)
+    tracker.feed(record)
+    left = left_times(record)
+    count_rows(out, record, tracker, left)
+    count_messages(out, record, known)
+    measure_resources(out, record)
+    out.recovered_s = recovered(record, tracker.matches, known, record.off, left)
+    out.findings = _FindingRules(out, record, tracker, columns, known).findings()
+    out.skipped = "" if out.findings else proof.missing(record, columns, known)
     out.verdict = "; ".join(map(str, out.findings)) or _otherwise(out, known)
     return out
 
@@ -76,7 +76,7 @@ def _kind_of_trouble(text: str) -> str:
     return "silent"
 
 
-def _otherwise(out: Outcome, known: Known) -> str:
+def _otherwise(out: Outcome, known: CleanRun) -> str:
     if out.skipped:
         return f"not tried: {out.skipped}"
     if out.notes or out.marked:
@@ -86,13 +86,13 @@ def _otherwise(out: Outcome, known: Known) -> str:
     return "right" if not out.lost else f"right; {out.lost} readings beside those hit never came"
 
 
-class _Rules:
+class _FindingRules:
     """From counts to findings."""
 
-    def __init__(self, out: Outcome, tape: TrialRecord, reading: Reading, columns: Columns, known: Known):
-        self.out, self.tape, self.reading, self.columns, self.known = out, tape, reading, columns, known
-        self.trial = tape.trial
-        self.action = tape.trial.get("action", "")
+    def __init__(self, out: Outcome, record: TrialRecord, tracker: RowTracker, columns: Columns, known: CleanRun):
+        self.out, self.record, self.tracker, self.columns, self.known = out, record, tracker, columns, known
+        self.trial = record.trial
+        self.action = record.trial.get("action", "")
         self.noticed = out.notes + out.marked > 0
 
     def findings(self) -> list[Finding]:
@@ -108,14 +108,14 @@ class _Rules:
     @property
     def _may_leave(self) -> bool:
         """A driver may end with a word when the port goes, but not when it came back from such an outage before."""
-        return self.action in ("unplug", "halfopen") and self.noticed and proof.outages(self.tape) < 2
+        return self.action in ("unplug", "halfopen") and self.noticed and proof.outages(self.record) < 2
 
     def _ends(self):
-        exit = self.tape.exit
+        exit = self.record.exit
         if exit is None or self._may_leave:
             return
         how = f"signal {-exit}" if exit < 0 else f"exit status {exit}"
-        last = next((note.text for note in reversed(self.tape.notes) if note.err), "")
+        last = next((note.text for note in reversed(self.record.notes) if note.err), "")
         yield Finding("died", f"{how}{': ' + last if last else ''}")
 
     def _wrong(self):
@@ -128,7 +128,7 @@ class _Rules:
     def _stale(self):
         out = self.out
         asks = self.known.asks and not self._outage
-        again = out.injected if asks and self.tape.name in CAME_AGAIN else 0
+        again = out.injected if asks and self.record.name in CAME_AGAIN else 0
         if out.stale >= 2 + again:
             what = "was handed out before, and asked for since" if asks else "repeats an old one while nothing comes"
             yield Finding("stale", f"{out.stale} rows: each {what}")
@@ -136,17 +136,17 @@ class _Rules:
             yield Finding("stale", f"{out.behind} rows: each is the answer to an earlier question")
 
     def _sync(self):
-        out, exit = self.out, self.tape.exit
-        after = any(said.t > self.tape.off for said in self.tape.rows)
+        out, exit = self.out, self.record.exit
+        after = any(printed.t > self.record.off for printed in self.record.rows)
         if self._may_leave and not after:
             return
         if out.recovered_s is None and exit is None and self.trial.get("recovers", True):
-            waited = (self.tape.end - self.tape.off) / 1e9
+            waited = (self.record.end - self.record.off) / 1e9
             yield Finding("lost sync", f"no {SETTLED} right rows in a row within {waited:.1f} s after it was over")
 
     def _waits(self):
         out = self.out
-        lasted = (self.tape.off - self.tape.on) / 1e9
+        lasted = (self.record.off - self.record.on) / 1e9
         if self.action not in ("hang", "halfopen") or self.noticed or lasted < 1.0 or out.stale >= 2:
             return
         if out.quiet_s > BLOCKS * lasted:
@@ -159,9 +159,9 @@ class _Rules:
         """Rows that are the answer to the question before, and rows that can tell, where nearly all are."""
         if self.action != "clean" or not self.known.asks:
             return None
-        questions = Questions(self.tape, self.known.ask_ms)
-        during = [match for match in self.reading.matches if match.said.t > self.tape.on]
-        told = [questions.is_one_behind(match, self.reading.matcher) for match in during]
+        questions = Questions(self.record, self.known.ask_ms)
+        during = [match for match in self.tracker.matches if match.printed.t > self.record.on]
+        told = [questions.is_one_behind(match, self.tracker.matcher) for match in during]
         yes, no = told.count(True), told.count(False)
         return (yes, yes + no) if yes + no >= LEAST_ANSWERS and yes > ONE_BEHIND * (yes + no) else None
 
@@ -175,11 +175,11 @@ class _Rules:
         yield from (Finding("wrong", text) for text in misread(self.columns))
         if exchanged := misnamed(self.columns) or mirrored(self.columns):
             yield Finding("order", ", ".join(exchanged[:4]))
-        if same := [*still(self.columns), *clipped(self.columns)]:
+        if same := [*frozen(self.columns), *clipped(self.columns)]:
             yield Finding("clipped", ", ".join(same[:3]))
         if scaled := misscaled(self.columns):
             yield Finding("scale", ", ".join(scaled[:3]))
-        if left := [channel.name for channel in forgotten(self.columns)]:
+        if left := [channel.name for channel in unread_channels(self.columns)]:
             yield Finding("unread", f"{len(left)} channels are in no column, such as {', '.join(left[:3])}")
         if self.known.keeps and not self.known.asks and out.lost >= 2 and out.lost > LOSES * out.sent:
             yield Finding("loses", f"{out.lost} of {out.sent} good readings, without a fault")
@@ -188,8 +188,8 @@ class _Rules:
         out, known = self.out, self.known
         usual = known.asks or not known.keeps or (known.repeats and self.action != "clean")
         odd = out.older + (0 if usual else out.again) - out.stale
-        told = known.numbered and self.tape.name in OUT_OF_TURN
-        allowed = out.injected if self.tape.name in ("doubled", *OUT_OF_TURN) and not told else 0
+        told = known.numbered and self.record.name in OUT_OF_TURN
+        allowed = out.injected if self.record.name in ("doubled", *OUT_OF_TURN) and not told else 0
         if odd > allowed + 1 and not self._outage and self.action not in ("reset", "wrap", "saturate"):
             words = (
                 "older than those before them, as their numbers say" if told else "readings that were handed out before"
@@ -212,7 +212,7 @@ class _Rules:
 
     def _late(self):
         out = self.out
-        limit = max(LATE_MS, 0.5 * self.known.period_ms if not self.known.asks else LATE_MS) + self.tape.late_ms
+        limit = max(LATE_MS, 0.5 * self.known.period_ms if not self.known.asks else LATE_MS) + self.record.late_ms
         is_late = out.p50_ms is not None and out.p50_ms > limit
         if self.action == "clean" and is_late and not self._behind:
             of = "after the answer's last byte" if self.known.asks else "after the frame's last byte"
@@ -222,43 +222,45 @@ class _Rules:
         if self.out.leak > LEAK_BYTES:
             yield Finding("leaks", f"memory grows by {self.out.leak:.0f} bytes with each reading")
         elif self.out.grown >= LEAK_AT_ONCE:
-            took = (self.tape.off - self.tape.on) / 1e9
+            took = (self.record.off - self.record.on) / 1e9
             yield Finding("leaks", f"memory grows by {self.out.grown / 1e6:.0f} MB within {took:.1f} s")
 
 
-def known_of(tape: TrialRecord, columns: Columns, *, asks: bool, period_ms: float, numbered: bool = False) -> Known:
+def measure_clean_run(
+    record: TrialRecord, columns: Columns, *, asks: bool, period_ms: float, numbered: bool = False
+) -> CleanRun:
     """What a run without faults shows, for the trials after it."""
-    times = [said.t for said in tape.rows if tape.on < said.t <= tape.end]
+    times = [printed.t for printed in record.rows if record.on < printed.t <= record.end]
     row_ms = float(np.median(np.diff(times))) / 1e6 if len(times) > 2 else period_ms
-    known = Known(asks=asks, period_ms=period_ms, row_ms=row_ms, behind=1_000_000, numbered=numbered)
-    usual = Counter(template(note.text) for note in tape.notes if note.t > tape.on)
-    usual.update(template(json.dumps(dict(said.row))) for said in tape.rows if columns.row(said.row) is None)
+    known = CleanRun(asks=asks, period_ms=period_ms, row_ms=row_ms, behind=1_000_000, numbered=numbered)
+    usual = Counter(template(note.text) for note in record.notes if note.t > record.on)
+    usual.update(template(json.dumps(dict(printed.row))) for printed in record.rows if columns.row(printed.row) is None)
     known.usual = [text for text, count in usual.most_common(200) if count >= OFTEN]
-    reading = Reading(columns, known)
-    reading.feed(tape)
+    tracker = RowTracker(columns, known)
+    tracker.feed(record)
     probe = Outcome("clean")
-    count(probe, tape, reading, left_times(tape))
+    count_rows(probe, record, tracker, left_times(record))
     known.p50_ms, known.p99_ms = probe.p50_ms or 0.0, probe.p99_ms or 0.0
     known.repeats = probe.again > 0.1 * max(1, probe.rows)
     known.keeps = not asks and probe.lost <= 0.03 * max(1, probe.right)
     if asks:
-        known.ask_ms = _ask_ms(tape)
-        known.behind = _usually_behind(tape, reading, known.ask_ms)
+        known.ask_ms = _ask_ms(record)
+        known.behind = _usually_behind(record, tracker, known.ask_ms)
     return known
 
 
-def _ask_ms(tape: TrialRecord) -> float:
-    asked = np.array([f.t for f in tape.frames if f.way == "rx"])
+def _ask_ms(record: TrialRecord) -> float:
+    asked = np.array([f.t for f in record.frames if f.way == "rx"])
     waits = [
-        said.t - asked[last]
-        for said in tape.rows
-        if said.t > tape.on and (last := int(np.searchsorted(asked, said.t)) - 1) >= 0
+        printed.t - asked[last]
+        for printed in record.rows
+        if printed.t > record.on and (last := int(np.searchsorted(asked, printed.t)) - 1) >= 0
     ]
     return float(np.quantile(waits, 0.1)) / 1e6 if waits else 0.0
 
 
-def _usually_behind(tape: TrialRecord, reading: Reading, ask_ms: float) -> int:
-    questions = Questions(tape, ask_ms)
-    during = [match for match in reading.matches if match.said.t > tape.on]
+def _usually_behind(record: TrialRecord, tracker: RowTracker, ask_ms: float) -> int:
+    questions = Questions(record, ask_ms)
+    during = [match for match in tracker.matches if match.printed.t > record.on]
     behind = [each for match in during if (each := questions.behind(match)) is not None]
     return max(0, round(float(np.quantile(behind, 0.99)))) if behind else 0

@@ -15,7 +15,7 @@ import pytest
 
 import tactemu
 from tactemu.judge.driver import Driver
-from tactemu.judge.tape import DriverRow
+from tactemu.judge.trial_record import DriverRow
 from tactemu.session.serving import Served
 from tests.drivers.test_through_the_emulator import SCENE
 

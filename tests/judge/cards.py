@@ -17,7 +17,7 @@ from pathlib import Path
 from textwrap import fill
 from typing import Any
 
-from tactemu.judge import smallest
+from tactemu.judge import smallest_case
 from tactemu.judge.outcome import FAILING
 
 PAGE = Path("docs/drivers-under-faults.md")
@@ -175,12 +175,12 @@ def driver(name: str, report: Mapping[str, Any]) -> str:
     tried = [trial for trial in report["trials"] if not trial["skipped"]]
     rows = [[f"`{trial['name']}`", trial["why"], cell(trial["verdict"])] for trial in tried]
     skipped = [f"`{trial['name']}` ({trial['skipped']})" for trial in report["trials"] if trial["skipped"]]
-    said = f"\nNot tried: {'; '.join(skipped)}.\n" if skipped else ""
+    not_tried = f"\nNot tried: {'; '.join(skipped)}.\n" if skipped else ""
     cases = "".join(
         f"\n`{trial['name']}`, smallest case:\n\n```\n{case(trial['case'])}\n```\n" for trial in tried if trial["case"]
     )
     head = f"\n### {name} {importlib.metadata.version(name)} on `{card.device}`\n\n{''.join(notes)}\n"
-    return f"{head}{table(['trial', 'what happens', 'verdict'], rows)}{said}{cases}"
+    return f"{head}{table(['trial', 'what happens', 'verdict'], rows)}{not_tried}{cases}"
 
 
 def cell(text: str) -> str:
@@ -190,7 +190,7 @@ def cell(text: str) -> str:
 
 def case(found: Mapping[str, Any]) -> str:
     """The smallest case in words, without the command's place on this machine."""
-    return smallest.in_words({**found, "command": ["python", *found["command"][1:]]}).replace(f"{ROOT}/", "")
+    return smallest_case.in_words({**found, "command": ["python", *found["command"][1:]]}).replace(f"{ROOT}/", "")
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

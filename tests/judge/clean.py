@@ -58,18 +58,18 @@ class Plan:
     seconds: float
 
 
-def judged(line: str, seed: int, processes: int) -> Plan:
+def judge_record(line: str, seed: int, processes: int) -> Plan:
     """Judge the clean driver of a line by a whole plan under a load."""
     began = time.monotonic()
     with tempfile.TemporaryDirectory() as folder, load(processes):
         report = Path(folder) / "report.json"
         last = run(judge_words(DRIVERS[line], "clean", report, f"--seed={seed}"), PLAN_TIMEOUT_S)
         average = os.getloadavg()[0]
-        told = json.loads(report.read_text()) if report.exists() else None
-    if told is None:
+        data = json.loads(report.read_text()) if report.exists() else None
+    if data is None:
         return Plan(line, seed, processes, average, 0, (f"no report: {last}",), time.monotonic() - began)
-    failed = [f"{each['name']}: {each['verdict']}" for each in told["trials"] if each["name"] in told["failed"]]
-    tried = sum(not each["skipped"] for each in told["trials"])
+    failed = [f"{each['name']}: {each['verdict']}" for each in data["trials"] if each["name"] in data["failed"]]
+    tried = sum(not each["skipped"] for each in data["trials"])
     return Plan(line, seed, processes, average, tried, tuple(failed), time.monotonic() - began)
 
 
@@ -105,7 +105,7 @@ def main() -> int:
         for number in range(given.plans):
             line, seed = LINES[number % len(LINES)], given.seed + number // len(LINES)
             processes = LOADS[number % len(LOADS)] if given.load is None else given.load
-            plans.append(plan := judged(line, seed, processes))
+            plans.append(plan := judge_record(line, seed, processes))
             found = "; ".join(plan.accused) or "not accused"
             place = f"{number + 1:3}/{given.plans} {line:8} seed {seed:3}, {processes:2} busy processes"
             figures = f"load {plan.average:4.1f}, {plan.trials} trials in {plan.seconds:.0f} s"

@@ -38,7 +38,7 @@ class Driver:
     script: str
     device: str
     options: tuple[str, ...] = ()
-    """Options of the device."""
+    """JudgeOptions of the device."""
     words: tuple[str, ...] = ("{port}",)
     """Arguments of the script behind the variant."""
     port: str | None = None
@@ -159,7 +159,7 @@ def rows(words: Sequence[str] = ()) -> list[Row]:
 
 
 CONTEXT = multiprocessing.get_context("forkserver")
-CONTEXT.set_forkserver_preload(["tactemu.cli", "tactemu.cli.judging", "tactemu.judge.running"])
+CONTEXT.set_forkserver_preload(["tactemu.cli", "tactemu.cli.judging", "tactemu.judge.trial_runner"])
 
 
 def judge_words(driver: Driver, variant: str, report: Path, *more: str) -> list[str]:
@@ -169,9 +169,9 @@ def judge_words(driver: Driver, variant: str, report: Path, *more: str) -> list[
     return ["judge", driver.device, *driver.options, *options, "--", *driver.command(variant)]
 
 
-def be_judge(words: Sequence[str], told: str) -> None:
+def be_judge(words: Sequence[str], stderr: str) -> None:
     """Run the command line in this process, with stderr in a file."""
-    file = os.open(told, os.O_WRONLY | os.O_CREAT)
+    file = os.open(stderr, os.O_WRONLY | os.O_CREAT)
     for number, of in ((0, os.open(os.devnull, os.O_RDONLY)), (1, os.open(os.devnull, os.O_WRONLY)), (2, file)):
         os.dup2(of, number)
     signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -181,15 +181,15 @@ def be_judge(words: Sequence[str], told: str) -> None:
 
 def run(words: Sequence[str], timeout_s: float) -> str:
     """Run a judge; return the end of what it writes on stderr. An interrupt ends the judge, too."""
-    with tempfile.NamedTemporaryFile("r") as told:
-        process = CONTEXT.Process(target=be_judge, args=(words, told.name))
+    with tempfile.NamedTemporaryFile("r") as stderr:
+        process = CONTEXT.Process(target=be_judge, args=(words, stderr.name))
         process.start()
         try:
             process.join(timeout_s)
             late = process.is_alive()
         finally:
             stop(process)
-        last = "\n".join(told.read().splitlines()[-12:])
+        last = "\n".join(stderr.read().splitlines()[-12:])
         return f"takes longer than {timeout_s:g} s\n{last}" if late else last
 
 
@@ -223,7 +223,7 @@ class Result:
         return ", ".join(dict.fromkeys(kind for kind, _ in self.found)) or "nothing"
 
 
-def judged(row: Row, more: Sequence[str] = ()) -> Result:
+def judge_record(row: Row, more: Sequence[str] = ()) -> Result:
     """Judge the driver of a row."""
     began = time.monotonic()
     with tempfile.TemporaryDirectory() as folder:
@@ -257,7 +257,7 @@ def results(chosen: Sequence[Row], more: Sequence[str]) -> Iterator[Result]:
     for number, row in enumerate(chosen, 1):
         if sys.stderr.isatty():
             print(f"{number:3}/{len(chosen):3} {row.name} ...", end="\r", file=sys.stderr, flush=True)
-        result = judged(row, more)
+        result = judge_record(row, more)
         named = "yes" if result.is_named else "NO"
         words = f"{row.name:30} {'|'.join(row.kinds):18} {result.got:30} {named:5} {result.seconds:4.0f} s"
         print(f"{number:3}/{len(chosen):3} {words}", flush=True)

@@ -6,7 +6,7 @@ import pytest
 from firmware_protocols import Reading, calls, create
 from tactemu.emulator.sensing import SenseReader
 from tactemu.emulator.sources import FunctionSkin
-from tactemu.judge.excitation import Excitation, Span, flattened
+from tactemu.judge.excitation import Excitation, ExcitationRange, flattened
 
 N = 200
 
@@ -14,7 +14,7 @@ N = 200
 def felt(name):
     """Counts of a device under the excitation, by stream and sense, shape ``(N, n_channels)``."""
     device = create(name)
-    excitation = Excitation({name: Span(lambda: create(name))})
+    excitation = Excitation({name: ExcitationRange(lambda: create(name))})
     excitation.mode = "random"
     skin = FunctionSkin(name, device)
     senses = SenseReader(skin, device)

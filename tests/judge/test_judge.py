@@ -15,7 +15,7 @@ from xml.etree import ElementTree
 import pytest
 
 from tactemu.judge.processes import MARK, marked
-from tactemu.judge.running import Judge, Options
+from tactemu.judge.trial_runner import Judge, JudgeOptions
 
 pytestmark = [pytest.mark.realtime, pytest.mark.timeout(300)]
 
@@ -33,18 +33,18 @@ def test_a_sum_that_nobody_checks_with_report_case_and_replay(tmp_path):
     files = {name: tmp_path / f"r.{name}" for name in ("html", "junit", "json")}
     arguments = [f"--{name}={path}" for name, path in files.items()]
     base = [sys.executable, "-m", "tactemu", "judge", "optoforce"]
-    more = ["--only=flipped", "--rest=0.2", f"--cases={tmp_path / 'cases'}", f"--record={tmp_path / 'tapes'}"]
+    more = ["--only=flipped", "--rest=0.2", f"--cases={tmp_path / 'cases'}", f"--record={tmp_path / 'records'}"]
     first = ended([*base, *arguments, *more, *command])
     assert first.returncode == 1, first.stderr
     assert "silent wrong values" in first.stderr and "Fx, in counts" in first.stderr
     (case,) = (tmp_path / "cases").iterdir()
-    told = json.loads(case.read_text())
-    assert len(told["faults"]) == 1 and told["finding"] == "wrong" and told["odd"]
-    byte = int(told["faults"][0].split()[4])
+    data = json.loads(case.read_text())
+    assert len(data["faults"]) == 1 and data["finding"] == "wrong" and data["odd"]
+    byte = int(data["faults"][0].split()[4])
     assert 8 <= byte <= 13, "a byte of a value"
     assert ElementTree.parse(files["junit"]).getroot().get("failures") == "1"
     assert json.loads(files["json"].read_text())["failed"] == ["flipped"] and "<svg" in files["html"].read_text()
-    assert len(list((tmp_path / "tapes").iterdir())) == 2
+    assert len(list((tmp_path / "records").iterdir())) == 2
 
 
 @pytest.mark.nightly
@@ -77,7 +77,7 @@ def test_a_reader_in_python_is_called_and_may_be_late(tmp_path):
         patch.chdir(tmp_path)
         from tactemu.judge.driver import reading_command
 
-        with Judge("optoforce", reading_command("mine:read"), Options(only=["none"])) as judge:
+        with Judge("optoforce", reading_command("mine:read"), JudgeOptions(only=["none"])) as judge:
             (outcome,) = judge.run()
     assert [column.channel for column in judge.columns.values] == [0, 1, 2]
     assert outcome.p50_ms is not None and 20.0 < outcome.p50_ms < 30.0
@@ -117,7 +117,7 @@ def test_with_what_is_no_driver_there_is_a_word_and_nothing_left(case):
     with Judge(
         "optoforce",
         [sys.executable, "-c", script],
-        Options(start_s={"floods": 8.0, "talks": 3.0}.get(case, 1.2), rest_s=0.1),
+        JudgeOptions(start_s={"floods": 8.0, "talks": 3.0}.get(case, 1.2), no_contact_s=0.1),
     ) as judge:
         began = time.monotonic()
         (outcome,) = judge.run()
@@ -129,17 +129,17 @@ def test_with_what_is_no_driver_there_is_a_word_and_nothing_left(case):
 
 
 def test_a_program_that_is_not_there_is_a_mistake_in_the_command():
-    told = ended([sys.executable, "-m", "tactemu", "judge", "optoforce", "--", "no-such-driver", "{port}"])
-    assert told.returncode == 2 and "cannot run the driver: no-such-driver" in told.stderr, told.stderr
-    assert "Traceback" not in told.stderr
+    done = ended([sys.executable, "-m", "tactemu", "judge", "optoforce", "--", "no-such-driver", "{port}"])
+    assert done.returncode == 2 and "cannot run the driver: no-such-driver" in done.stderr, done.stderr
+    assert "Traceback" not in done.stderr
 
 
 @pytest.mark.nightly
 def test_a_driver_that_filters_is_learned_from_what_is_held():
     command = [sys.executable, str(DRIVERS / "over_stream.py"), "filter", "{port}"]
-    with Judge("optoforce", command, Options(only=["flipped", "hang", "reset"])) as judge:
+    with Judge("optoforce", command, JudgeOptions(only=["flipped", "hang", "reset"])) as judge:
         outcomes = list(judge.run())
-    assert not any(outcome.fails(Options().fail_on) for outcome in outcomes), [o.verdict for o in outcomes]
+    assert not any(outcome.fails(JudgeOptions().fail_on) for outcome in outcomes), [o.verdict for o in outcomes]
 
 
 TWO_SKINS = """
@@ -170,7 +170,9 @@ position = [-0.03, 0.0, 0.003]
 def test_two_skins_may_be_out_of_step_but_not_wrong(tmp_path):
     (tmp_path / "two.toml").write_text(TWO_SKINS)
     command = [sys.executable, str(DRIVERS / "over_two_ports.py"), "clean", "{left}", "{right}"]
-    with Judge(str(tmp_path / "two.toml"), command, Options(only=["flipped", "dropped", "hang", "unplug"])) as judge:
+    with Judge(
+        str(tmp_path / "two.toml"), command, JudgeOptions(only=["flipped", "dropped", "hang", "unplug"])
+    ) as judge:
         outcomes = list(judge.run())
     assert [column.channel for column in judge.columns.values] == list(range(6)) and len(outcomes) == 5
-    assert not any(outcome.fails(Options().fail_on) for outcome in outcomes), [o.verdict for o in outcomes]
+    assert not any(outcome.fails(JudgeOptions().fail_on) for outcome in outcomes), [o.verdict for o in outcomes]

@@ -2,28 +2,28 @@
 
 import pytest
 
-from tactemu.judge.tape import Frame, InjectedFault
-from tactemu.judge.verdicts import judged
-from tests.judge.stories import PERIOD, row, tape, usual
+from tactemu.judge.trial_record import InjectedFault, ReceivedFrame
+from tactemu.judge.verdicts import judge_record
+from tests.judge.trial_records import PERIOD, record_of, row, usual
 
 
-def kinds(told):
-    told.rows.sort(key=lambda said: said.t)
-    return [finding.kind for finding in judged(told).findings]
+def kinds(record):
+    record.rows.sort(key=lambda printed: printed.t)
+    return [finding.kind for finding in judge_record(record).findings]
 
 
 def out_of_turn(name, rows, **known):
     """Six frames come out of turn, and so do rows."""
-    told = tape(usual(without=range(110, 116)) + rows, name=name, known=known)
-    told.changes = [InjectedFault(k * PERIOD, name, name, None, "", ()) for k in range(110, 116)]
-    return told
+    record = record_of(usual(without=range(110, 116)) + rows, name=name, known=known)
+    record.injected_faults = [InjectedFault(k * PERIOD, name, name, None, "", ()) for k in range(110, 116)]
+    return record
 
 
 @pytest.mark.parametrize("name", ["reordered", "old frame", "doubled"])
 def test_a_driver_leaves_out_old_frames_that_carry_a_number(name):
     old = [(k + j, row(k)) for k in range(110, 116) for j in (0.1, 1.6)]
-    told = ["again"] if name != "doubled" else []
-    assert kinds(out_of_turn(name, old, numbered=True)) == told
+    expected = ["again"] if name != "doubled" else []
+    assert kinds(out_of_turn(name, old, numbered=True)) == expected
     assert kinds(out_of_turn(name, old)) == [], "without a number nobody can tell"
     new = [(k + 0.1, row(k)) for k in range(110, 116)]
     assert kinds(out_of_turn(name, new, numbered=True)) == [], "it leaves them out"
@@ -33,41 +33,45 @@ def asking(behind, each=4, lag=0, **more):
     """Questions each 40 ms in the clean run; a row is the answer to the question ``behind`` before."""
     rows = [(k + 0.2, row(k - behind * each - lag)) for k in range(2 * each, 200, each)]
     known = {"row_ms": 10.0 * each, "ask_ms": 2.0, "behind": behind * each}
-    told = tape(rows, name="clean", action="clean", asks=True, known=known, on=1, off=200, trial={"recovers": False})
-    told.frames = [Frame(k * PERIOD + late, way, "00", k, True)
+    record = record_of(
+        rows, name="clean", action="clean", asks=True, known=known, on=1, off=200, trial={"recovers": False}
+    )
+    record.frames = [ReceivedFrame(k * PERIOD + late, way, "00", k, True)
                    for k in range(0, 200, each) for late, way in ((1, "rx"), (2, "tx"))]  # fmt: skip
-    return told
+    return record
 
 
 def test_an_answer_that_is_always_the_one_before_is_stale():
-    told = asking(1)
-    outcome = judged(told)
-    assert kinds(told) == ["stale"] and "answer to the question before" in outcome.verdict
+    record = asking(1)
+    outcome = judge_record(record)
+    assert kinds(record) == ["stale"] and "answer to the question before" in outcome.verdict
     assert kinds(asking(0)) == [] == kinds(asking(0, lag=1)), "a device may hand out a sample that is a little older"
     assert kinds(asking(1, each=1)) != ["stale"], "a sample for each question: it may be the device's own delay"
 
 
 def test_a_device_that_answers_with_its_next_sample_makes_no_row_new():
     for behind, expected in ((1, ["stale"]), (0, [])):
-        told = asking(behind)
-        told.frames = [Frame(round((k - asked / 2) * PERIOD) + 1, "rx" if asked else "tx", "00", k)
+        record = asking(behind)
+        record.frames = [ReceivedFrame(round((k - asked / 2) * PERIOD) + 1, "rx" if asked else "tx", "00", k)
                        for k in range(4, 200, 4) for asked in (True, False)]  # fmt: skip
-        assert kinds(told) == expected
+        assert kinds(record) == expected
 
 
 def test_some_answers_that_are_old_do_not_make_a_driver_always_late():
-    told = asking(0)
-    told.rows[::2] = asking(1).rows[::2]
-    assert "question before" not in judged(told).verdict
+    record = asking(0)
+    record.rows[::2] = asking(1).rows[::2]
+    assert "question before" not in judge_record(record).verdict
 
 
 def unplugged(times, last, notes=(), exit=None):
     """A port that goes at 100 and at 160; rows until ``last``, but none while it is away."""
     away = [k for start in (100, 160)[:times] for k in range(start, start + 20)]
-    told = tape(usual(last=last, without=away), name="unplug", action="unplug", off=120 if times == 1 else 180,
+    record = record_of(usual(last=last, without=away), name="unplug", action="unplug", off=120 if times == 1 else 180,
                 end=300, notes=notes, exit=exit, silent=set(away))  # fmt: skip
-    told.changes = [InjectedFault(start * PERIOD, "unplug", "unplug", None, "", ()) for start in (100, 160)[:times]]
-    return told
+    record.injected_faults = [
+        InjectedFault(start * PERIOD, "unplug", "unplug", None, "", ()) for start in (100, 160)[:times]
+    ]
+    return record
 
 
 def test_a_driver_that_came_back_from_one_outage_comes_back_from_the_next():

@@ -8,16 +8,16 @@ import pytest
 from firmware_protocols import Rollover
 from firmware_protocols.sums import crc16_modbus
 from tactemu.judge import forged_replies
-from tactemu.judge.plan import Facts, Plan, positions
+from tactemu.judge.plan import LineFacts, Plan, positions
 from tactemu.wire.faults import parse
 from tactemu.wire.faults.frames import CORRUPTIONS
 
 ROLLOVERS = [Rollover(name="counter", bits=16, state="sent"), Rollover(name="tick", bits=32, clock=True)]
-STREAM = Facts(usb=True, frames=["aa07080a" + "00" * 12] * 50, rollovers=ROLLOVERS)
+STREAM = LineFacts(usb=True, frames=["aa07080a" + "00" * 12] * 50, rollovers=ROLLOVERS)
 RTU = bytes([1, 4, 8, 0, 1, 0, 2, 0, 3, 0, 4])
 RTU += crc16_modbus(RTU).to_bytes(2, "little")
-POLLED = Facts(asks=True, talks=True, frames=[RTU.hex()] * 50, requests=["010400070020" + "4013"] * 50, taxels=32)
-CAN = Facts(wire="can", frames=[f"7{k:02X}#00112233445566" for k in range(16)] * 4, frames_per_row=16,
+POLLED = LineFacts(asks=True, talks=True, frames=[RTU.hex()] * 50, requests=["010400070020" + "4013"] * 50, taxels=32)
+CAN = LineFacts(wire="can", frames=[f"7{k:02X}#00112233445566" for k in range(16)] * 4, frames_per_row=16,
             identifiers=range(0x710, 0x720), taxels=16)  # fmt: skip
 
 
@@ -68,7 +68,7 @@ def test_a_plan_takes_half_a_minute():
 
 
 def test_same_seed_same_plan():
-    wide = Facts(frames=["00" * 400] * 9)
+    wide = LineFacts(frames=["00" * 400] * 9)
     assert plan(wide, seed=3) == plan(wide, seed=3) != plan(wide, seed=4)
 
 
@@ -82,23 +82,18 @@ def spoilt(frame, texts):
 
 
 def test_answers_that_lie_are_whole():
-    forged_values = {
-        lie.name: spoilt(RTU, lie.faults(1)) for lie in forged_replies.forged_values([RTU.hex()], "serial")
-    }
-    assert all(crc16_modbus(lie[:-2]).to_bytes(2, "little") == lie[-2:] for lie in forged_values.values())
-    assert forged_values["exception"][:3] == bytes([1, 0x84, 4]) and forged_values["another unit"][0] == 0 != RTU[0]
-    assert forged_values["short answer"][2] == len(forged_values["short answer"]) - 5 < RTU[2]
-    assert forged_values["another unit"][3:5] != RTU[3:5], "a wrong answer is no reading"
+    forged = {reply.name: spoilt(RTU, reply.faults(1)) for reply in forged_replies.forged_values([RTU.hex()], "serial")}
+    assert all(crc16_modbus(reply[:-2]).to_bytes(2, "little") == reply[-2:] for reply in forged.values())
+    assert forged["exception"][:3] == bytes([1, 0x84, 4]) and forged["another unit"][0] == 0 != RTU[0]
+    assert forged["short answer"][2] == len(forged["short answer"]) - 5 < RTU[2]
+    assert forged["another unit"][3:5] != RTU[3:5], "a wrong answer is no reading"
 
     body = bytes([1, 3, 8, 0, 1, 0, 2, 0, 3, 0, 4])
     answer = bytes.fromhex("00290000") + len(body).to_bytes(2, "big") + body
-    forged_values = {
-        lie.name: spoilt(answer, lie.faults(1)) for lie in forged_replies.forged_values([answer.hex()], "tcp")
+    forged = {
+        reply.name: spoilt(answer, reply.faults(1)) for reply in forged_replies.forged_values([answer.hex()], "tcp")
     }
-    assert forged_values["exception"] == bytes.fromhex("002900000003018304")
-    assert (
-        forged_values["short answer"][:9] == bytes.fromhex("002900000007010304")
-        and len(forged_values["short answer"]) == 13
-    )
-    assert forged_values["another transaction"][:2] == b"\x00\x28" and forged_values["another unit"][6] == 0
+    assert forged["exception"] == bytes.fromhex("002900000003018304")
+    assert forged["short answer"][:9] == bytes.fromhex("002900000007010304") and len(forged["short answer"]) == 13
+    assert forged["another transaction"][:2] == b"\x00\x28" and forged["another unit"][6] == 0
     assert forged_replies.forged_values(["aa07080a"], "serial") == []

@@ -18,5 +18,5 @@ def test_rows_are_chosen_by_line_driver_mistake_and_kind():
 @pytest.mark.timeout(120)
 def test_a_mistake_is_judged_and_named():
     (row,) = planted.rows(["stream", "mask"])
-    result = planted.judged(row)
+    result = planted.judge_record(row)
     assert result.is_named and result.got == "wrong", result.about

@@ -4,27 +4,29 @@ import struct
 
 import pytest
 
-from tactemu.judge.tape import Frame, InjectedFault
-from tactemu.judge.verdicts import judged
-from tests.judge.stories import PERIOD, counts, row, tape, usual
+from tactemu.judge.trial_record import InjectedFault, ReceivedFrame
+from tactemu.judge.verdicts import judge_record
+from tests.judge.trial_records import PERIOD, counts, record_of, row, usual
 
 
 def trial(action, name=None, **more):
     """A driver that reads on, whatever is done from 100 to 150."""
-    return tape(name=name or action, action=action, **more)
+    return record_of(name=name or action, action=action, **more)
 
 
-def changed(told, fault, at=101, kind="", **more):
-    told.changes.append(InjectedFault(at * PERIOD, kind or fault, fault, None, **({"before": "", "after": ()} | more)))
-    return told
+def changed(record, fault, at=101, kind="", **more):
+    record.injected_faults.append(
+        InjectedFault(at * PERIOD, kind or fault, fault, None, **({"before": "", "after": ()} | more))
+    )
+    return record
 
 
-def sampled(told, during):
+def sampled(record, during):
     """Other counts of the samples while the event lasts."""
-    told.samples = [s._replace(counts=during(s.number)) if 100 < s.number <= 150 else s for s in told.samples]
-    values = [dict(zip(("fx", "fy", "fz"), (0.5 * sample.counts).tolist())) for sample in told.samples]
-    told.rows = [said._replace(row={**said.row, **value}) for said, value in zip(told.rows, values)]
-    return told
+    record.samples = [s._replace(counts=during(s.number)) if 100 < s.number <= 150 else s for s in record.samples]
+    values = [dict(zip(("fx", "fy", "fz"), (0.5 * sample.counts).tolist())) for sample in record.samples]
+    record.rows = [printed._replace(row={**printed.row, **value}) for printed, value in zip(record.rows, values)]
+    return record
 
 
 def wire(number):
@@ -35,45 +37,47 @@ def wire(number):
 def flipped(place):
     """Each of four frames has a bit flipped at this place, and none becomes a row."""
     hit = (110, 115, 120, 125)
-    told = tape(usual(without=hit))
-    told.frames = [frame._replace(data=wire(frame.sample).hex()) for frame in told.frames]
+    record = record_of(usual(without=hit))
+    record.frames = [frame._replace(data=wire(frame.sample).hex()) for frame in record.frames]
     for number in hit:
         after = bytearray(wire(number))
         after[place] ^= 4
-        told.frames[number] = told.frames[number]._replace(data=after.hex())
-        changed(told, "flip", number, before=wire(number).hex(), after=(after.hex(),))
-    return told
+        record.frames[number] = record.frames[number]._replace(data=after.hex())
+        changed(record, "flip", number, before=wire(number).hex(), after=(after.hex(),))
+    return record
 
 
-def asked(told, silent, *at):
+def asked(record, silent, *at):
     """Questions each 40 ms, answered at once, but for a time in which there are only those at given times."""
-    told.known["asks"] = True
-    told.frames = [
-        Frame(k * PERIOD + 1000 * j, way, "00", k, True)
+    record.known["asks"] = True
+    record.frames = [
+        ReceivedFrame(k * PERIOD + 1000 * j, way, "00", k, True)
         for k in range(0, 200, 4)
         for j, way in enumerate(("rx", "tx"))
         if k not in silent
     ]
-    told.frames += [Frame(t * PERIOD, "rx", "00") for t in at]
-    return told
+    record.frames += [ReceivedFrame(t * PERIOD, "rx", "00") for t in at]
+    return record
 
 
 def late(*at):
     """An answer that is 150 ms late, and questions before it comes."""
-    told = tape([(k + 1.0, row(k)) for k in range(0, 200, 4)], name="late answer", notes=[(119, "time out")])
-    return changed(asked(told, range(101, 117), *at), "late frame 3 by 150ms", kind="late")
+    record = record_of([(k + 1.0, row(k)) for k in range(0, 200, 4)], name="late answer", notes=[(119, "time out")])
+    return changed(asked(record, range(101, 117), *at), "late frame 3 by 150ms", kind="late")
 
 
 def hanging(**more):
-    return tape([*usual(last=100), *usual(151)], name="hang", action="hang", off=150, notes=[(140, "time out")], **more)
+    return record_of(
+        [*usual(last=100), *usual(151)], name="hang", action="hang", off=150, notes=[(140, "time out")], **more
+    )
 
 
 def at_half_rate(first):
-    told = trial("rate", "half the rate", trial={"rate_hz": 50.0})
-    told.samples = [s for s in told.samples if s.number % 2 or not first < s.number <= 150]
-    told.frames = [frame for frame in told.frames if any(s.number == frame.sample for s in told.samples)]
-    told.rows = [each for each, k in zip(told.rows, range(200)) if k % 2 or not first < k <= 150]
-    return told
+    record = trial("rate", "half the rate", trial={"rate_hz": 50.0})
+    record.samples = [s for s in record.samples if s.number % 2 or not first < s.number <= 150]
+    record.frames = [frame for frame in record.frames if any(s.number == frame.sample for s in record.samples)]
+    record.rows = [each for each, k in zip(record.rows, range(200)) if k % 2 or not first < k <= 150]
+    return record
 
 
 EVENTS = {
@@ -81,12 +85,12 @@ EVENTS = {
     "flip": (flipped(5), flipped(0), "no flip hit a byte of a value"),
     "flip, low byte": (flipped(9), flipped(10), "no flip hit a byte of a value"),
     "faults": (
-        changed(tape(trial={"faults": ["drop frame 3"]}), "drop"), tape(trial={"faults": ["drop frame 3"]}),
+        changed(record_of(trial={"faults": ["drop frame 3"]}), "drop"), record_of(trial={"faults": ["drop frame 3"]}),
         "none of its faults hit anything",
     ),
     "faults before": (
-        changed(tape(trial={"faults": ["drop frame 3"]}), "drop"),
-        changed(tape(trial={"faults": ["drop frame 3"]}), "drop", 90), "none of its faults hit anything",
+        changed(record_of(trial={"faults": ["drop frame 3"]}), "drop"),
+        changed(record_of(trial={"faults": ["drop frame 3"]}), "drop", 90), "none of its faults hit anything",
     ),
     "hang": (hanging(silent=range(101, 150)), hanging(), "frames went on"),
     "hang of what is asked": (
@@ -95,8 +99,8 @@ EVENTS = {
     ),
     "late answer": (late(110), late(), "the driver waited for each late answer"),
     "stop": (
-        tape([*usual(last=100), *[(151 + k / 100, row(k)) for k in range(100, 151)], *usual(152)], name="slow reader",
-             action="stop"),
+        record_of([*usual(last=100), *[(151 + k / 100, row(k)) for k in range(100, 151)], *usual(152)],
+                  name="slow reader", action="stop"),
         trial("stop", "slow reader"), "did not stand still",
     ),
     "reset": (changed(trial("reset"), "reset", 99), trial("reset"), "the device did not restart"),
@@ -118,15 +122,15 @@ EVENTS = {
 @pytest.mark.parametrize("event", EVENTS)
 def test_an_event_happened_or_the_trial_is_not_tried(event):
     happened, not_so, why = EVENTS[event]
-    outcome = judged(happened)
+    outcome = judge_record(happened)
     assert not outcome.findings and not outcome.skipped, outcome.verdict
-    outcome = judged(not_so)
+    outcome = judge_record(not_so)
     assert not outcome.findings and why in outcome.skipped, outcome.verdict
     assert outcome.verdict == f"not tried: {outcome.skipped}"
 
 
 def test_a_finding_stands_also_where_the_event_did_not_happen():
-    told = tape([*usual(without=[110]), (110.1, row(110, fy=7777.0))], trial={"faults": ["drop frame 3"]})
-    told.rows.sort(key=lambda said: said.t)
-    outcome = judged(told)
+    record = record_of([*usual(without=[110]), (110.1, row(110, fy=7777.0))], trial={"faults": ["drop frame 3"]})
+    record.rows.sort(key=lambda printed: printed.t)
+    outcome = judge_record(record)
     assert [finding.kind for finding in outcome.findings] == ["wrong"] and not outcome.skipped

@@ -51,7 +51,7 @@ def test_a_stream_is_cut_whatever_the_pieces():
             found += cutter.cut(whole[at : at + size])
         assert b"".join(found) == whole and [each for each in found if len(each) == 16] == frames
     cutter.cut(HEAD + b"\0")
-    assert cutter.give_up() == [HEAD + b"\0"] and not cutter.rest
+    assert cutter.flush_partial() == [HEAD + b"\0"] and not cutter.partial
 
 
 @contextlib.contextmanager

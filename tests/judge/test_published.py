@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from tactemu.judge.running import Judge, Options
+from tactemu.judge.trial_runner import Judge, JudgeOptions
 from tests.drivers.environments import python_with
 from tests.judge.cards import CARDS, SCRIPT
 
@@ -44,19 +44,19 @@ def card_of(name, only=()):
     except importlib.metadata.PackageNotFoundError:
         pytest.skip(f"{name} is not installed")
     card = CARDS[name]
-    options = Options(only=only, port=card.port or None)
+    options = JudgeOptions(only=only, port=card.port or None)
     with Judge(card.device, [sys.executable, str(SCRIPT), name, "{port}"], options) as judge:
         return {outcome.name: outcome for outcome in judge.run()}
 
 
 def agrees(outcomes, expected):
-    assert not outcomes["clean"].fails(Options().fail_on), outcomes["clean"].verdict
+    assert not outcomes["clean"].fails(JudgeOptions().fail_on), outcomes["clean"].verdict
     for trial, kinds in expected.items():
         outcome = outcomes[trial]
         if kinds:
             assert outcome.has(*kinds), (trial, outcome.verdict)
         else:
-            assert not outcome.fails(Options().fail_on), (trial, outcome.verdict)
+            assert not outcome.fails(JudgeOptions().fail_on), (trial, outcome.verdict)
 
 
 @pytest.mark.parametrize("name", SHORT)
@@ -75,7 +75,7 @@ def test_a_camera_of_lerobot_hands_out_its_last_picture_after_unplugging():
     """Its thread logs the exception and ends; what reads goes on reading."""
     shim = Path(__file__).parents[1] / "drivers" / "scripts" / "lerobot"
     python = [python_with("lerobot_record"), str(SCRIPT), "lerobot-camera-paxini", "{port}"]
-    options = Options(only=["flipped", "unplug"], start_s=60.0)
+    options = JudgeOptions(only=["flipped", "unplug"], start_s=60.0)
     with Judge("paxini_high_speed", ["env", f"PYTHONPATH={shim}", *python], options) as judge:
         outcomes = {outcome.name: outcome for outcome in judge.run()}
     agrees(outcomes, {"flipped": NONE, "unplug": ("stale",)})

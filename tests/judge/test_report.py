@@ -7,15 +7,15 @@ from xml.etree import ElementTree
 import pytest
 
 from tactemu.base.errors import TactemuError
-from tactemu.judge import smallest
-from tactemu.judge.junit import junit
+from tactemu.judge import smallest_case
+from tactemu.judge.html_report import html_report
+from tactemu.judge.junit_report import junit_report
 from tactemu.judge.outcome import ABOUT, FAILING, Finding, Outcome
-from tactemu.judge.page import page
 from tactemu.judge.plan import Trial
 from tactemu.judge.report import Report
-from tactemu.judge.tape import TrialRecord
-from tactemu.judge.verdicts import judged
-from tests.judge.stories import row, tape, usual
+from tactemu.judge.trial_record import TrialRecord
+from tactemu.judge.verdicts import judge_record
+from tests.judge.trial_records import record_of, row, usual
 from tests.page.browser import browsing
 
 CASE = {
@@ -28,15 +28,15 @@ CASE = {
 
 @pytest.fixture
 def report():
-    wrong = judged(tape([*usual(without=[110]), (110.1, row(110, fy=7777.0))], name="<flipped>"))
+    wrong = judge_record(record_of([*usual(without=[110]), (110.1, row(110, fy=7777.0))], name="<flipped>"))
     wrong.case, wrong.confirmed = CASE, True
-    clean = judged(tape(name="clean", action="clean", trial={"recovers": False}))
-    skipped = judged(TrialRecord("wrong baud", {"skipped": "USB & all"}))
+    clean = judge_record(record_of(name="clean", action="clean", trial={"recovers": False}))
+    skipped = judge_record(TrialRecord("wrong baud", {"skipped": "USB & all"}))
     return Report("optoforce", ["./reader", "<&>"], columns=[("fx", "Fx, in N")], outcomes=[clean, wrong, skipped])
 
 
 def test_a_page_holds_everything_and_asks_for_nothing(report):
-    text = page(report)
+    text = html_report(report)
     assert "&lt;flipped&gt;" in text and "<flipped>" not in text and "USB &amp; all" in text
     assert "7777" in text and "<mark>" in text and "<svg" in text and "1 trials fail" in text
     assert not re.search(r"<script|src=|url\(|https?://", text)
@@ -44,7 +44,7 @@ def test_a_page_holds_everything_and_asks_for_nothing(report):
 
 @pytest.mark.parametrize(("width", "scheme"), [(1440, "light"), (400, "dark")])
 def test_a_browser_shows_the_page_and_finds_no_fault_with_it(report, width, scheme, tmp_path):
-    (tmp_path / "report.html").write_text(page(report))
+    (tmp_path / "report.html").write_text(html_report(report))
     wrong: list[str] = []
     with browsing() as browser:
         tab = browser.new_context(viewport={"width": width, "height": 900}, color_scheme=scheme).new_page()
@@ -61,12 +61,12 @@ def test_a_browser_shows_the_page_and_finds_no_fault_with_it(report, width, sche
 
 
 def test_junit(report):
-    suite = ElementTree.fromstring(junit(report))
+    suite = ElementTree.fromstring(junit_report(report))
     assert (suite.get("tests"), suite.get("failures"), suite.get("skipped")) == ("3", "1", "1")
     (failure,) = suite.iter("failure")
     assert failure.get("type") == "wrong" and "aa07080a0502" in (failure.text or "")
     report.outcomes[1].verdict = "died: \x1b[31mred\x00"
-    ElementTree.fromstring(junit(report))
+    ElementTree.fromstring(junit_report(report))
 
 
 def test_a_baseline_lets_only_what_is_new_fail(report, tmp_path):
@@ -74,7 +74,7 @@ def test_a_baseline_lets_only_what_is_new_fail(report, tmp_path):
     data = json.loads((tmp_path / "report.json").read_text())
     assert data["failed"] == ["<flipped>"] and data["trials"][1]["fails"] == ["wrong"]
     report.compare(tmp_path / "report.json")
-    assert not report.failed and "as in the baseline" in page(report)
+    assert not report.failed and "as in the baseline" in html_report(report)
     report.outcomes[1].name = "cut"
     assert [outcome.name for outcome in report.failed] == ["cut"]
     (tmp_path / "x.json").write_text("{}")
@@ -84,32 +84,32 @@ def test_a_baseline_lets_only_what_is_new_fail(report, tmp_path):
 
 def test_what_does_not_come_again_does_not_fail(report):
     report.outcomes[1].confirmed = False
-    assert not report.failed and "not again" in page(report)
+    assert not report.failed and "not again" in html_report(report)
 
 
 @pytest.mark.parametrize("kind", list(ABOUT))
 def test_each_kind_of_finding_that_may_fail_a_run_has_a_smallest_case(kind):
     """Also those that fail none by default: with ``--fail-on all`` the case is looked for."""
     trial = Trial("flipped", "why", ["flip frame 10 byte 3 bit 1", "flip frame 20 byte 4 bit 2"])
-    told = tape(hit=[110])
+    record = record_of(hit=[110])
     outcome = Outcome("flipped", findings=[Finding(kind, "so")])
-    case = smallest.find(trial, told, outcome, lambda alone: (told, outcome), "optoforce", ["d"], tuple(ABOUT))
+    case = smallest_case.find(trial, record, outcome, lambda alone: (record, outcome), "optoforce", ["d"], tuple(ABOUT))
     assert case is not None and case["finding"] == kind and len(case["faults"]) == 1
     if kind not in FAILING:
-        assert smallest.find(trial, told, outcome, lambda alone: (told, outcome), "optoforce", ["d"]) is None
+        assert smallest_case.find(trial, record, outcome, lambda alone: (record, outcome), "optoforce", ["d"]) is None
 
 
 def test_trouble_is_named_once():
-    assert judged(TrialRecord("clean", {}, trouble="died: it was killed")).verdict == "died: it was killed"
+    assert judge_record(TrialRecord("clean", {}, trouble="died: it was killed")).verdict == "died: it was killed"
 
 
 def test_a_case_is_kept_and_told(tmp_path):
-    smallest.write(CASE, tmp_path / "case.json")
-    assert smallest.read(tmp_path / "case.json") == CASE
-    assert smallest.trial_of(CASE).faults == CASE["faults"]
-    words = smallest.in_words(CASE)
+    smallest_case.write(CASE, tmp_path / "case.json")
+    assert smallest_case.read(tmp_path / "case.json") == CASE
+    assert smallest_case.trial_of(CASE).faults == CASE["faults"]
+    words = smallest_case.in_words(CASE)
     assert len(words.splitlines()) <= 10 and "aa07080a0502" in words and "fx = 7777" in words and "fx = 7.5" in words
     for wrong in ("", "[]", '{"version": 9}', '{"version": 1, "device": 3}'):
         (tmp_path / "x.json").write_text(wrong)
         with pytest.raises(TactemuError, match="not a case"):
-            smallest.read(tmp_path / "x.json")
+            smallest_case.read(tmp_path / "x.json")

@@ -48,7 +48,7 @@ def test_a_point_says_how_sure_it_is():
 
 
 @pytest.mark.parametrize(
-    ("script", "said"),
+    ("script", "message"),
     [
         ("x = 1", "no function success"),
         ("1 / 0", "ZeroDivisionError"),
@@ -56,11 +56,11 @@ def test_a_point_says_how_sure_it_is():
         ("def (", "SyntaxError"),
     ],
 )
-def test_a_script_that_is_none_is_said(script, said, tmp_path):
+def test_a_script_that_is_none_is_said(script, message, tmp_path):
     path = tmp_path / "success.py"
     if script is not None:
         path.write_text(script)
-    with pytest.raises(TactemuError, match=said):
+    with pytest.raises(TactemuError, match=message):
         read_script(path)
 
 

@@ -88,12 +88,12 @@ def test_workers_of_dask_lose_no_run_and_say_the_same(tmp_path):
     with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=":0") as cluster:
         killed = []
 
-        def say(text):
+        def report_progress(text):
             if not killed:  # one is killed in the midst of its second run
                 killed.append(next(iter(cluster.workers.values())).pid)
                 os.kill(killed[0], signal.SIGKILL)
 
-        rows = sweep(jobs, tmp_path / "d.parquet", cluster=cluster.scheduler_address, say=say)
+        rows = sweep(jobs, tmp_path / "d.parquet", cluster=cluster.scheduler_address, report_progress=report_progress)
         assert killed[0] not in {worker.pid for worker in cluster.workers.values()}, "it was killed, and another began"
     assert sorted({row["seed"] for row in rows}) == [0, 1, 2, 3]
     assert {(row["trial"], row["fails"]) for row in rows} == {("clean", ""), ("flipped", "wrong")}

@@ -5,9 +5,9 @@ import pytest
 from tactemu.base.errors import TactemuError
 from tactemu.judge.columns import Columns
 from tactemu.judge.outcome import FAILING
-from tactemu.judge.tape import DriverRow, TrialRecord
-from tactemu.judge.verdicts import judged
-from tests.judge.stories import PERIOD, counts, row, tape, usual
+from tactemu.judge.trial_record import DriverRow, TrialRecord
+from tactemu.judge.verdicts import judge_record
+from tests.judge.trial_records import PERIOD, counts, record_of, row, usual
 
 OLD = [(160 + k * 0.5, row(149)) for k in range(60)]
 
@@ -15,7 +15,7 @@ OLD = [(160 + k * 0.5, row(149)) for k in range(60)]
 def waiting(**more):
     silent = range(60, 190)
     rows = [*usual(last=60), *usual(191, 240)]
-    return tape(rows, name="hang", action="hang", on=60, off=190, end=240, silent=silent, **more)
+    return record_of(rows, name="hang", action="hang", on=60, off=190, end=240, silent=silent, **more)
 
 
 def leaking(per_reading):
@@ -23,114 +23,118 @@ def leaking(per_reading):
 
 
 STORIES = {
-    "right": (tape(), []),
-    "a frame that was hit is missing": (tape(usual(without=[110]), hit=[110]), []),
-    "a wrong row": (tape([*usual(without=[110]), (110.1, row(110, fy=7777.0))]), ["wrong"]),
-    "a wrong row that the driver marks": (tape([*usual(without=[110]), (110.1, row(110, fy=7777.0, valid=0.0))]), []),
-    "no number in place of a wrong one": (tape([*usual(without=[110]), (110.1, row(110, fy=float("nan")))]), []),
+    "right": (record_of(), []),
+    "a frame that was hit is missing": (record_of(usual(without=[110]), hit=[110]), []),
+    "a wrong row": (record_of([*usual(without=[110]), (110.1, row(110, fy=7777.0))]), ["wrong"]),
+    "a wrong row that the driver marks": (
+        record_of([*usual(without=[110]), (110.1, row(110, fy=7777.0, valid=0.0))]), [],
+    ),
+    "no number in place of a wrong one": (record_of([*usual(without=[110]), (110.1, row(110, fy=float("nan")))]), []),
     "all that comes after is wrong": (
-        tape(usual(last=110) + [(k + 0.1, row(k, fx=0.123)) for k in range(110, 200)]), ["wrong", "lost sync"],
+        record_of(usual(last=110) + [(k + 0.1, row(k, fx=0.123)) for k in range(110, 200)]), ["wrong", "lost sync"],
     ),
-    "nothing comes after": (tape(usual(last=110)), ["lost sync"]),
-    "it ends": (tape(usual(last=110), exit=1, notes=[(110.2, "ValueError: checksum")]), ["died"]),
+    "nothing comes after": (record_of(usual(last=110)), ["lost sync"]),
+    "it ends": (record_of(usual(last=110), exit=1, notes=[(110.2, "ValueError: checksum")]), ["died"]),
     "it ends, with a word, because the port has gone": (
-        tape(usual(last=110), name="unplug", action="unplug", exit=1, notes=[(110.2, "port lost")]), [],
+        record_of(usual(last=110), name="unplug", action="unplug", exit=1, notes=[(110.2, "port lost")]), [],
     ),
-    "it ends without a word": (tape(usual(last=110), name="unplug", action="unplug", exit=1), ["died"]),
+    "it ends without a word": (record_of(usual(last=110), name="unplug", action="unplug", exit=1), ["died"]),
     "the last reading, for as long as nothing comes": (
-        tape(usual(last=110) + [(k + 0.1, row(109)) for k in range(111, 150)] + usual(150), name="hang", action="hang",
-             silent=range(110, 150)), ["stale"],
+        record_of(usual(last=110) + [(k + 0.1, row(109)) for k in range(111, 150)] + usual(150), name="hang",
+                  action="hang", silent=range(110, 150)), ["stale"],
     ),
     "the last reading once more is no crime": (
-        tape([*usual(last=110), (149.1, row(109)), *usual(150)], name="hang", action="hang", silent=range(110, 150),
-             notes=[(120, "nothing comes")]), [],
+        record_of([*usual(last=110), (149.1, row(109)), *usual(150)], name="hang", action="hang",
+                  silent=range(110, 150), notes=[(120, "nothing comes")]), [],
     ),
     "it waits": (waiting(), ["blocks"]),
     "it waits in a loop": (waiting(weights=[(k, 1_000_000, 0.009 * k) for k in range(0, 240, 5)]), ["spins"]),
     "it says that nothing comes": (waiting(notes=[(80, "timeout")]), []),
     "good readings go with the bad": (
-        tape(usual(without=range(110, 150, 2)), hit=[111, 121, 131]), ["collateral"],
+        record_of(usual(without=range(110, 150, 2)), hit=[111, 121, 131]), ["collateral"],
     ),
     "old ones among the new": (
-        tape(sorted(usual() + [(k + 0.6, row(k - 3)) for k in range(110, 120)], key=lambda each: each[0])), ["again"],
+        record_of(sorted(usual() + [(k + 0.6, row(k - 3)) for k in range(110, 120)], key=lambda each: each[0])),
+        ["again"],
     ),
     "late without a fault": (
-        tape([(k + 1.2, row(k)) for k in range(298)], name="clean", action="clean", end=300, trial={"recovers": False}),
+        record_of([(k + 1.2, row(k)) for k in range(298)], name="clean", action="clean", end=300,
+                  trial={"recovers": False}),
         ["late"],
     ),
     "late, but so was our own loop": (
-        tape([(k + 1.2, row(k)) for k in range(298)], name="clean", action="clean", end=300, late_ms=9.0,
+        record_of([(k + 1.2, row(k)) for k in range(298)], name="clean", action="clean", end=300, late_ms=9.0,
              trial={"recovers": False}), [],
     ),
     "late by more than our own loop": (
-        tape([(k + 3.2, row(k)) for k in range(296)], name="clean", action="clean", end=300, late_ms=9.0,
+        record_of([(k + 3.2, row(k)) for k in range(296)], name="clean", action="clean", end=300, late_ms=9.0,
              trial={"recovers": False}), ["late"],
     ),
     "what our own loop held up is refused": (
-        tape(usual(last=300, without=range(5, 300, 50)), name="clean", action="clean", on=1, off=300, end=300,
+        record_of(usual(last=300, without=range(5, 300, 50)), name="clean", action="clean", on=1, off=300, end=300,
              trial={"recovers": False}, held_up=range(5, 300, 50)), [],
     ),
     "memory grows by 264 MB within half a second": (
-        tape(weights=[(k, 30_000_000 + 6_000_000 * (k - 106), 0.0) for k in range(106, 151, 5)], name="foreign frames",
-             action="traffic"), ["leaks"],
+        record_of(weights=[(k, 30_000_000 + 6_000_000 * (k - 106), 0.0) for k in range(106, 151, 5)],
+                  name="foreign frames", action="traffic"), ["leaks"],
     ),
     "every hundredth is missing": (
-        tape(usual(last=300, without=range(5, 300, 50)), name="clean", action="clean", on=1, off=300, end=300,
+        record_of(usual(last=300, without=range(5, 300, 50)), name="clean", action="clean", on=1, off=300, end=300,
              trial={"recovers": False}), ["loses"],
     ),
-    "memory grows": (tape(weights=leaking(20_000), name="high rate", action="rate", on=10), ["leaks"]),
+    "memory grows": (record_of(weights=leaking(20_000), name="high rate", action="rate", on=10), ["leaks"]),
     "memory grows once": (
-        tape(weights=[(k, 10_000_000 + 5_000_000 * (k > 99), 0.0) for k in range(0, 200, 5)], action="rate", on=10),
-        [],
+        record_of(weights=[(k, 10_000_000 + 5_000_000 * (k > 99), 0.0) for k in range(0, 200, 5)], action="rate",
+                  on=10), [],
     ),
 }  # fmt: skip
 
 
 @pytest.mark.parametrize("story", STORIES)
 def test_a_story(story, tmp_path):
-    told, kinds = STORIES[story]
-    told.rows.sort(key=lambda said: said.t)
-    outcome = judged(told)
+    record, kinds = STORIES[story]
+    record.rows.sort(key=lambda printed: printed.t)
+    outcome = judge_record(record)
     assert [finding.kind for finding in outcome.findings] == kinds, outcome.verdict
-    told.write(tmp_path / "trial.jsonl")
-    assert judged(TrialRecord.read(tmp_path / "trial.jsonl")) == outcome, "a verdict is a function of the file"
+    record.write(tmp_path / "trial.jsonl")
+    assert judge_record(TrialRecord.read(tmp_path / "trial.jsonl")) == outcome, "a verdict is a function of the file"
 
 
 def test_a_driver_that_asks_may_repeat_but_not_answer_with_what_it_had():
     """Asked every 40 ms, sampled every 10: the same row twice within a period is right, after the next question not."""
     asked = [(k + 1.0, row(k)) for k in range(0, 200, 4)]
     requests = {"asks": True, "known": {"row_ms": 40.0, "ask_ms": 9.0, "behind": 0}}
-    right = tape(asked, name="dropped", **requests)
-    late = tape([(t, row(116) if t in (121.0, 125.0) else each) for t, each in asked], name="dropped", **requests)
-    soon = tape(
+    right = record_of(asked, name="dropped", **requests)
+    late = record_of([(t, row(116) if t in (121.0, 125.0) else each) for t, each in asked], name="dropped", **requests)
+    soon = record_of(
         [(t - 0.98, row(116)) if t in (121.0, 125.0) else (t, each) for t, each in asked], name="dropped", **requests
     )
-    once = tape([(t, row(116) if t == 121.0 else each) for t, each in asked], name="dropped", **requests)
-    twice = tape(sorted([*asked, (121.2, row(120))], key=lambda each: each[0]), name="dropped", **requests)
-    for told in (right, late, soon, once, twice):
-        told.frames = [
-            told.frames[k]._replace(t=k * PERIOD + late, way=way)
+    once = record_of([(t, row(116) if t == 121.0 else each) for t, each in asked], name="dropped", **requests)
+    twice = record_of(sorted([*asked, (121.2, row(120))], key=lambda each: each[0]), name="dropped", **requests)
+    for record in (right, late, soon, once, twice):
+        record.frames = [
+            record.frames[k]._replace(t=k * PERIOD + late, way=way)
             for k in range(0, 200, 4)
             for late, way in ((1, "rx"), (2, "tx"))
         ]  # fmt: skip
-    assert judged(right).findings == [] and judged(twice).findings == []
-    assert judged(once).findings == [], "once may be the machine's fault"
-    assert [finding.kind for finding in judged(late).findings] == ["stale"]
-    assert [finding.kind for finding in judged(soon).findings] == ["stale"], (
+    assert judge_record(right).findings == [] and judge_record(twice).findings == []
+    assert judge_record(once).findings == [], "once may be the machine's fault"
+    assert [finding.kind for finding in judge_record(late).findings] == ["stale"]
+    assert [finding.kind for finding in judge_record(soon).findings] == ["stale"], (
         "an error's answer comes sooner than others"
     )
 
 
 def test_of_a_wide_row_what_is_odd_is_kept():
     """Beyond the first 64 columns, too."""
-    wide = tape([*usual(without=[110]), (110.1, row(110, fz=7777.0))])
-    wide.rows = [said._replace(row={f"c{k}": 1.0 for k in range(100)} | dict(said.row)) for said in wide.rows]
-    (bad,) = judged(wide).bad
+    wide = record_of([*usual(without=[110]), (110.1, row(110, fz=7777.0))])
+    wide.rows = [printed._replace(row={f"c{k}": 1.0 for k in range(100)} | dict(printed.row)) for printed in wide.rows]
+    (bad,) = judge_record(wide).bad
     assert len(bad["row"]) == 64 and bad["row"]["fz"] == 7777.0 and bad["truth"]["fz"] == pytest.approx(row(110)["fz"])
 
 
 def test_the_order_of_the_worst_is_first_and_each_failing_kind_is_known():
-    outcome = judged(tape(usual(last=110) + [(k + 0.1, row(k, fx=0.123)) for k in range(110, 200)], exit=3))
+    outcome = judge_record(record_of(usual(last=110) + [(k + 0.1, row(k, fx=0.123)) for k in range(110, 200)], exit=3))
     assert [finding.kind for finding in outcome.findings] == ["wrong", "died"] and outcome.fails(FAILING)
     assert outcome.bad[0]["truth"]["fx"] == pytest.approx(row(110)["fx"]) and outcome.bad[0]["odd"] == ["fx"]
 
@@ -139,22 +143,23 @@ def test_the_order_of_the_worst_is_first_and_each_failing_kind_is_known():
     ("how", "kinds"), [("curve", ["clipped"]), ("clipped", ["clipped"]), ("fold", ["wrong"]), ("line", [])]
 )
 def test_columns_that_are_flat_or_fall_back_are_findings_of_the_clean_run(how, kinds):
-    told = tape(name="clean", action="clean", trial={"recovers": False})
-    columns = told.columns["columns"]
+    record = record_of(name="clean", action="clean", trial={"recovers": False})
+    columns = record.columns["columns"]
     table = {"fold": [[-3000.0, 0.0], [0.0, 1500.0], [1.0, 0.0], [3000.0, 1500.0]]}.get(
         how, [[-3000.0, 0.0], [0.0, 1500.0], [3000.0, 1500.0]]
     )
-    told.columns = {**told.columns, "columns": [{**columns[0], "how": how, "table": table}, *columns[1:]]}
-    told.rows = [DriverRow(s.t, {**s.row, "fx": float(Columns.from_dict(told.columns).expected(counts(k)[None])[0, 0])})
-                 for k, s in enumerate(told.rows)]  # fmt: skip
-    assert [finding.kind for finding in judged(told).findings] == kinds
+    record.columns = {**record.columns, "columns": [{**columns[0], "how": how, "table": table}, *columns[1:]]}
+    columns = Columns.from_dict(record.columns)
+    record.rows = [DriverRow(s.t, {**s.row, "fx": float(columns.expected(counts(k)[None])[0, 0])})
+                 for k, s in enumerate(record.rows)]  # fmt: skip
+    assert [finding.kind for finding in judge_record(record).findings] == kinds
 
 
 @pytest.mark.parametrize(
     "text",
     ["", "{}", '{"kind": "rows"}', '{"kind": "trial", "version": 99}', "no json", '{"kind": "trial", "version": 1}'],
 )
-def test_what_is_no_tape_is_refused_in_words(text, tmp_path):
+def test_an_invalid_record_is_refused(text, tmp_path):
     path = tmp_path / "x.jsonl"
     path.write_text(text)
     with pytest.raises(TactemuError, match=r"x\.jsonl.*not a recorded trial"):
@@ -171,5 +176,8 @@ def test_losses_in_a_clean_run_are_not_judged_where_hardly_a_reading_was_sent_in
         "trial": {"recovers": False},
     }
     lossy = usual(without=range(10, 200, 50))
-    assert "loses" in judged(tape(lossy, **clean)).verdict and judged(tape(**clean)).verdict == "right"
-    assert "too busy to tell" in judged(tape(lossy, held_up=range(0, 200, 2), **clean)).verdict
+    assert (
+        "loses" in judge_record(record_of(lossy, **clean)).verdict
+        and judge_record(record_of(**clean)).verdict == "right"
+    )
+    assert "too busy to tell" in judge_record(record_of(lossy, held_up=range(0, 200, 2), **clean)).verdict

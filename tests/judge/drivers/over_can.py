@@ -4,7 +4,7 @@ import struct
 import sys
 
 import can
-from mistakes import Mistakes, hand_out, say
+from planted_defects import Defect, hand_out, say
 
 START = can.Message(arbitration_id=0x201, data=[7, 0], is_extended_id=False)
 CARELESS = ("mixed", "oldrow")
@@ -18,7 +18,7 @@ class Driver:
         interface, _, channel = port.partition(":")
         self.variant, self.bus = variant, can.Bus(interface=interface, channel=channel)
         self.bus.send(START)
-        self.mistakes = Mistakes(variant, kept_bits=12, limit=26_000)
+        self.defect = Defect(variant, kept_bits=12, limit=26_000)
         self.rows, self.got, self.begun, self.old, self.foreign = {}, 0, 0.0, None, []
         self.outages, self.is_quiet = 0, False
 
@@ -77,14 +77,14 @@ class Driver:
 
     def give(self):
         """Hand out a scan: a table of taxels, or one for each axis."""
-        variant, mistakes = self.variant, self.mistakes
+        variant, defect = self.variant, self.defect
         scan = [value for k in range(16) for value in self.rows.get(k, (0, 0, 0))]
         if variant == "exchanged":
             self.old = {"y": scan[0::3], "x": scan[1::3], "z": scan[2::3]}
         else:
-            values = mistakes.values(scan)
+            values = defect.values(scan)
             self.old = {f"t{k}": values[3 * k : 3 * k + 3] for k in range(16)}
-        mistakes.hand_out(**self.old)
+        defect.hand_out(**self.old)
         self.got = 0
         if variant != "oldrow":
             self.rows = {}

@@ -5,7 +5,7 @@ import sys
 import time
 
 import can
-from mistakes import Mistakes, hand_out, say
+from planted_defects import Defect, hand_out, say
 
 ASK = can.Message(arbitration_id=0x200, is_extended_id=False)
 
@@ -26,7 +26,7 @@ def parts(bus, variant):
 def main(variant, port):
     interface, _, channel = port.partition(":")
     bus = can.Bus(interface=interface, channel=channel)
-    mistakes, old = Mistakes(variant, limit=5_000), None
+    defect, old = Defect(variant, limit=5_000), None
     while True:
         while variant not in ("behind_question", "deaf") and bus.recv(0.0):
             pass  # what was on its way before the question
@@ -40,8 +40,8 @@ def main(variant, port):
             continue
         first, second = struct.unpack(">3h", found[0x200][2:]), struct.unpack(">3h", found[0x201])
         gauges = [value for pair in zip(first, second) for value in pair]
-        old = {"gauges": mistakes.values(gauges)}
-        mistakes.hand_out(**old)
+        old = {"gauges": defect.values(gauges)}
+        defect.hand_out(**old)
         time.sleep(0.008)
 
 

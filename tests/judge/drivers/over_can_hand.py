@@ -4,7 +4,7 @@ import struct
 import sys
 
 import can
-from mistakes import Mistakes, say
+from planted_defects import Defect, say
 
 BOARDS = (1, 3, 4, 5, 6)
 SCAN_S = 0.005
@@ -22,7 +22,7 @@ def start(bus):
 def main(variant, interface, channel):
     bus = can.Bus(interface=interface, channel=channel, fd=True)
     start(bus)
-    mistakes, row, began = Mistakes(variant, limit=20.0), {}, 0.0
+    defect, row, began = Defect(variant, limit=20.0), {}, 0.0
     while True:
         message = bus.recv(0.5)
         if message is None:
@@ -40,11 +40,11 @@ def main(variant, interface, channel):
         normal, tangential = struct.unpack_from("<f4xf", bytes(message.data), 16)
         row[board] = normal, tangential
         if len(row) == len(BOARDS):
-            normals = [mistakes.in_unit(row[k][0], 1.0) for k in BOARDS]
-            tangentials = [mistakes.in_unit(row[k][1], 1.0) for k in BOARDS]
+            normals = [defect.in_unit(row[k][0], 1.0) for k in BOARDS]
+            tangentials = [defect.in_unit(row[k][1], 1.0) for k in BOARDS]
             if variant == "exchanged":
                 normals, tangentials = tangentials, normals
-            mistakes.hand_out(normal=mistakes.values(normals), tangential=tangentials)
+            defect.hand_out(normal=defect.values(normals), tangential=tangentials)
             row = {}
 
 

@@ -4,7 +4,7 @@ import sys
 import time
 
 import serial
-from mistakes import Mistakes, hand_out, say
+from planted_defects import Defect, hand_out, say
 
 NAMES = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 IN_UNITS = ("ten", "thousand", "kilogram", "percent", "units")
@@ -12,7 +12,7 @@ IN_UNITS = ("ten", "thousand", "kilogram", "percent", "units")
 
 def main(variant, port):
     line = serial.Serial(port, 921600, timeout=0.15)
-    mistakes = Mistakes(variant, limit=200, exchange=(3, 4))
+    defect = Defect(variant, limit=200, exchange=(3, 4))
     old = None
     while True:
         if variant != "noresync":
@@ -32,11 +32,11 @@ def main(variant, port):
             while variant not in ("timeout", "noresync") and line.read(1):
                 line.reset_input_buffer()
             continue
-        values = mistakes.values(counts)
+        values = defect.values(counts)
         if variant in IN_UNITS:
-            values = [mistakes.in_unit(value, 50.0 if k < 3 else 1500.0) for k, value in enumerate(values)]
+            values = [defect.in_unit(value, 50.0 if k < 3 else 1500.0) for k, value in enumerate(values)]
         old = dict(zip(NAMES, values))
-        mistakes.hand_out(**old)
+        defect.hand_out(**old)
         time.sleep(0.006)
 
 

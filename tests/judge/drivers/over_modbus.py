@@ -6,7 +6,7 @@ import termios
 import time
 
 import serial
-from mistakes import Mistakes, hand_out, say
+from planted_defects import Defect, hand_out, say
 
 MODELS = {
     # unit, function, first register, number of registers, line speed, format
@@ -53,7 +53,7 @@ class Driver:
         self.line = serial.Serial(port, self.baud, timeout=0.15)
         ask = struct.pack(">BBHH", self.unit, self.function, address, self.count)
         self.ask = ask + crc_modbus(ask)
-        self.mistakes = Mistakes(variant, exchange=(3, 4))
+        self.defect = Defect(variant, exchange=(3, 4))
         self.old, self.unplugged = None, 0
 
     def answer(self):
@@ -95,11 +95,11 @@ class Driver:
                     quiet(self.line)
             return
         counts = struct.unpack(self.format, answer[3:-2].ljust(size, b"\0")[:size])
-        values = self.mistakes.values(counts)
+        values = self.defect.values(counts)
         if variant in IN_UNITS:
-            values = [self.mistakes.in_unit(value, 100.0 if k < 3 else 1000.0) for k, value in enumerate(values)]
+            values = [self.defect.in_unit(value, 100.0 if k < 3 else 1000.0) for k, value in enumerate(values)]
         self.old = dict(zip(NAMES, values)) if self.model == "ft300" else {"v": values}
-        self.mistakes.hand_out(**self.old)
+        self.defect.hand_out(**self.old)
         time.sleep(0.008)
 
 

@@ -6,7 +6,7 @@ import termios
 import time
 
 import serial
-from mistakes import Mistakes, hand_out, say
+from planted_defects import Defect, hand_out, say
 
 GONE = (OSError, termios.error)
 """Exceptions by which pyserial tells that a port is gone."""
@@ -49,7 +49,7 @@ class Driver:
 
     def __init__(self, variant, port):
         self.variant, self.port, self.line = variant, port, serial.Serial(port, 115200, timeout=0.15)
-        self.mistakes = Mistakes(variant)
+        self.defect = Defect(variant)
         self.old, self.last_ms, self.unplugged = None, -1, 0
 
     def ask(self):
@@ -105,8 +105,8 @@ class Driver:
             return None  # "an old frame"
         self.last_ms = now_ms
         counts = struct.unpack("<84H", payload[7 : 7 + 168].ljust(168, b"\0"))
-        self.old = {"v": self.mistakes.values(counts)}
-        self.mistakes.hand_out(**self.old)
+        self.old = {"v": self.defect.values(counts)}
+        self.defect.hand_out(**self.old)
         time.sleep(0.008)
         return None
 

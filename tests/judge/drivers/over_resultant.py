@@ -5,14 +5,14 @@ import sys
 import time
 
 import serial
-from mistakes import Mistakes, say
+from planted_defects import Defect, say
 
 ASK = bytes.fromhex("55aa09000300fbf00300007b00")
 
 
 def main(variant, port):
     line = serial.Serial(port, 921600, timeout=0.15)
-    mistakes, first = Mistakes(variant), None
+    defect, first = Defect(variant), None
     ask = ASK + bytes([-sum(ASK) & 0xFF])
     while True:
         line.reset_input_buffer()
@@ -26,10 +26,10 @@ def main(variant, port):
         data = answer[14:-1]
         resultant = struct.unpack("2bB", data[:3])
         first = first or resultant
-        taxels = mistakes.values([n for k in range(31) for n in struct.unpack("2bB", data[30 + 3 * k : 33 + 3 * k])])
+        taxels = defect.values([n for k in range(31) for n in struct.unpack("2bB", data[30 + 3 * k : 33 + 3 * k])])
         if variant == "frozenresultant":
             resultant = first
-        mistakes.hand_out(resultant=resultant, taxels=taxels)
+        defect.hand_out(resultant=resultant, taxels=taxels)
         time.sleep(0.012)
 
 

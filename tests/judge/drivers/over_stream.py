@@ -6,7 +6,7 @@ import termios
 import time
 
 import serial
-from mistakes import Mistakes, hand_out, say
+from planted_defects import Defect, hand_out, say
 
 NAMES = ("fx", "fy", "fz", "tx", "ty", "tz")
 PER_UNIT = (26.416666666666668, 28.803333333333335, 3.0245, 1000.0, 1000.0, 1000.0)
@@ -27,7 +27,7 @@ def open_again(port):
 def main(variant, port, axes="3"):
     axes = int(axes)
     head, size = b"\xaa\x07\x08" + bytes([4 + 2 * axes]), 10 + 2 * axes
-    mistakes = Mistakes(variant, limit=60, exchange=(axes - 3, axes - 2))
+    defect = Defect(variant, limit=60, exchange=(axes - 3, axes - 2))
     line = serial.Serial(port, 1_000_000, timeout=0.4)
     data, last, old, smooth, unplugged = b"", None, None, (0,) * axes, 0
     while True:
@@ -76,13 +76,13 @@ def main(variant, port, axes="3"):
                 say("a packet came twice")
                 continue
             last = number
-            values = mistakes.values(counts)
+            values = defect.values(counts)
             if variant == "filter":
                 smooth = values = [round(0.6 * was + 0.4 * now, 2) for was, now in zip(smooth, values)]
             if variant in IN_UNITS:
-                values = [mistakes.in_unit(value, per) for value, per in zip(values, PER_UNIT)]
+                values = [defect.in_unit(value, per) for value, per in zip(values, PER_UNIT)]
             old = {"n": number, "status": status, **dict(zip(NAMES, values))}
-            mistakes.hand_out(**old)
+            defect.hand_out(**old)
 
 
 if __name__ == "__main__":

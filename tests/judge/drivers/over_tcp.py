@@ -5,7 +5,7 @@ import struct
 import sys
 import time
 
-from mistakes import hand_out, say
+from planted_defects import hand_out, say
 
 
 def main(variant, port):

@@ -4,7 +4,7 @@ import struct
 import sys
 
 import serial
-from mistakes import hand_out, say
+from planted_defects import hand_out, say
 
 HEAD = bytes.fromhex("aa07080a")
 

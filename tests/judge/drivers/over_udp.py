@@ -7,7 +7,7 @@ import struct
 import sys
 import time
 
-from mistakes import Mistakes, hand_out, say
+from planted_defects import Defect, hand_out, say
 
 NAMES = ("fx", "fy", "fz", "tx", "ty", "tz")
 START, ONE = bytes.fromhex("1234000200000000"), bytes.fromhex("1234000200000001")
@@ -24,7 +24,7 @@ class Driver:
         self.line = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self.line.connect((host, int(number)))
         self.line.settimeout({"spins": 0.0, "blocks": None}.get(self.variant, 0.3))
-        self.mistakes = Mistakes(self.variant, bits=32, kept_bits=24, limit=2_000_000, exchange=(3, 4))
+        self.defect = Defect(self.variant, bits=32, kept_bits=24, limit=2_000_000, exchange=(3, 4))
         self.last = self.last_sample = self.old = None
         self.outages, self.is_quiet = 0, False
         self.line.send(ONE if self.asks else START)
@@ -42,7 +42,7 @@ class Driver:
             self.line.send(ONE if self.asks else START)
 
     def is_new(self, number, sample):
-        """Return False for a record that came before; several mistakes are made here."""
+        """Return False for a record that came before; several defects are planted here."""
         variant, last = self.variant, self.last
         if variant in ("old", "reordered"):
             return variant == "old" or number != last
@@ -89,11 +89,11 @@ class Driver:
             say(f"record {number} is old")
             return
         self.last, self.last_sample = number, sample
-        values = self.mistakes.values(counts)
+        values = self.defect.values(counts)
         if self.variant in IN_UNITS:
-            values = [self.mistakes.in_unit(value, 1e6) for value in values]
+            values = [self.defect.in_unit(value, 1e6) for value in values]
         self.old = {"n": number, "status": status, **dict(zip(NAMES, values))}
-        self.mistakes.hand_out(**self.old)
+        self.defect.hand_out(**self.old)
 
 
 if __name__ == "__main__":

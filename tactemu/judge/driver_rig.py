@@ -13,9 +13,9 @@ from typing import Any
 from firmware_protocols import Can, Device
 from tactemu.base.errors import TactemuError
 from tactemu.judge.columns import Channel, channels_of
-from tactemu.judge.excitation import STEP, WIDE, Excitation, Span
-from tactemu.judge.plan import Facts, Trial
-from tactemu.judge.tape import Recorder
+from tactemu.judge.excitation import STEP, WIDE, Excitation, ExcitationRange
+from tactemu.judge.plan import LineFacts, Trial
+from tactemu.judge.trial_record import Recorder
 from tactemu.scene import file
 from tactemu.scene.building import make_devices
 from tactemu.session.serving import Served, serve
@@ -49,7 +49,10 @@ class DriverRig:
     ):
         loaded = file.load(target, options)
         devices = make_devices(loaded)
-        spans = {name: Span(lambda device=device: type(device)(**device.options)) for name, device in devices.items()}
+        spans = {
+            name: ExcitationRange(lambda device=device: type(device)(**device.options))
+            for name, device in devices.items()
+        }
         self._on_can = any(isinstance(port, Can) for device in devices.values() for port in device.ports)
         self.excitation = Excitation(spans, seed)
         self.recorder = Recorder()
@@ -100,7 +103,7 @@ class DriverRig:
         periods = [c.period_ns(stream) for c in self.emulator.channels for stream in c.timers]
         return min((period for period in periods if period), default=10_000_000) / 1e9
 
-    def facts(self, since: int, rows: int) -> Facts:
+    def facts(self, since: int, rows: int) -> LineFacts:
         """What the plan depends on, as seen since a time in which there were so many rows."""
         recorder, wire = self.recorder, self.wires[0]
         frames = [frame for frame in recorder.frames if frame.t >= since]
@@ -113,7 +116,7 @@ class DriverRig:
         sets = any(dict(c.device.periods) != self.periods[c.name] for c in self.emulator.channels)
         samples = len({f.sample for f in frames if f.way == "tx" and not f.answer})
         readings = rows if asks else samples
-        return Facts(
+        return LineFacts(
             wire=wire.line_model.kind, usb=bool(getattr(connector, "usb", None)), asks=asks, talks=talks,
             sets_rate=sets,
             frames=tx[-400:], requests=rx[-64:], frames_per_row=max(1, round(len(tx) / max(1, readings))),
@@ -150,9 +153,9 @@ class DriverRig:
             raise box[0]
         return box[0]
 
-    def rest(self) -> None:
+    def release(self) -> None:
         """Let the skin feel nothing: drivers tare and calibrate when they open."""
-        self.excitation.mode = "rest"
+        self.excitation.mode = "untouched"
 
     def excite(self, steps: bool = False) -> None:
         """Let it feel something else at every sample, or at every eighth."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tactemu.judge.columns import Columns
-from tactemu.judge.tape import DriverRow, Sample
+from tactemu.judge.trial_record import DriverRow, Sample
 
 WINDOW_S = 8.0
 """A row is no older sample than this."""
@@ -19,7 +19,7 @@ AHEAD_NS = 2_000_000
 class Match:
     """What a row turned out to be."""
 
-    said: DriverRow
+    printed: DriverRow
     sample: int | None
     """Index of its sample, of several skins the oldest; ``None``: it is none."""
     marked: bool = False
@@ -66,48 +66,48 @@ class Matcher:
         """How many samples were added."""
         return self._filled
 
-    def match(self, said: DriverRow) -> Match | None:
+    def match(self, printed: DriverRow) -> Match | None:
         """What a row is; ``None`` where it lacks columns: it is no reading."""
-        y = self.columns.row(said.row)
+        y = self.columns.row(printed.row)
         if y is None:
             return None
-        marked = self.columns.marked(said.row)
+        marked = self.columns.marked(printed.row)
         times = self._times[: self._filled]
-        low, high = np.searchsorted(times, (said.t - round(WINDOW_S * 1e9), said.t + AHEAD_NS))
+        low, high = np.searchsorted(times, (printed.t - round(WINDOW_S * 1e9), printed.t + AHEAD_NS))
         if high <= low:
-            return Match(said, None, marked)
+            return Match(printed, None, marked)
         expected, slack = self._expected[low:high], self._slack[low:high]
         first = self._first
         likely = (np.abs(expected[:, first] - y[first]) <= slack[:, first]).all(axis=1)
         for at in np.flatnonzero(likely)[::-1]:
             if (np.abs(expected[at] - y) <= slack[at]).all():
-                return Match(said, int(low + at), marked)
+                return Match(printed, int(low + at), marked)
         near = np.abs(expected - y) <= slack
         if len(self._skins) > 1:  # each has a clock and a port of its own: only its own columns belong together
-            whole = [np.flatnonzero(near[:, skin].all(axis=1)) for skin in self._skins]
-            if all(len(found) for found in whole):
-                return Match(said, int(low + min(found[-1] for found in whole)), marked)
+            by_skin = [np.flatnonzero(near[:, skin].all(axis=1)) for skin in self._skins]
+            if all(len(found) for found in by_skin):
+                return Match(printed, int(low + min(found[-1] for found in by_skin)), marked)
         score = near.sum(axis=1)
         best = len(score) - 1 - int(score[::-1].argmax())
         names = self.columns.names
         if not score[best]:
-            return Match(said, None, marked, tuple(names))
+            return Match(printed, None, marked, tuple(names))
         odd = tuple(name for name, ok in zip(names, near[best]) if not ok)
-        return Match(said, None, marked, odd, int(low + best))
+        return Match(printed, None, marked, odd, int(low + best))
 
-    def fits(self, said: DriverRow, sample: int) -> bool:
+    def fits(self, printed: DriverRow, sample: int) -> bool:
         """Return whether all columns of a row agree with a sample, given by its index."""
-        y = self.columns.row(said.row)
+        y = self.columns.row(printed.row)
         if y is None or not 0 <= sample < self._filled:
             return False
         return bool((np.abs(self._expected[sample] - y) <= self._slack[sample]).all())
 
-    def between(self, said: DriverRow, back: int) -> bool:
+    def between(self, printed: DriverRow, back: int) -> bool:
         """Whether every column lies within what the last ``back`` samples before the row span: a filter on its way."""
-        y = self.columns.row(said.row)
+        y = self.columns.row(printed.row)
         if y is None or not self._filled:
             return False
-        high = int(np.searchsorted(self._times[: self._filled], said.t + AHEAD_NS))
+        high = int(np.searchsorted(self._times[: self._filled], printed.t + AHEAD_NS))
         window = self._expected[max(0, high - back) : high]
         if not len(window):
             return False

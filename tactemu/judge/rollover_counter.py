@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from tactemu.judge.stand import DriverRig
+from tactemu.judge.driver_rig import DriverRig
 
 TURN_PARTS = 4
 """A jump, and the way over the end, spans at most this part of the range: a driver that compares numbers modulo the
@@ -20,20 +20,20 @@ SPEED_LOOKS, LOOK_S = 20, 0.008
 """Looks at a counter, and the time between them, by which its speed is measured."""
 
 
-class Counter:
+class RolloverCounter:
     """A counter or clock that can be set, on every skin that has it; the first skin's is watched.
 
     Args:
-        stand: where the devices are.
+        rig: where the devices are.
         name: the counter's, as the devices declare it.
         sleep: waits some seconds, or raises where no time is left.
     """
 
-    def __init__(self, stand: DriverRig, name: str, sleep: Callable[[float], object] = time.sleep):
-        self.stand, self.name, self._sleep = stand, name, sleep
+    def __init__(self, rig: DriverRig, name: str, sleep: Callable[[float], object] = time.sleep):
+        self.rig, self.name, self._sleep = rig, name, sleep
         self._all = [
             (channel, each)
-            for channel in stand.emulator.channels
+            for channel in rig.emulator.channels
             for each in channel.device.rollovers
             if each.name == name and each.state
         ]
@@ -49,7 +49,7 @@ class Counter:
 
     def _elapsed(self, channel: Any, rollover: Any) -> int:
         """Return what a clock adds by itself to the attribute that sets it."""
-        elapsed_ns = channel.local_ns(self.stand.emulator.now_ns) if rollover.clock else 0
+        elapsed_ns = channel.local_ns(self.rig.emulator.now_ns) if rollover.clock else 0
         return elapsed_ns * rollover.step // 1_000_000_000
 
     def set(self, value: int) -> None:
@@ -59,12 +59,12 @@ class Counter:
             for channel, rollover in self._all:
                 channel.device.preset(self.name, (value - self._elapsed(channel, rollover)) % self.size)
 
-        self.stand.do(act)
+        self.rig.do(act)
 
     def set_ahead(self, seconds: float) -> None:
         """Let it be full after some seconds, by its declared speed: no driver has it count yet."""
         rollover = self._all[0][1]
-        turns = seconds if rollover.clock else seconds / max(1e-4, self.stand.period_s)
+        turns = seconds if rollover.clock else seconds / max(1e-4, self.rig.period_s)
         self.set(-round(turns * max(1, rollover.step)))
 
     def speed(self) -> float:

@@ -1,4 +1,4 @@
-"""Mistakes that any driver can make with values that it has received rightly.
+"""Defect that any driver can make with values that it has received rightly.
 
 The drivers beside this file are started as scripts, ``over_NAME.py VARIANT PORT ...``. The variant ``clean`` makes no
 mistake. Each driver prints one JSON line per reading on stdout, and what is wrong on stderr.
@@ -30,7 +30,7 @@ def swapped_bytes(value, bits):
     return turned - (1 << bits) if signed and turned >> bits - 1 else turned
 
 
-class Mistakes:
+class Defect:
     """Make the mistake of the variant with each reading.
 
     Args:

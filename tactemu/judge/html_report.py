@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from tactemu.judge import smallest
+from tactemu.judge import smallest_case
 from tactemu.judge.outcome import ABOUT, Outcome
 from tactemu.judge.report import Report
 
@@ -27,7 +27,7 @@ mark { background: #f5b7b1; color: #641e16; } svg { max-width: 100%; height: aut
 _BINS = 48
 
 
-def page(report: Report) -> str:
+def html_report(report: Report) -> str:
     """Return the page."""
     failed = report.failed
     verdict = (
@@ -111,7 +111,7 @@ def _case(outcome: Outcome) -> str:
     if outcome.bad:
         parts.append(_beside(outcome.bad[0]))
     if case:
-        parts.append(f"<p>For the driver's maintainers:</p><pre>{escape(smallest.in_words(case))}</pre>")
+        parts.append(f"<p>For the driver's maintainers:</p><pre>{escape(smallest_case.in_words(case))}</pre>")
     return "".join(parts)
 
 

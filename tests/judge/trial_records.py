@@ -5,8 +5,8 @@ from dataclasses import asdict
 import numpy as np
 
 from tactemu.judge.columns import Channel, Column, Columns
-from tactemu.judge.outcome import Known
-from tactemu.judge.tape import DriverRow, Frame, InjectedFault, Note, ResourceUsage, Sample, TrialRecord
+from tactemu.judge.outcome import CleanRun
+from tactemu.judge.trial_record import DriverRow, InjectedFault, Note, ReceivedFrame, ResourceUsage, Sample, TrialRecord
 
 PERIOD = 10_000_000
 NAMES = ("fx", "fy", "fz")
@@ -25,29 +25,29 @@ def row(number, **more):
     return dict(zip(NAMES, (0.5 * counts(number)).tolist())) | {"valid": 1.0} | more
 
 
-def tape(rows=None, *, name="flipped", action="", on=100, off=150, end=200, asks=False, notes=(), **more):
+def record_of(rows=None, *, name="flipped", action="", on=100, off=150, end=200, asks=False, notes=(), **more):
     """Samples 0 to 299, each 10 ms; ``rows`` are ``(time in periods, row)``, by default each sample 1 ms later."""
-    known = Known(asks=asks, p50_ms=1.0, p99_ms=2.0, **more.pop("known", {}))
-    told = TrialRecord(
+    known = CleanRun(asks=asks, p50_ms=1.0, p99_ms=2.0, **more.pop("known", {}))
+    record = TrialRecord(
         name, {"name": name, "action": action} | more.pop("trial", {}), asdict(known), COLUMNS.as_dict(),
         on=on * PERIOD, off=off * PERIOD, end=end * PERIOD,
     )  # fmt: skip
-    told.samples = [Sample(k * PERIOD, k, counts(k)) for k in range(300)]
+    record.samples = [Sample(k * PERIOD, k, counts(k)) for k in range(300)]
     silent = more.pop("silent", range(0))
-    told.frames = [Frame(k * PERIOD, "tx", f"{k:04x}", k) for k in range(300) if k not in silent]
+    record.frames = [ReceivedFrame(k * PERIOD, "tx", f"{k:04x}", k) for k in range(300) if k not in silent]
     for k in more.pop("held_up", ()):
-        told.frames[k] = told.frames[k]._replace(late_ns=6_000_000)
+        record.frames[k] = record.frames[k]._replace(late_ns=6_000_000)
     rows = [(k + 0.1, row(k)) for k in range(end)] if rows is None else rows
-    told.rows = [DriverRow(round(t * PERIOD), dict(each)) for t, each in rows]
-    told.notes = [Note(round(t * PERIOD), text, True) for t, text in notes]
-    told.changes = [
+    record.rows = [DriverRow(round(t * PERIOD), dict(each)) for t, each in rows]
+    record.notes = [Note(round(t * PERIOD), text, True) for t, text in notes]
+    record.injected_faults = [
         InjectedFault(round(t * PERIOD), "flip", f"flip frame {t} byte 0 bit 0", t, "00", ("01",))
         for t in more.pop("hit", ())
     ]
-    told.weights = [ResourceUsage(k * PERIOD, size, cpu) for k, size, cpu in more.pop("weights", ())]
+    record.resource_usage = [ResourceUsage(k * PERIOD, size, cpu) for k, size, cpu in more.pop("weights", ())]
     for key, value in more.items():
-        setattr(told, key, value)
-    return told
+        setattr(record, key, value)
+    return record
 
 
 def usual(first=0, last=200, without=()):

@@ -7,26 +7,26 @@ from types import SimpleNamespace
 import pytest
 
 from tactemu.base.errors import TactemuError
-from tactemu.judge import smallest
-from tactemu.judge.budget import Budget, BudgetSpent, kind_of, ordered
+from tactemu.judge import smallest_case
+from tactemu.judge.budget import Budget, BudgetSpentError, kind_of, ordered
 from tactemu.judge.driver import command_of
-from tactemu.judge.lateness import Delay, Patience, late_ms
+from tactemu.judge.lateness import DriverTimeout, SchedulingDelay, late_ms
 from tactemu.judge.outcome import FAILING, Finding, Outcome
 from tactemu.judge.plan import Plan, Trial
 from tactemu.judge.processes import queued_ns
-from tactemu.judge.running import Judge, Options
-from tests.judge.stories import COLUMNS, PERIOD, tape
+from tactemu.judge.trial_runner import Judge, JudgeOptions
 from tests.judge.test_plan import CAN, POLLED, STREAM
+from tests.judge.trial_records import COLUMNS, PERIOD, record_of
 
 
-def told(*kinds):
+def outcome_with(*kinds):
     findings = [Finding(kind, "so") for kind in kinds]
     return Outcome("clean", findings=findings, verdict="; ".join(map(str, findings)) or "right")
 
 
 def judge_that_sees(monkeypatch, *outcomes, **options):
     """A judge whose looks at the driver without faults end so, one after the other; with how many were taken."""
-    judge, left = Judge("optoforce", ["driver"], Options(**options)), list(outcomes)
+    judge, left = Judge("optoforce", ["driver"], JudgeOptions(**options)), list(outcomes)
 
     def look():
         outcome = left.pop(0)
@@ -38,7 +38,7 @@ def judge_that_sees(monkeypatch, *outcomes, **options):
 
 
 @pytest.mark.parametrize(
-    ("first", "again", "counts", "said"),
+    ("first", "again", "counts", "verdict"),
     [
         (["wrong"], [], [], "right (once, and not again: silent wrong values: so)"),
         (["wrong"], ["wrong"], ["wrong"], "silent wrong values: so"),
@@ -49,26 +49,26 @@ def judge_that_sees(monkeypatch, *outcomes, **options):
         (["died"], ["loses"], [], "loses readings: so"),
     ],
 )
-def test_a_finding_without_faults_must_come_again(monkeypatch, first, again, counts, said):
-    judge, left = judge_that_sees(monkeypatch, told(*first), told(*again))
+def test_a_finding_without_faults_must_come_again(monkeypatch, first, again, counts, verdict):
+    judge, left = judge_that_sees(monkeypatch, outcome_with(*first), outcome_with(*again))
     outcome = judge.clean()
-    assert not left and outcome.verdict == said
+    assert not left and outcome.verdict == verdict
     assert [f.kind for f in outcome.findings if outcome.confirmed is not False] == counts
     assert outcome.fails(FAILING) == (bool(counts) and counts[0] in FAILING)
     assert bool(judge.columns.values) == ("died" not in counts), "the columns are those of a run that had some"
 
 
 def test_without_a_finding_or_without_time_there_is_no_second_look(monkeypatch):
-    judge, left = judge_that_sees(monkeypatch, told(), told())
+    judge, left = judge_that_sees(monkeypatch, outcome_with(), outcome_with())
     assert judge.clean().verdict == "right" and len(left) == 1
-    judge, left = judge_that_sees(monkeypatch, told("wrong"), told(), budget_s=0.4)
+    judge, left = judge_that_sees(monkeypatch, outcome_with("wrong"), outcome_with(), budget_s=0.4)
     outcome = judge.clean()
     assert len(left) == 1 and not outcome.fails(FAILING) and "of the budget are left" in outcome.doubt
 
 
 def test_of_several_findings_those_that_come_again_count():
-    outcome = told("wrong", "lost sync", "late")
-    outcome.seen_again(told("lost sync"), FAILING)
+    outcome = outcome_with("wrong", "lost sync", "late")
+    outcome.seen_again(outcome_with("lost sync"), FAILING)
     assert [f.kind for f in outcome.findings] == ["lost sync", "late"] and outcome.confirmed
 
 
@@ -89,16 +89,16 @@ def test_one_of_each_kind_comes_before_repetitions_and_outages_come_early(facts)
 
 
 def test_a_trial_without_room_is_not_begun_and_one_that_takes_too_long_ends(monkeypatch):
-    judge = Judge("optoforce", ["driver"], Options(budget_s=30.0))
+    judge = Judge("optoforce", ["driver"], JudgeOptions(budget_s=30.0))
     judge.starts = [0.5]
     judge.budget._end = time.monotonic() + 20.0
     begun = []
 
-    def record(trial, keep=True):
+    def run_trial(trial, keep=True):
         begun.append(trial.name)
         judge.budget.sleep(60.0)
 
-    monkeypatch.setattr(judge, "record", record)
+    monkeypatch.setattr(judge, "run_trial", run_trial)
     long = judge.judge(Trial("long", "why", ["silence"], takes_s=20.0))
     short = judge.judge(Trial("short", "why", ["silence"], takes_s=0.1))
     assert begun == ["short"] and "of the budget are left" in long.skipped and "spent" in short.skipped
@@ -106,15 +106,15 @@ def test_a_trial_without_room_is_not_begun_and_one_that_takes_too_long_ends(monk
 
 
 def test_a_finding_that_could_not_be_tried_again_does_not_count(monkeypatch):
-    judge = Judge("optoforce", ["driver"], Options(budget_s=30.0))
-    tapes = [tape(action="hang", name="hang", exit=1)]
+    judge = Judge("optoforce", ["driver"], JudgeOptions(budget_s=30.0))
+    records = [record_of(action="hang", name="hang", exit=1)]
 
-    def record(trial, keep=True):
-        if not tapes:
+    def run_trial(trial, keep=True):
+        if not records:
             judge.budget.sleep(60.0)
-        return tapes.pop()
+        return records.pop()
 
-    monkeypatch.setattr(judge, "record", record)
+    monkeypatch.setattr(judge, "run_trial", run_trial)
     outcome = judge.judge(Trial("hang", "why", action="hang", takes_s=0.1))
     assert outcome.has("died") and not outcome.fails(FAILING) and "no time was left" in outcome.doubt
 
@@ -125,7 +125,7 @@ def test_a_budget_learns_how_slow_trials_are():
     budget.end(expected_s=1.0, took_s=3.0)
     assert "may have to be repeated" in budget.lacks(4.0, times=2) and not budget.lacks(4.0)
     budget.begin()
-    with pytest.raises(BudgetSpent):
+    with pytest.raises(BudgetSpentError):
         budget.sleep(30.0)
     budget.end()
     budget.sleep(0.0)
@@ -137,11 +137,11 @@ def test_a_budget_learns_how_slow_trials_are():
 
 def test_how_late_our_own_side_was_is_known_of_drivers_that_ask_too():
     """Answers carry no time of a sample: the thread that reads rows, and the driver's wait for a processor, tell."""
-    quiet = tape(on=0, off=100, end=100)
+    quiet = record_of(on=0, off=100, end=100)
     quiet.frames = [frame._replace(answer=True) for frame in quiet.frames]
-    looks = [Delay(k * PERIOD, 100_000, 50_000 * k) for k in range(0, 100, 5)]
+    looks = [SchedulingDelay(k * PERIOD, 100_000, 50_000 * k) for k in range(0, 100, 5)]
     assert late_ms(quiet, looks) == pytest.approx(0.1)
-    assert late_ms(quiet, [*looks, Delay(96 * PERIOD, 9_000_000, looks[-1].queued_ns)]) == pytest.approx(9.0)
+    assert late_ms(quiet, [*looks, SchedulingDelay(96 * PERIOD, 9_000_000, looks[-1].queued_ns)]) == pytest.approx(9.0)
     assert late_ms(quiet, [look._replace(queued_ns=7_000_000 * (look.t // PERIOD)) for look in looks]) > 6.5
     assert late_ms(quiet, []) == 0.0
 
@@ -150,7 +150,7 @@ def test_waiting_for_a_processor_prolongs_patience_within_limits(monkeypatch):
     clock, queued = [100.0], [5.0]
     monkeypatch.setattr("tactemu.judge.lateness.time", SimpleNamespace(monotonic=lambda: clock[0]))
     monkeypatch.setattr("tactemu.judge.lateness.queued_ns", lambda pid: 1e9 * queued[0])
-    patience = Patience(2.0)
+    patience = DriverTimeout(2.0)
     over = []
     for clock[0], queued[0] in ((101.9, 5.0), (102.1, 5.0), (102.1, 6.0), (103.5, 6.0), (107.9, 99.0), (108.1, 99.0)):
         over.append(patience.is_over())
@@ -178,7 +178,7 @@ def test_elsewhere_they_stay_as_they_are():
     for port in ("/dev/pts/3", "tcp://127.0.0.1:5", "udp://127.0.0.1:5", "dds:0"):
         assert command_of(["{channel}", "{port}"], {"skin": port}) == ["{channel}", port]
     assert command_of(["{channel}"], {"channel": "/dev/pts/3"}) == ["/dev/pts/3"], "a skin of that name"
-    with pytest.raises(TactemuError, match="which port"):
+    with pytest.raises(TactemuError, match=r"\{port\}.*\{a\}, \{b\}"):
         command_of(["{port}"], {"a": "can0:x", "b": "can1:x"})
 
 
@@ -192,7 +192,9 @@ def test_a_long_frame_is_cut_around_what_differs(at, head):
         "device": "d", "command": ["c"], "faults": [f"flip frame 6 byte {at}"], "verdict": "v", "row": None,
         "bytes": [{"before": head + data.hex(), "after": [head + wrong.hex()]}],
     }  # fmt: skip
-    sent, arrived = (line for line in smallest.in_words(case).splitlines() if line.startswith(("  sent", "  arrived")))
+    sent, arrived = (
+        line for line in smallest_case.in_words(case).splitlines() if line.startswith(("  sent", "  arrived"))
+    )
     assert sent != arrived and max(len(sent), len(arrived)) < 170
     assert sent.index(data[at : at + 1].hex()) and f"{wrong[at]:02x}" in arrived and head in sent
     assert sent.rpartition("(")[2] == arrived.rpartition("(")[2], "the same part of both"
@@ -202,5 +204,7 @@ def test_a_long_frame_that_ends_early_shows_where():
     data = bytes(k % 251 for k in range(1026)).hex()
     case = {"device": "d", "command": ["c"], "faults": [""], "verdict": "v", "row": None,
             "bytes": [{"before": data, "after": [data[:1400]]}]}  # fmt: skip
-    sent, arrived = (line for line in smallest.in_words(case).splitlines() if line.startswith(("  sent", "  arrived")))
+    sent, arrived = (
+        line for line in smallest_case.in_words(case).splitlines() if line.startswith(("  sent", "  arrived"))
+    )
     assert data[1380:1400] in sent and f"{data[1380:1400]} (from byte 676 of 700)" in arrived

@@ -1,4 +1,4 @@
-"""A driver at its device: started, watched and ended; all that both sides have seen becomes a tape."""
+"""A driver at its device: started, watched and ended; all that both sides have seen becomes a record."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from tactemu.base.errors import TactemuError
 from tactemu.judge.budget import Budget
 from tactemu.judge.columns import Columns
 from tactemu.judge.driver import Driver, command_of
-from tactemu.judge.following import Reading, left_times, recovered
-from tactemu.judge.lateness import Patience, late_ms
-from tactemu.judge.options import Options
-from tactemu.judge.outcome import Known
-from tactemu.judge.plan import Facts
-from tactemu.judge.stand import DriverRig
-from tactemu.judge.tape import TrialRecord
+from tactemu.judge.driver_rig import DriverRig
+from tactemu.judge.lateness import DriverTimeout, late_ms
+from tactemu.judge.options import JudgeOptions
+from tactemu.judge.outcome import CleanRun
+from tactemu.judge.plan import LineFacts
+from tactemu.judge.row_tracking import RowTracker, left_times, recovered
+from tactemu.judge.trial_record import TrialRecord
 
 LOOK_S = 0.02
 """Time from look to look at what the driver prints [s]."""
@@ -32,22 +32,22 @@ class DriverSession:
         target: a device's name, a device file, or a scene file.
         command: the driver's, ``{port}`` where it takes the port.
         options: how.
-        say: told what is going on.
+        report_progress: told what is going on.
     """
 
     def __init__(
         self,
         target: str,
         command: Sequence[str],
-        options: Options | None = None,
-        say: Callable[[str], object] = lambda text: None,
+        options: JudgeOptions | None = None,
+        report_progress: Callable[[str], object] = lambda text: None,
     ):
-        self.target, self.command, self.options, self.say = target, list(command), options or Options(), say
-        opts = self.options
+        self.target, self.command, self.report_progress = target, list(command), report_progress
+        opts = self.options = options or JudgeOptions()
         self.budget = Budget(opts.budget_s)
-        self.stand = DriverRig(target, opts.port, seed=opts.seed, options=opts.device_options, rate_hz=opts.rate_hz)
+        self.rig = DriverRig(target, opts.port, seed=opts.seed, options=opts.device_options, rate_hz=opts.rate_hz)
         self.driver: Driver | None = None
-        self.columns, self.known, self.facts = Columns(), Known(), Facts()
+        self.columns, self.known, self.facts = Columns(), CleanRun(), LineFacts()
         self.starts: list[float] = []
         """How long the driver took to print its first row [s]."""
         self.left_behind = 0
@@ -56,14 +56,14 @@ class DriverSession:
         self._numbers = 0
 
     def __enter__(self) -> Self:
-        self.stand.__enter__()
+        self.rig.__enter__()
         return self
 
     def __exit__(self, *_) -> None:
         try:
             self.end()
         finally:
-            self.stand.__exit__()
+            self.rig.__exit__()
 
     # -- its life ------------------------------------------------------------------------------------------------------
 
@@ -80,30 +80,30 @@ class DriverSession:
             TactemuError: the command cannot be run, and never could.
         """
         self.end()
-        self.stand.rest()
-        ports = self.stand.ports
+        self.rig.release()
+        ports = self.rig.ports
         try:
             driver = self.driver = Driver(command_of(self.command, ports), ports)
         except TactemuError as error:
             if not self.starts:  # the command is wrong, and not the driver
                 raise
             return f"died: {error}"
-        patience = Patience(self.options.start_s)
+        patience = DriverTimeout(self.options.start_s)
         while not driver.rows and driver.exit is None and not driver.flooded and not patience.is_over():
             self.budget.sleep(LOOK_S / 2)
         if not driver.rows:
-            return self._why_nothing(driver)
+            return self._why_silent(driver)
         self.starts.append((driver.rows[0].t - driver.started) / 1e9)
-        end = time.monotonic() + self.options.rest_s
+        end = time.monotonic() + self.options.no_contact_s
         while time.monotonic() < end and driver.exit is None and not driver.flooded:
             self.budget.sleep(LOOK_S)
-        self.stand.excite(self.columns.steps)
+        self.rig.excite(self.columns.steps)
         time.sleep(0.1 + 2 * self.facts.row_s)
         if driver.flooded or driver.exit is not None:
-            return self._why_nothing(driver)
+            return self._why_silent(driver)
         return ""
 
-    def _why_nothing(self, driver: Driver) -> str:
+    def _why_silent(self, driver: Driver) -> str:
         time.sleep(0.05)  # for the last words
         last = [note.text for note in driver.notes][-3:]
         words = f": {' | '.join(last)}" if last else ""
@@ -111,76 +111,76 @@ class DriverSession:
             return "floods: it prints more than 8 MB in 5 s that is no reading"
         if driver.exit is not None:
             return f"exits with status {driver.exit} before it is judged{words}"
-        opened = any(what == "opened" for _, what in self.stand.recorder.events)
+        opened = any(what == "opened" for _, what in self.rig.recorder.events)
         if driver.notes:
             return f"prints nothing that holds numbers within {self.options.start_s:g} s{words}"
         return f"prints nothing within {self.options.start_s:g} s{'' if opened else ', and does not open the port'}"
 
-    def _well(self, since: int, seconds: float, reading: Reading | None = None) -> bool:
+    def _recovers(self, since: int, seconds: float, tracker: RowTracker | None = None) -> bool:
         """Whether ten right rows in a row come of samples after ``since``, within some seconds.
 
         The time for which the driver and this process wait for a processor does not count, within limits.
         """
         assert self.driver is not None
-        reading = reading or Reading(self.columns, self.known)
-        patience = Patience(seconds)
+        tracker = tracker or RowTracker(self.columns, self.known)
+        patience = DriverTimeout(seconds)
         while True:
-            tape = self._tape(since - 500_000_000)
-            fresh = Reading(self.columns, self.known)
-            fresh.feed(tape)
-            if recovered(tape, fresh.matches, self.known, since, left_times(tape)) is not None:
+            record = self._observed(since - 500_000_000)
+            fresh = RowTracker(self.columns, self.known)
+            fresh.feed(record)
+            if recovered(record, fresh.matches, self.known, since, left_times(record)) is not None:
                 return True
             if self.driver.exit is not None or patience.is_over():
                 return False
             self.budget.sleep(LOOK_S + 0.5 * self.facts.row_s)
 
-    def _ready(self) -> str:
+    def _ensure_reading(self) -> str:
         """Have a driver that reads well; returns why there is none."""
         now = time.monotonic_ns()
         if (
             self.driver is not None
             and self.driver.exit is None
-            and self._well(now - 50_000_000, 1.0 + 12 * self.facts.row_s)
+            and self._recovers(now - 50_000_000, 1.0 + 12 * self.facts.row_s)
         ):
             return ""
         for _ in range(2):  # a busy machine may have it slip once
             if why := self.start():
                 return why
-            if self._well(time.monotonic_ns(), 2.0 + 12 * self.facts.row_s):
+            if self._recovers(time.monotonic_ns(), 2.0 + 12 * self.facts.row_s):
                 return ""
         return "died: does not read well after a new start"
 
     def _rows_since(self, t: int) -> int:
         assert self.driver is not None
-        return sum(said.t > t for said in self.driver.rows[-5000:])
+        return sum(printed.t > t for printed in self.driver.rows[-5000:])
 
-    # -- tapes ---------------------------------------------------------------------------------------------------------
+    # -- records -----------------------------------------------------------------------------------------------------
 
-    def _tape(self, since: int) -> TrialRecord:
+    def _observed(self, since: int) -> TrialRecord:
         """What was seen since a time, on both sides."""
-        recorder, driver = self.stand.recorder, self.driver
-        tape = TrialRecord()
+        recorder, driver = self.rig.recorder, self.driver
+        record = TrialRecord()
         if driver is not None:  # rows first: no row is there before its sample
-            tape.rows, tape.notes = _since(driver.rows, since), _since(driver.notes, since)
-            tape.weights = _since(driver.weights, since)
-            tape.exit = driver.exit
-        tape.samples, tape.frames = _since(recorder.samples, since), _since(recorder.frames, since)
-        tape.changes = _since(recorder.changes, since)
-        return tape
+            record.rows, record.notes = _since(driver.rows, since), _since(driver.notes, since)
+            record.resource_usage = _since(driver.resource_usage, since)
+            record.exit = driver.exit
+        record.samples, record.frames = _since(recorder.samples, since), _since(recorder.frames, since)
+        record.injected_faults = _since(recorder.injected_faults, since)
+        return record
 
-    def _filled(self, tape: TrialRecord) -> TrialRecord:
-        tape.known, tape.columns = asdict(self.known), self.columns.as_dict()
-        tape.late_ms = late_ms(tape, self.driver.delays if self.driver is not None else ())
-        return tape
+    def _complete(self, record: TrialRecord) -> TrialRecord:
+        record.known, record.columns = asdict(self.known), self.columns.as_dict()
+        record.late_ms = late_ms(record, self.driver.delays if self.driver is not None else ())
+        return record
 
-    def _write(self, tape: TrialRecord) -> None:
+    def _write(self, record: TrialRecord) -> None:
         if self.options.record is not None:
             try:
                 self.options.record.mkdir(parents=True, exist_ok=True)
             except OSError as error:
                 raise TactemuError(f"{self.options.record}: cannot be made: {error.strerror}") from None
-            name = tape.name.replace(" ", "-")
-            tape.write(self.options.record / f"{self._numbers:02d}-{name}.jsonl")
+            name = record.name.replace(" ", "-")
+            record.write(self.options.record / f"{self._numbers:02d}-{name}.jsonl")
             self._numbers += 1
 
 

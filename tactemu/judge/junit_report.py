@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from xml.etree import ElementTree
 
-from tactemu.judge import smallest
+from tactemu.judge import smallest_case
 from tactemu.judge.report import Report
 
 
-def junit(report: Report) -> str:
+def junit_report(report: Report) -> str:
     """Return the report."""
     skipped = sum(bool(outcome.skipped) for outcome in report.outcomes)
     suite = ElementTree.Element(
@@ -24,7 +24,7 @@ def junit(report: Report) -> str:
             ElementTree.SubElement(case, "skipped", message=_legal(outcome.skipped))
         elif kinds := report.failures(outcome):
             failure = ElementTree.SubElement(case, "failure", type=kinds[0], message=_legal(outcome.verdict))
-            failure.text = _legal(smallest.in_words(outcome.case) if outcome.case else outcome.verdict)
+            failure.text = _legal(smallest_case.in_words(outcome.case) if outcome.case else outcome.verdict)
         else:
             ElementTree.SubElement(case, "system-out").text = _legal(outcome.verdict)
     ElementTree.indent(suite)

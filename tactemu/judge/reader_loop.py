@@ -1,7 +1,8 @@
-"""``python -m tactemu.judge.reading package.module:function PORT``: calls a reader in a loop and prints what it gives.
+"""Program that calls a Python reader in a loop and prints its readings, one JSON value a line.
 
-The reader takes the port, or nothing (it is in ``TACTEMU_PORT``), and returns a reading: a table, a sequence, an array,
-a number; or is a generator of them. What it raises is printed and it is called again, as a user's program would.
+Usage: ``python -m tactemu.judge.reader_loop package.module:function PORT``. The reader takes the port, or no argument
+(the port is in ``TACTEMU_PORT``), and returns a reading: a table, a sequence, an array or a number; or it is a
+generator of readings. An exception is printed and the reader is called again, as a user's program would do.
 """
 
 from __future__ import annotations
@@ -16,11 +17,11 @@ from collections.abc import Mapping
 from typing import Any
 
 PAUSE_S = 0.02
-"""After an exception."""
+"""Pause after an exception [s]."""
 
 
 def plain(value: Any) -> Any:
-    """Return a reading as JSON takes it."""
+    """Return a reading as a value that JSON can hold."""
     if isinstance(value, Mapping):
         return {str(key): plain(each) for key, each in value.items()}
     if hasattr(value, "tolist"):  # of NumPy, torch ...
@@ -40,10 +41,10 @@ def plain(value: Any) -> Any:
 
 
 def found(name: str) -> Any:
-    """Return the callable of a name.
+    """Return the callable with a name.
 
     Raises:
-        SystemExit: there is none.
+        SystemExit: there is no such callable.
     """
     module, _, attribute = name.partition(":")
     sys.path.insert(0, os.getcwd())
@@ -57,10 +58,10 @@ def found(name: str) -> Any:
 
 
 def main() -> None:
-    """Call it for ever."""
+    """Call the reader until the process is ended."""
     reader, port = found(sys.argv[1]), sys.argv[2]
     takes = [port] if inspect.signature(reader).parameters else []
-    out, sys.stdout = sys.stdout, sys.stderr  # drivers print
+    out, sys.stdout = sys.stdout, sys.stderr  # drivers print their own messages
     while True:
         try:
             reading = reader(*takes)

@@ -4,8 +4,8 @@ import math
 
 import pytest
 
-from tactemu.judge.reading import plain
-from tactemu.judge.rows import Rows
+from tactemu.judge.reader_loop import plain
+from tactemu.judge.row_parser import RowParser
 
 
 @pytest.mark.parametrize(
@@ -29,11 +29,11 @@ from tactemu.judge.rows import Rows
     ],
 )
 def test_a_line(line, row):
-    assert Rows().parse(line) == row
+    assert RowParser().parse(line) == row
 
 
 def test_a_table_has_a_head_and_talk_is_none():
-    rows = Rows()
+    rows = RowParser()
     assert rows.parse("connected, at last") is None
     assert rows.parse("fx, fy") is None and rows.parse("1, 2") == {"fx": 1, "fy": 2}
     assert rows.parse("checksum, again") is None and rows.parse("3, 4") == {"fx": 3, "fy": 4}
@@ -41,7 +41,7 @@ def test_a_table_has_a_head_and_talk_is_none():
 
 
 def test_nothing_is_told_from_a_number():
-    row = Rows().parse('{"fx": NaN, "fy": null, "fz": 1e999}')
+    row = RowParser().parse('{"fx": NaN, "fy": null, "fz": 1e999}')
     assert row is not None and math.isnan(row["fx"]) and row["fz"] == math.inf and "fy" not in row
 
 

@@ -15,7 +15,7 @@ from typing import Any
 from tactemu.base.errors import TactemuError
 from tactemu.judge.outcome import FAILING, Outcome
 from tactemu.judge.plan import Trial
-from tactemu.judge.tape import InjectedFault, TrialRecord
+from tactemu.judge.trial_record import InjectedFault, TrialRecord
 
 MOST_RUNS = 8
 VERSION = 1
@@ -32,7 +32,7 @@ def may_be(trial: Trial) -> bool:
 
 def find(
     trial: Trial,
-    tape: TrialRecord,
+    record: TrialRecord,
     outcome: Outcome,
     run: Run,
     target: str,
@@ -47,7 +47,7 @@ def find(
     if kind is None:
         return None
     groups = _by_frame(trial.faults)
-    suspects = _suspects(groups, tape, outcome)
+    suspects = _suspects(groups, record, outcome)
     runs = 0
 
     def fails(some: Sequence[Sequence[str]]) -> tuple[TrialRecord, Outcome] | None:
@@ -89,11 +89,11 @@ def _by_frame(faults: Sequence[str]) -> list[list[str]]:
     return list(groups.values())
 
 
-def _suspects(groups: list[list[str]], tape: TrialRecord, outcome: Outcome) -> list[list[str]]:
+def _suspects(groups: list[list[str]], record: TrialRecord, outcome: Outcome) -> list[list[str]]:
     """Return the edits that were made last before something went wrong."""
-    wrong = [bad["t"] for bad in outcome.bad if bad["t"] > tape.on]
-    until = min(wrong) if wrong else tape.rows[-1].t if tape.rows else tape.end
-    made = [change for change in tape.changes if tape.on <= change.t <= until + 1_000_000]
+    wrong = [bad["t"] for bad in outcome.bad if bad["t"] > record.on]
+    until = min(wrong) if wrong else record.rows[-1].t if record.rows else record.end
+    made = [change for change in record.injected_faults if record.on <= change.t <= until + 1_000_000]
     found = []
     for change in reversed(made[-6:]):
         found += [group for group in groups if change.fault in group and group not in found]
@@ -120,11 +120,11 @@ def _shifted(fault: str, by: int) -> str:
 
 
 def _case(
-    trial: Trial, groups: Sequence[Sequence[str]], kind: str, tape: TrialRecord, outcome: Outcome, runs: int,
+    trial: Trial, groups: Sequence[Sequence[str]], kind: str, record: TrialRecord, outcome: Outcome, runs: int,
     target: str,
     command: Sequence[str],
 ) -> dict[str, Any]:  # fmt: skip
-    changes = [change for change in tape.changes if change.t >= tape.on]
+    changes = [change for change in record.injected_faults if change.t >= record.on]
     bad = next((bad for bad in outcome.bad), None)
     return {
         "version": VERSION, "device": target, "command": list(command), "trial": trial.name, "finding": kind,

@@ -15,8 +15,8 @@ import numpy as np
 
 from tactemu.judge.checks import is_named
 from tactemu.judge.columns import ABSOLUTE, TRANSFORMS, Channel, Column, Columns
-from tactemu.judge.lines import is_line, is_monotone, line, ranks
-from tactemu.judge.tape import DriverRow, Frame, Sample
+from tactemu.judge.line_fits import is_line, is_monotone, line, ranks
+from tactemu.judge.trial_record import DriverRow, ReceivedFrame, Sample
 
 LEAST_ROWS = 20
 _LAGS = 300
@@ -42,14 +42,14 @@ _MIX = 24
 """Channels that a mix may consist of."""
 
 
-class Unlearnable(Exception):
+class UnlearnableError(Exception):
     """There is nothing to learn from; says why."""
 
 
 def learn(
     rows: Sequence[DriverRow],
     samples: Sequence[Sample],
-    frames: Sequence[Frame],
+    frames: Sequence[ReceivedFrame],
     channels: Sequence[Channel],
     seed: int = 0,
     steps: bool = False,
@@ -65,29 +65,29 @@ def learn(
         steps: samples were held, for a driver that filters: it is learned from what it says at the end of each.
 
     Raises:
-        Unlearnable: there are too few rows.
+        UnlearnableError: there are too few rows.
     """
     names = _usual_names(rows)
-    good = [said for said in rows if tuple(said.row) == names]
+    good = [printed for printed in rows if tuple(printed.row) == names]
     if len(good) < LEAST_ROWS:
-        raise Unlearnable(f"{len(good)} rows of numbers: at least {LEAST_ROWS} are needed")
-    return _Fitting(good, names, samples, frames, channels, seed, steps).columns()
+        raise UnlearnableError(f"{len(good)} rows of numbers: at least {LEAST_ROWS} are needed")
+    return _ColumnFitter(good, names, samples, frames, channels, seed, steps).columns()
 
 
 def _usual_names(rows: Sequence[DriverRow]) -> tuple[str, ...]:
     counts: dict[tuple[str, ...], int] = {}
-    for said in rows:
-        counts[tuple(said.row)] = counts.get(tuple(said.row), 0) + 1
+    for printed in rows:
+        counts[tuple(printed.row)] = counts.get(tuple(printed.row), 0) + 1
     return max(counts, key=lambda names: counts[names], default=())
 
 
-class _Fitting:
+class _ColumnFitter:
     def __init__(
         self,
         rows: Sequence[DriverRow],
         names: tuple[str, ...],
         samples: Sequence[Sample],
-        frames: Sequence[Frame],
+        frames: Sequence[ReceivedFrame],
         channels: Sequence[Channel],
         seed: int,
         steps: bool,
@@ -98,18 +98,18 @@ class _Fitting:
         self.sure = _SURE_OF_STEPS if steps else _SURE
         self.random = np.random.default_rng(seed)
         self._kept: dict[tuple, np.ndarray] = {}
-        self.t = np.array([said.t for said in rows])
-        self.y = np.array([[said.row[name] for name in names] for said in rows])
+        self.t = np.array([printed.t for printed in rows])
+        self.y = np.array([[printed.row[name] for name in names] for printed in rows])
         self.x = np.array([sample.counts for sample in samples]).reshape(len(samples), width)
         self.columns_ = [_role(name, self.y[:, k]) for k, name in enumerate(names)]
         self.open = [k for k, column in enumerate(self.columns_) if column.role == "other"]
         self.live = np.flatnonzero(np.ptp(self.x, axis=0) > 0) if len(self.x) else np.zeros(0, int)
         self.newest = self._newest(samples, frames)
         if steps:
-            self._only_at_rest()
+            self._keep_settled_rows()
         self.ranked = ranks(self.x[:, self.live]) if len(self.live) else np.zeros((0, 0))
 
-    def _newest(self, samples: Sequence[Sample], frames: Sequence[Frame]) -> np.ndarray:
+    def _newest(self, samples: Sequence[Sample], frames: Sequence[ReceivedFrame]) -> np.ndarray:
         """Of each row the sample that the last frame before it carried; without frames, the last that was taken."""
         at = {sample.number: k for k, sample in enumerate(samples)}
         carried = [(f.t, at[f.sample]) for f in frames if f.way == "tx" and f.sample in at]
@@ -120,7 +120,7 @@ class _Fitting:
         last = np.searchsorted(times, self.t, side="right") - 1
         return np.where(last >= 0, index[np.maximum(last, 0)], -1)
 
-    def _only_at_rest(self) -> None:
+    def _keep_settled_rows(self) -> None:
         """Leave the rows that come when a sample has been held longest."""
         changes = np.append(np.any(np.diff(self.x, axis=0) != 0, axis=1), False)
         still = np.convolve(~changes, np.ones(_STILL))[: len(changes)] == _STILL - 1  # but for the change after it
@@ -128,7 +128,7 @@ class _Fitting:
         rests = (self.newest >= 0) & last[self.newest] if len(last) else np.zeros(len(self.t), bool)
         self.t, self.y, self.newest = self.t[rests], self.y[rests], self.newest[rests]
         if len(self.t) < LEAST_ROWS:
-            raise Unlearnable(f"{len(self.t)} rows at the end of a sample that was held: {LEAST_ROWS} are needed")
+            raise UnlearnableError(f"{len(self.t)} rows at the end of a sample that was held: {LEAST_ROWS} are needed")
 
     def columns(self) -> Columns:
         """What was learned."""

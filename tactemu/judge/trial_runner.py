@@ -1,4 +1,4 @@
-"""Judging a driver: it is started, learned, and put through one trial after the other; each becomes a tape."""
+"""Judging a driver: it is started, learned, and put through one trial after the other; each becomes a record."""
 
 from __future__ import annotations
 
@@ -6,18 +6,18 @@ import time
 from collections.abc import Iterator
 from dataclasses import asdict, replace
 
-from tactemu.judge import smallest
-from tactemu.judge.budget import ENOUGH_S, BudgetSpent, ordered
+from tactemu.judge import smallest_case
+from tactemu.judge.budget import EVERY_POSITION_BUDGET_S, BudgetSpentError, ordered
+from tactemu.judge.column_learning import UnlearnableError, learn
 from tactemu.judge.columns import Columns
-from tactemu.judge.counters import Counter
+from tactemu.judge.driver_session import LOOK_S, DriverSession
 from tactemu.judge.excitation import STEP
-from tactemu.judge.learning import Unlearnable, learn
-from tactemu.judge.options import Options
-from tactemu.judge.outcome import ABOUT, Known, Outcome
-from tactemu.judge.plan import Facts, Plan, Trial
-from tactemu.judge.session import LOOK_S, DriverSession
-from tactemu.judge.tape import InjectedFault, TrialRecord
-from tactemu.judge.verdicts import judged, known_of
+from tactemu.judge.options import JudgeOptions
+from tactemu.judge.outcome import ABOUT, CleanRun, Outcome
+from tactemu.judge.plan import LineFacts, Plan, Trial
+from tactemu.judge.rollover_counter import RolloverCounter
+from tactemu.judge.trial_record import InjectedFault, TrialRecord
+from tactemu.judge.verdicts import judge_record, measure_clean_run
 
 CLEAN_ROWS, CLEAN_S, SLOW_S = 320, 4.0, 12.0
 """Of the run without faults: so many rows, in this time; a slow driver gets more of it until there are enough."""
@@ -25,7 +25,7 @@ ENOUGH_ROWS = 60
 HOLDS, HOLDS_S = 24, 12.0
 """Samples that are held, of a driver that filters, and the time for them."""
 BEFORE_S = 3.0
-"""How much of what was before a trial is on its tape."""
+"""How much of what was before a trial is on its record."""
 MOST_COUNTS = 200_000
 """Counts a second that a device is made to convert, where it is sampled faster than by itself."""
 
@@ -47,7 +47,7 @@ class Judge(DriverSession):
     def plan(self) -> list[Trial]:
         """Return the trials after the clean run, the most telling first."""
         opts = self.options
-        every = opts.every or (opts.budget_s or 0.0) >= ENOUGH_S
+        every = opts.every or (opts.budget_s or 0.0) >= EVERY_POSITION_BUDGET_S
         trials = ordered(Plan(self.facts, opts.seed, every).trials())
         if opts.only:
             trials = [trial for trial in trials if any(word in trial.name for word in opts.only)]
@@ -58,49 +58,51 @@ class Judge(DriverSession):
         expected = trial.takes_s + self._restart_s()
         trial.skipped = trial.skipped or self.budget.lacks(expected, times=2)
         if trial.skipped:
-            return judged(TrialRecord(trial.name, trial.as_dict()))
+            return judge_record(TrialRecord(trial.name, trial.as_dict()))
         began = time.monotonic()
         try:
             self.budget.begin()
-            tape = self.record(trial)
-        except BudgetSpent:
+            record = self.run_trial(trial)
+        except BudgetSpentError:
             trial.skipped = "the budget was spent before it was over"
-            return judged(TrialRecord(trial.name, trial.as_dict()))
+            return judge_record(TrialRecord(trial.name, trial.as_dict()))
         finally:
             self.budget.end(expected, time.monotonic() - began)
-        outcome = judged(tape)
+        outcome = judge_record(record)
         if outcome.has(*self.options.fail_on) and self.options.shrink:
-            self._confirm(outcome, trial, tape, time.monotonic() - began)
+            self._confirm(outcome, trial, record, time.monotonic() - began)
         return outcome
 
-    def _confirm(self, outcome: Outcome, trial: Trial, tape: TrialRecord, took_s: float) -> None:
+    def _confirm(self, outcome: Outcome, trial: Trial, record: TrialRecord, took_s: float) -> None:
         """See a trial's findings again, alone as the smallest case or as a whole, while the budget lasts."""
         kinds = self.options.fail_on
         try:
             self.budget.begin(reserve_s=1.5 * took_s)
-            if smallest.may_be(trial):
-                outcome.case = smallest.find(trial, tape, outcome, self._again, self.target, self.command, kinds)
-        except BudgetSpent:
-            self.say("no time is left to look for the smallest case")
+            if smallest_case.may_be(trial):
+                outcome.case = smallest_case.find(
+                    trial, record, outcome, self._repeat, self.target, self.command, kinds
+                )
+        except BudgetSpentError:
+            self.report_progress("no time is left to look for the smallest case")
         outcome.confirmed = outcome.case is not None
         try:
             self.budget.begin()
             if not outcome.confirmed:
-                outcome.seen_again(judged(self.record(trial)), kinds)
-        except BudgetSpent:
+                outcome.seen_again(judge_record(self.run_trial(trial)), kinds)
+        except BudgetSpentError:
             outcome.untried = "once, and no time was left to try again"
         finally:
             self.budget.end()
 
-    def _again(self, trial: Trial) -> tuple[TrialRecord, Outcome]:
-        tape = self.record(trial, keep=False)
-        return tape, judged(tape)
+    def _repeat(self, trial: Trial) -> tuple[TrialRecord, Outcome]:
+        record = self.run_trial(trial, keep=False)
+        return record, judge_record(record)
 
     def _restart_s(self) -> float:
         """Return the time to start the driver anew, if it has ended [s]."""
         if self.driver is not None and self.driver.exit is None:
             return 0.0
-        return max(self.starts[-3:], default=0.5) + self.options.rest_s + 0.3 + 12 * self.facts.row_s
+        return max(self.starts[-3:], default=0.5) + self.options.no_contact_s + 0.3 + 12 * self.facts.row_s
 
     # -- the run without faults ----------------------------------------------------------------------------------------
 
@@ -113,27 +115,27 @@ class Judge(DriverSession):
         first = self._clean()
         kept = self.columns, self.known, self.facts
         if not first.findings or not self.options.shrink:
-            return self._kept(first)
+            return self._save_columns(first)
         if why := self.budget.lacks(1.2 * (time.monotonic() - began)):
             first.confirmed, first.untried = False, f"once; to look again {why}"
-            return self._kept(first)
-        self.say("looking again")
+            return self._save_columns(first)
+        self.report_progress("looking again")
         again = self._clean()
         if not again.findings:
             again.verdict += f" (once, and not again: {first.verdict})"
-            return self._kept(again)
+            return self._save_columns(again)
         nothing, nothing_again = not kept[0].values, not self.columns.values
         if nothing and nothing_again:
             again.confirmed = True
             return again
         if nothing or not nothing_again:
             again.seen_again(first, ABOUT)
-            return self._kept(again)
+            return self._save_columns(again)
         self.columns, self.known, self.facts = kept
         first.seen_again(again, ABOUT)
-        return self._kept(first)
+        return self._save_columns(first)
 
-    def _kept(self, outcome: Outcome) -> Outcome:
+    def _save_columns(self, outcome: Outcome) -> Outcome:
         """Write the columns to their file, if they are new."""
         path = self.options.columns
         if path is not None and self.columns.values and not path.exists():
@@ -142,51 +144,51 @@ class Judge(DriverSession):
 
     def _clean(self) -> Outcome:
         """Look at the driver once."""
-        self.columns, self.known, self.facts = Columns(), Known(), Facts()
+        self.columns, self.known, self.facts = Columns(), CleanRun(), LineFacts()
         began = time.monotonic()
         if why := self.start():
-            return self._nothing(why)
+            return self._unjudgeable(why)
         assert self.driver is not None
-        self.say("looking at how it reads")
+        self.report_progress("looking at how it reads")
         time.sleep(0.3)
         since = time.monotonic_ns()
         self._collect(since, 12, 1.0)
-        self.facts = self.stand.facts(since, self._rows_since(since))
+        self.facts = self.rig.facts(since, self._rows_since(since))
         if self.facts.asks and not self.facts.sets_rate and not self.options.rate_hz:
             self._sample_faster()
         on = time.monotonic_ns()
         self._collect(on, CLEAN_ROWS, CLEAN_S)
-        tape = self._clean_tape(on)
-        if tape.exit is None and (trouble := self._learn(tape)):
-            self.say("looking again, at samples that are held: it may filter")
-            self.stand.excite(steps=True)
+        record = self._clean_record(on)
+        if record.exit is None and (trouble := self._learn(record)):
+            self.report_progress("looking again, at samples that are held: it may filter")
+            self.rig.excite(steps=True)
             on = time.monotonic_ns()
             self._collect(on, (HOLDS + 2) * STEP, HOLDS_S)
-            tape = self._clean_tape(on)
-            if tape.exit is None and self._learn(tape, steps=True):
-                return self._nothing(trouble)
-        self.known = known_of(
-            tape, self.columns, asks=self.facts.asks, period_ms=1e3 * self.stand.period_s, numbered=self.facts.numbered
+            record = self._clean_record(on)
+            if record.exit is None and self._learn(record, steps=True):
+                return self._unjudgeable(trouble)
+        self.known = measure_clean_run(
+            record, self.columns, asks=self.facts.asks, period_ms=1e3 * self.rig.period_s, numbered=self.facts.numbered
         )
-        self.facts = self.stand.facts(on, self._rows_since(on))
-        tape = self._filled(tape)
-        if tape.exit is not None:
-            return self._nothing(self._why_nothing(self.driver))
-        self._write(tape)
-        outcome = judged(tape)
+        self.facts = self.rig.facts(on, self._rows_since(on))
+        record = self._complete(record)
+        if record.exit is not None:
+            return self._unjudgeable(self._why_silent(self.driver))
+        self._write(record)
+        outcome = judge_record(record)
         outcome.seconds = time.monotonic() - began
         return outcome
 
-    def _learn(self, tape: TrialRecord, steps: bool = False) -> str:
+    def _learn(self, record: TrialRecord, steps: bool = False) -> str:
         """Return the columns from the clean run, or from the file; returns why there are none."""
-        channels = self.stand.channels()
+        channels = self.rig.channels()
         if self.options.columns is not None and self.options.columns.exists():
             self.columns = Columns.load(self.options.columns, channels)
         else:
             try:
-                rows = [said for said in tape.rows if said.t > tape.on]
-                self.columns = learn(rows, tape.samples, tape.frames, channels, self.options.seed, steps)
-            except Unlearnable as why:
+                rows = [printed for printed in record.rows if printed.t > record.on]
+                self.columns = learn(rows, record.samples, record.frames, channels, self.options.seed, steps)
+            except UnlearnableError as why:
                 return f"no row can be judged: {why}"
         if self.columns.values:
             return ""
@@ -195,11 +197,11 @@ class Judge(DriverSession):
 
     def _sample_faster(self) -> None:
         """So fast that each answer holds a sample of its own."""
-        own = 1.0 / self.stand.period_s
-        wide = max((len(sample.counts) for sample in self.stand.recorder.samples[-1:]), default=1)
+        own = 1.0 / self.rig.period_s
+        wide = max((len(sample.counts) for sample in self.rig.recorder.samples[-1:]), default=1)
         hz = min(1000.0, MOST_COUNTS / max(1, wide), 6.0 / max(1e-4, self.facts.row_s))
         if hz > 1.2 * own:
-            self.stand.speed_up(round(hz))
+            self.rig.speed_up(round(hz))
             time.sleep(0.1)
 
     def _collect(self, since: int, rows: int, seconds: float) -> None:
@@ -211,60 +213,60 @@ class Judge(DriverSession):
             if count >= rows or took > SLOW_S or (took > seconds and count >= min(rows, ENOUGH_ROWS)):
                 return
 
-    def _clean_tape(self, on: int) -> TrialRecord:
-        tape = self._tape(on - round(BEFORE_S * 1e9))
-        tape.name, tape.on = "clean", on
-        tape.off = tape.end = time.monotonic_ns()
-        tape.trial = {"name": "clean", "action": "clean", "why": "nothing is wrong", "recovers": False}
-        return tape
+    def _clean_record(self, on: int) -> TrialRecord:
+        record = self._observed(on - round(BEFORE_S * 1e9))
+        record.name, record.on = "clean", on
+        record.off = record.end = time.monotonic_ns()
+        record.trial = {"name": "clean", "action": "clean", "why": "nothing is wrong", "recovers": False}
+        return record
 
-    def _nothing(self, why: str) -> Outcome:
-        tape = TrialRecord("clean", {"name": "clean", "action": "clean"}, asdict(self.known), trouble=why)
+    def _unjudgeable(self, why: str) -> Outcome:
+        record = TrialRecord("clean", {"name": "clean", "action": "clean"}, asdict(self.known), trouble=why)
         if self.driver is not None:
-            tape.rows, tape.notes = self.driver.rows[:50], self.driver.notes[:50]
-            tape.exit = self.driver.exit
-        self._write(tape)
-        return judged(tape)
+            record.rows, record.notes = self.driver.rows[:50], self.driver.notes[:50]
+            record.exit = self.driver.exit
+        self._write(record)
+        return judge_record(record)
 
     # -- a trial -------------------------------------------------------------------------------------------------------
 
-    def record(self, trial: Trial, keep: bool = True) -> TrialRecord:
-        """Have it happen; the tape of it."""
-        self.say(trial.name)
-        tape = TrialRecord(trial.name, trial.as_dict(), asdict(self.known), self.columns.as_dict())
-        counter = Counter(self.stand, trial.preset, self.budget.sleep) if trial.action == "wrap" else None
-        tape.trouble, why = self._near_its_end(counter) if counter else (self._ready(), "")
-        if tape.trouble:
-            return tape
+    def run_trial(self, trial: Trial, keep: bool = True) -> TrialRecord:
+        """Have it happen; the record of it."""
+        self.report_progress(trial.name)
+        record = TrialRecord(trial.name, trial.as_dict(), asdict(self.known), self.columns.as_dict())
+        counter = RolloverCounter(self.rig, trial.preset, self.budget.sleep) if trial.action == "wrap" else None
+        record.trouble, why = self._bring_near_rollover(counter) if counter else (self._ensure_reading(), "")
+        if record.trouble:
+            return record
         if why:
-            tape.trial["skipped"] = why
-            return tape
+            record.trial["skipped"] = why
+            return record
         driver = self.driver
         assert driver is not None
-        unread, events = self.stand.recorder.unread, len(driver.notes)
-        on, off = self._happen(trial, counter)
-        well = self._wait_until_well(off, trial)
+        unread, events = self.rig.recorder.unread, len(driver.notes)
+        on, off = self._inject(trial, counter)
+        well = self._wait_for_recovery(off, trial)
         for _ in range(trial.times - 1):
             if well:
-                _, off = self._happen(trial)
-                well = self._wait_until_well(off, trial)
-        found = self._tape(on - round(BEFORE_S * 1e9))
-        found.name, found.trial = tape.name, tape.trial
+                _, off = self._inject(trial)
+                well = self._wait_for_recovery(off, trial)
+        found = self._observed(on - round(BEFORE_S * 1e9))
+        found.name, found.trial = record.name, record.trial
         found.on, found.off, found.end = on, off, time.monotonic_ns()
-        found.exit, found.unread = driver.exit, self.stand.recorder.unread - unread
+        found.exit, found.unread = driver.exit, self.rig.recorder.unread - unread
         if driver.flooded:
             found.trouble = "floods: it prints more than 8 MB in 5 s that is no reading"
         found.notes = [note for note in driver.notes[events:] if note.t > on]
-        found = self._filled(found)
+        found = self._complete(found)
         if keep:
             self._write(found)
         return found
 
-    def _happen(self, trial: Trial, counter: Counter | None = None) -> tuple[int, int]:
+    def _inject(self, trial: Trial, counter: RolloverCounter | None = None) -> tuple[int, int]:
         """Do what the trial does, once; returns when it began and when the last of it was over."""
         driver = self.driver
         assert driver is not None
-        on = self.stand.begin(trial)
+        on = self.rig.begin(trial)
         try:
             if trial.action == "stop":
                 driver.stop(True)
@@ -275,8 +277,8 @@ class Judge(DriverSession):
         finally:
             if trial.action == "stop":
                 driver.stop(False)
-            off = self.stand.finish()
-        changes = [change.t for change in self.stand.recorder.changes[-2000:] if on <= change.t]
+            off = self.rig.finish()
+        changes = [change.t for change in self.rig.recorder.injected_faults[-2000:] if on <= change.t]
         return on, max(changes, default=off) if trial.faults and not trial.action else off
 
     def _wait_for_edits(self, trial: Trial, on: int) -> None:
@@ -284,12 +286,12 @@ class Judge(DriverSession):
         assert self.driver is not None
         end = time.monotonic() + trial.seconds
         longest = end + 3 * trial.takes_s + 1.0 + self._longest
-        recorder = self.stand.recorder
+        recorder = self.rig.recorder
         edits = _edits(trial)
         progress, seen = time.monotonic(), 0
         while self.driver.exit is None and not self.driver.flooded and time.monotonic() < longest:
             now = time.monotonic()
-            made = sum(change.t >= on for change in recorder.changes[-2000:])
+            made = sum(change.t >= on for change in recorder.injected_faults[-2000:])
             if made > seen:
                 progress, seen = now, made
             if now >= end and (made >= edits or now - progress > self._patience + 8 * self.facts.row_s):
@@ -300,25 +302,25 @@ class Judge(DriverSession):
     def _patience(self) -> float:
         return max(self.options.patience_s, 14 * self.facts.row_s, 1.5e-3 * self.known.p99_ms + 0.5)
 
-    def _wait_until_well(self, off: int, trial: Trial) -> bool:
+    def _wait_for_recovery(self, off: int, trial: Trial) -> bool:
         """Return whether the driver is well again before nobody waits any more."""
         assert self.driver is not None
         driver, patience = self.driver, self._patience
-        well = self._well(off, patience)
+        well = self._recovers(off, patience)
         if well or driver.exit is not None:
             time.sleep(0.03 + 0.5 * self.facts.row_s)  # for a row that is on its way, and last words
             return well
-        if not any(said.t > off for said in driver.rows[-100:]) and self._longest > patience:
+        if not any(printed.t > off for printed in driver.rows[-100:]) and self._longest > patience:
             # It says nothing at all: it may wait for a time-out of its own. One is waited for, once.
             begun = time.monotonic()
-            well = self._well(off, self._longest - patience)
+            well = self._recovers(off, self._longest - patience)
             if well:
                 self.options = replace(self.options, patience_s=1.5 * (patience + time.monotonic() - begun))
             else:
                 self._longest = patience
         return well
 
-    def _near_its_end(self, counter: Counter) -> tuple[str, str]:
+    def _bring_near_rollover(self, counter: RolloverCounter) -> tuple[str, str]:
         """Have a driver that reads well shortly before the counter is full.
 
         Returns why it does not read, and why the counter cannot be brought there while it does; nothing if all is well.
@@ -327,25 +329,25 @@ class Judge(DriverSession):
         own_s = 0.4 + 20 * self.facts.row_s + 20e-3 * self.known.p99_ms
         for slack_s in (own_s, 3 * own_s):  # a busy machine may need more time than the driver showed before
             self.end()
-            counter.set_ahead(max(self.starts[-3:], default=0.5) + self.options.rest_s + 0.3 + 2 * slack_s)
+            counter.set_ahead(max(self.starts[-3:], default=0.5) + self.options.no_contact_s + 0.3 + 2 * slack_s)
             if trouble := self.start():
                 return trouble, ""
-            if not self._well(time.monotonic_ns(), 2.0 + slack_s):
+            if not self._recovers(time.monotonic_ns(), 2.0 + slack_s):
                 trouble = "died: does not read well after a new start"
                 continue
             why = counter.bring_near(slack_s, 2.0 + 2 * slack_s)
-            if not why and (not counter.jumps or self._well(time.monotonic_ns(), slack_s)):
+            if not why and (not counter.jumps or self._recovers(time.monotonic_ns(), slack_s)):
                 return "", ""
         return trouble, why or f"the driver does not read on when the {counter.name} jumps"
 
-    def _wait_for_wrap(self, counter: Counter, trial: Trial) -> None:
+    def _wait_for_wrap(self, counter: RolloverCounter, trial: Trial) -> None:
         """Wait until the counter has been full, and put that on record."""
         driver = self.driver
         assert driver is not None
         if passed := counter.wait_until_full(lambda: driver.exit is None, trial.seconds):
             before, after = map(str, passed)
             change = InjectedFault(time.monotonic_ns(), "wrap", f"{counter.name} wraps", None, before, (after,))
-            self.stand.recorder.changes.append(change)
+            self.rig.recorder.injected_faults.append(change)
 
 
 def _edits(trial: Trial) -> int:
@@ -360,4 +362,4 @@ def _edits(trial: Trial) -> int:
     return count
 
 
-__all__ = ["Judge", "Options"]
+__all__ = ["Judge", "JudgeOptions"]

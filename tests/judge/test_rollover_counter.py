@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import pytest
 
 from firmware_protocols.device import Rollover
-from tactemu.judge.counters import TURN_PARTS, Counter
+from tactemu.judge.rollover_counter import TURN_PARTS, RolloverCounter
 
 SPEED = 500.0
 
@@ -35,7 +35,9 @@ class Counting:
 
 def counter_of(device):
     emulator = SimpleNamespace(channels=[SimpleNamespace(device=device)], now_ns=0)
-    return Counter(SimpleNamespace(emulator=emulator, do=lambda action: action(), period_s=1 / SPEED), "sequence")
+    return RolloverCounter(
+        SimpleNamespace(emulator=emulator, do=lambda action: action(), period_s=1 / SPEED), "sequence"
+    )
 
 
 @pytest.mark.parametrize("bits", [8, 16, 32, 63])
@@ -70,10 +72,10 @@ def test_a_clock_is_set_by_what_is_added_to_its_time():
     device = SimpleNamespace(rollovers=(Rollover(name="tick", bits=16, step=1000, clock=True, state="tick"),), tick=0)
     device.preset = lambda name, value: setattr(device, name, value)
     channel = SimpleNamespace(device=device, local_ns=lambda now: now)
-    stand = SimpleNamespace(
+    rig = SimpleNamespace(
         emulator=SimpleNamespace(channels=[channel], now_ns=3_000_000_000), do=lambda action: action(), period_s=0.01
     )
-    counter = Counter(stand, "tick")
+    counter = RolloverCounter(rig, "tick")
     assert counter.value == 3000
     counter.set_ahead(2.0)
     assert counter.value == (1 << 16) - 2000

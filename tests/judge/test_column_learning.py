@@ -7,18 +7,18 @@ from tactemu.base.errors import TactemuError
 from tactemu.judge.checks import (
     axis_in,
     clipped,
-    forgotten,
+    frozen,
     mirrored,
     misnamed,
     misread,
     misscaled,
     side_in,
-    still,
     unit_in,
+    unread_channels,
 )
+from tactemu.judge.column_learning import UnlearnableError, learn
 from tactemu.judge.columns import Channel, Column, Columns
-from tactemu.judge.learning import Unlearnable, learn
-from tactemu.judge.tape import DriverRow, Frame, Sample
+from tactemu.judge.trial_record import DriverRow, ReceivedFrame, Sample
 
 PERIOD = 10_000_000
 N = 330
@@ -31,7 +31,7 @@ def samples(width=9, span=3000, seed=0):
 
 
 def frames(taken):
-    return [Frame(sample.t, "tx", "", sample.number) for sample in taken]
+    return [ReceivedFrame(sample.t, "tx", "", sample.number) for sample in taken]
 
 
 def learned(make, *, taken=None, late=0.1, every=1, channels=CHANNELS):
@@ -43,7 +43,7 @@ def learned(make, *, taken=None, late=0.1, every=1, channels=CHANNELS):
         for k, sample in enumerate(taken)
         if not k % every
     ]
-    return learn(sorted(rows, key=lambda said: said.t), taken, frames(taken), channels)
+    return learn(sorted(rows, key=lambda printed: printed.t), taken, frames(taken), channels)
 
 
 def permuted(x, k):
@@ -210,7 +210,7 @@ def enumerate_names(values):
 
 
 def test_too_few_rows_and_rows_of_nothing():
-    with pytest.raises(Unlearnable, match="3 rows"):
+    with pytest.raises(UnlearnableError, match="3 rows"):
         learn([DriverRow(k, {"a": 1.0}) for k in range(3)], samples(), [], CHANNELS)
     random = np.random.default_rng(3)
     assert learned(lambda x, k: {"a": float(random.normal())}).values == []
@@ -269,7 +269,7 @@ def test_of_channels_that_are_one_the_name_of_the_column_decides():
 
 
 @pytest.mark.parametrize(
-    ("factor", "said"),
+    ("factor", "message"),
     [
         (1000, "reads 1000 N for 1 N, looks like mN read as N"),
         (0.001, "reads 0.001 N for 1 N, looks like kN read as N"),
@@ -284,8 +284,8 @@ def test_of_channels_that_are_one_the_name_of_the_column_decides():
         (1.03, "reads 1.03 N for 1 N"),
     ],
 )
-def test_a_unit_that_is_wrong_by_a_power_of_ten_or_by_gravity(factor, said):
-    assert misscaled(wrench_of(times(factor))) == [f"column 'fx' {said}"]
+def test_a_unit_that_is_wrong_by_a_power_of_ten_or_by_gravity(factor, message):
+    assert misscaled(wrench_of(times(factor))) == [f"column 'fx' {message}"]
 
 
 def test_a_unit_in_the_name_makes_its_factor_right_and_any_other_wrong():
@@ -311,43 +311,43 @@ def test_channels_that_are_in_no_column_and_columns_that_never_move():
         return learned(lambda x, k: dict(enumerate_names(make(x))), taken=taken, channels=pads)
 
     columns = read(lambda x: x)
-    assert forgotten(columns) == still(columns) == [] and "-" not in dict(columns.describe())
+    assert unread_channels(columns) == frozen(columns) == [] and "-" not in dict(columns.describe())
     columns = read(lambda x: x[:90])
-    assert [channel.name for channel in forgotten(columns)] == ["pad[30].Fx", "pad[30].Fy", "pad[30].Fz"]
+    assert [channel.name for channel in unread_channels(columns)] == ["pad[30].Fx", "pad[30].Fy", "pad[30].Fz"]
     assert dict(columns.describe())["-"] == "in no column: pad[30].Fx, pad[30].Fy, pad[30].Fz"
-    assert still(read(lambda x: [*x[:92], 0.0])) == ["column 'v.92' always reads 0"]
-    assert still(read(lambda x: [*x, 0.0])) == [], "a picture with a corner that holds no taxel"
-    assert forgotten(read(lambda x: x[2::3])) == [], "the pushes alone"
-    assert forgotten(read(lambda x: x[:30])) == [], "some of the taxels"
-    assert len(forgotten(read(lambda x: [*x[:91], x[90], x[90]]))) == 2, "one of them three times"
+    assert frozen(read(lambda x: [*x[:92], 0.0])) == ["column 'v.92' always reads 0"]
+    assert frozen(read(lambda x: [*x, 0.0])) == [], "a picture with a corner that holds no taxel"
+    assert unread_channels(read(lambda x: x[2::3])) == [], "the pushes alone"
+    assert unread_channels(read(lambda x: x[:30])) == [], "some of the taxels"
+    assert len(unread_channels(read(lambda x: [*x[:91], x[90], x[90]]))) == 2, "one of them three times"
 
 
 def test_half_of_one_patch_of_many_is_read_on_purpose():
     hand = [Channel(f"finger {f}[{k}].touch", "", "", None) for f in range(8) for k in range(6)]
     for n, left in ((3, 0), (45, 3)):
         columns = learned(lambda x, k, n=n: dict(enumerate_names(x[:n])), taken=samples(48), channels=hand)
-        assert len(forgotten(columns)) == left
+        assert len(unread_channels(columns)) == left
 
 
 def test_a_component_of_a_wrench_that_no_column_holds():
-    assert [channel.name for channel in forgotten(wrench_of(names=SIX[:5]))] == ["Mz"]
-    assert forgotten(wrench_of(names=SIX[:3])) == [], "forces alone"
+    assert [channel.name for channel in unread_channels(wrench_of(names=SIX[:5]))] == ["Mz"]
+    assert unread_channels(wrench_of(names=SIX[:3])) == [], "forces alone"
 
 
 def test_a_column_that_is_named_after_another_channel():
     hand = [Channel(f"tip[{k}].{name}", "", "N", 1.0) for k in range(4) for name in ("normal", "tangential")]
     words = (("normal", 0), ("tangential", 1))
-    for first, said in ((0, []), (1, ["column 'normal.0' holds tip[0].tangential"])):
+    for first, message in ((0, []), (1, ["column 'normal.0' holds tip[0].tangential"])):
         columns = learned(
             lambda x, k, first=first: {f"{n}.{i}": x[2 * i + (at ^ first)] for n, at in words for i in range(4)},
             taken=samples(8), channels=hand,
         )  # fmt: skip
-        assert misnamed(columns)[:1] == said
+        assert misnamed(columns)[:1] == message
 
 
 def test_a_resultant_that_is_frozen():
     def of(make):
-        return still(learned(make, taken=samples(9), channels=CHANNELS))
+        return frozen(learned(make, taken=samples(9), channels=CHANNELS))
 
     assert of(lambda x, k: {"f.0": x[0], "f.1": x[1], "f.2": -7.0}) == ["column 'f.2' always reads -7"]
     assert of(lambda x, k: {"v": x[0], "resultant": 3.0, "id": 7.0, "f": 0.0}) == ["column 'resultant' always reads 3"]

@@ -13,10 +13,10 @@ import numpy as np
 
 from tactemu.judge.columns import Columns
 from tactemu.judge.excitation import STEP
-from tactemu.judge.following import GRACE_MS, Questions, Reading
-from tactemu.judge.matching import Match
-from tactemu.judge.outcome import Known, Outcome
-from tactemu.judge.tape import TrialRecord
+from tactemu.judge.outcome import CleanRun, Outcome
+from tactemu.judge.row_tracking import GRACE_MS, Questions, RowTracker
+from tactemu.judge.sample_matching import Match
+from tactemu.judge.trial_record import TrialRecord
 
 OWN_LATE_MS = 2.0
 """Lateness of our own process with a sample's frames from which on nobody may ask the driver for the sample [ms]."""
@@ -37,54 +37,54 @@ def template(text: str) -> str:
     return re.sub(r"0x[0-9a-fA-F]+|\d+(\.\d+)?(e-?\d+)?", "#", text)[:120]
 
 
-def count(out: Outcome, tape: TrialRecord, reading: Reading, left: np.ndarray) -> None:
+def count_rows(out: Outcome, record: TrialRecord, tracker: RowTracker, left: np.ndarray) -> None:
     """Every row of the trial is one of: right, wrong, marked, again, older."""
-    known = reading.known
-    times = np.array([sample.t for sample in tape.samples])
-    sent_at = np.sort(np.array([f.t for f in tape.frames if f.way == "tx"], np.int64))
-    questions = Questions(tape, known.ask_ms)
-    answers = _answers(tape) if known.asks else {}
+    known = tracker.known
+    times = np.array([sample.t for sample in record.samples])
+    sent_at = np.sort(np.array([f.t for f in record.frames if f.way == "tx"], np.int64))
+    questions = Questions(record, known.ask_ms)
+    answers = _answers(record) if known.asks else {}
     grace = 1e6 * max(GRACE_MS, 3 * known.p99_ms)
     last, seen, ages = -1, set(), []
-    for match in reading.matches:
-        t, k = match.said.t, match.sample
-        if t > tape.end:
+    for match in tracker.matches:
+        t, k = match.printed.t, match.sample
+        if t > record.end:
             break
-        if t <= tape.on:  # only to know what was handed out last
+        if t <= record.on:  # only to know what was handed out last
             last = max(last, k if k is not None else -1)
             continue
         out.rows += 1
-        nothing = any(math.isnan(value) for value in match.said.row.values())
+        nothing = any(math.isnan(value) for value in match.printed.row.values())
         if match.marked or nothing:
             out.marked += 1
         elif k is None:
-            if reading.columns.steps and reading.matcher.between(match.said, 2 * STEP + STEP // 2):
+            if tracker.columns.steps and tracker.matcher.between(match.printed, 2 * STEP + STEP // 2):
                 continue
             out.wrong += 1
-            _keep_bad(out, match, tape, reading)
+            _keep_bad(out, match, record, tracker)
         elif k > last or (known.asks and k == last):
-            old = known.asks and questions.old(match, known)
+            old = known.asks and questions.is_old(match, known)
             if old and k == last:  # handed out before, and asked for again since
                 out.stale += 1
-                _keep_bad(out, match, tape, reading, old=True)
+                _keep_bad(out, match, record, tracker, old=True)
             else:
                 out.right += 1
                 out.behind += old
-                out.waits_ms.append(_wait_ns(match, left, answers, sent_at, tape) / 1e6)
+                out.waits_ms.append(_wait_ns(match, left, answers, sent_at, record) / 1e6)
                 ages.append((t - times[k]) / 1e6)
         else:
             idle = t - sent_at[max(0, int(np.searchsorted(sent_at, t)) - 1)] > grace if len(sent_at) else True
-            stale = (t - left[k] > grace and idle) or (known.asks and questions.old(match, known))
+            stale = (t - left[k] > grace and idle) or (known.asks and questions.is_old(match, known))
             out.stale += stale
             if stale:
-                _keep_bad(out, match, tape, reading, old=True)
+                _keep_bad(out, match, record, tracker, old=True)
             out.again += k == last
             out.older += k < last
         if k is not None and not match.marked:
             seen.add(k)
             last = max(last, k)
-    out.lost, out.sent = _lost(tape, seen)
-    out.injected = len([change for change in tape.changes if change.t >= tape.on])
+    out.lost, out.sent = _lost(record, seen)
+    out.injected = len([change for change in record.injected_faults if change.t >= record.on])
     if out.waits_ms:
         p50, p99, worst = np.quantile(out.waits_ms, (0.5, 0.99, 1.0))
         out.p50_ms, out.p99_ms, out.worst_ms = float(p50), float(p99), float(worst)
@@ -93,13 +93,13 @@ def count(out: Outcome, tape: TrialRecord, reading: Reading, left: np.ndarray) -
 
 
 def _wait_ns(
-    match: Match, left: np.ndarray, answers: Mapping[int, list[int]], sent_at: np.ndarray, tape: TrialRecord
+    match: Match, left: np.ndarray, answers: Mapping[int, list[int]], sent_at: np.ndarray, record: TrialRecord
 ) -> int:
     """From the last byte that a row needed to the driver's hands; of one that asks, from the end of the answer."""
-    t, k = match.said.t, match.sample
+    t, k = match.printed.t, match.sample
     assert k is not None
     if answers:
-        own = [each for each in answers.get(tape.samples[k].number, ()) if each <= t]
+        own = [each for each in answers.get(record.samples[k].number, ()) if each <= t]
         if own:
             return t - own[-1]
         at = int(np.searchsorted(sent_at, t)) - 1
@@ -107,105 +107,107 @@ def _wait_ns(
     return t - int(left[k])
 
 
-def _answers(tape: TrialRecord) -> dict[int, list[int]]:
+def _answers(record: TrialRecord) -> dict[int, list[int]]:
     """When frames left that carried a sample, by its number."""
     found: dict[int, list[int]] = {}
-    for frame in tape.frames:
+    for frame in record.frames:
         if frame.way == "tx" and frame.sample is not None:
             found.setdefault(frame.sample, []).append(frame.t)
     return found
 
 
-def _lost(tape: TrialRecord, seen: set[int]) -> tuple[int, int]:
+def _lost(record: TrialRecord, seen: set[int]) -> tuple[int, int]:
     """Unharmed samples that left between the first and the last that came and did not come; and how many left."""
     if not seen:
         return 0, 0
-    times = np.array([sample.t for sample in tape.samples])
-    number = {sample.number: k for k, sample in enumerate(tape.samples)}
-    carried = Counter(number[f.sample] for f in tape.frames if f.way == "tx" and f.sample in number)
+    times = np.array([sample.t for sample in record.samples])
+    number = {sample.number: k for k, sample in enumerate(record.samples)}
+    carried = Counter(number[f.sample] for f in record.frames if f.way == "tx" and f.sample in number)
     in_frames = bool(carried) and np.median(list(carried.values())) > 1
     harmed = set()
-    for change in tape.changes:
+    for change in record.injected_faults:
         if change.what in HARMLESS and not (in_frames and change.what in MIXING):
             continue
         harmed.add(int(np.searchsorted(times, change.t, side="right")) - 1)
-    held_up = _held_up(tape, number)
-    window = {k for k in carried if min(seen) < k < max(seen) and times[k] >= tape.on} - held_up
+    held_up = _held_up(record, number)
+    window = {k for k in carried if min(seen) < k < max(seen) and times[k] >= record.on} - held_up
     return len(window - seen - harmed), len(window)
 
 
-def _held_up(tape: TrialRecord, number: Mapping[int, int]) -> set[int]:
+def _held_up(record: TrialRecord, number: Mapping[int, int]) -> set[int]:
     """Return the samples whose frames left late because our own process was held up, and those right after them.
 
     A driver may refuse them: the frames of a sample are further apart than those of the device, or closer together.
     """
-    late = {f.sample for f in tape.frames if f.way == "tx" and f.late_ns > 1e6 * OWN_LATE_MS}
+    late = {f.sample for f in record.frames if f.way == "tx" and f.late_ns > 1e6 * OWN_LATE_MS}
     held_up = {k for sample, k in number.items() if sample in late}
     return held_up | {k + 1 for k in held_up}
 
 
-def _keep_bad(out: Outcome, match: Match, tape: TrialRecord, reading: Reading, old: bool = False) -> None:
+def _keep_bad(out: Outcome, match: Match, record: TrialRecord, tracker: RowTracker, old: bool = False) -> None:
     if len(out.bad) >= 8:
         return
     near = match.sample if old else match.nearest
     truth = {}
     if near is not None:
-        expected = reading.columns.expected(tape.samples[near].counts[None])[0]
-        truth = dict(zip(reading.columns.names, expected.tolist()))
-    names = list(dict.fromkeys((*match.odd[:16], *match.said.row)))[:64]
-    row = {name: match.said.row[name] for name in names if name in match.said.row}
+        expected = tracker.columns.expected(record.samples[near].counts[None])[0]
+        truth = dict(zip(tracker.columns.names, expected.tolist()))
+    names = list(dict.fromkeys((*match.odd[:16], *match.printed.row)))[:64]
+    row = {name: match.printed.row[name] for name in names if name in match.printed.row}
     truth = {name: truth[name] for name in names if name in truth}
     out.bad.append({
-        "t": match.said.t, "row": row, "odd": list(match.odd)[:16], "truth": truth, "old": old,
-        "sample": None if near is None else tape.samples[near].number,
+        "t": match.printed.t, "row": row, "odd": list(match.odd)[:16], "truth": truth, "old": old,
+        "sample": None if near is None else record.samples[near].number,
     })  # fmt: skip
 
 
-def listen(out: Outcome, tape: TrialRecord, known: Known) -> None:
+def count_messages(out: Outcome, record: TrialRecord, known: CleanRun) -> None:
     """New things that were said, and the longest silence while the fault lasted."""
     usual = set(known.usual)
-    columns = Columns.from_dict(tape.columns or {"columns": []})
-    new = [(n.t, n.text) for n in tape.notes if tape.on < n.t <= tape.end and template(n.text) not in usual]
+    columns = Columns.from_dict(record.columns or {"columns": []})
+    new = [(n.t, n.text) for n in record.notes if record.on < n.t <= record.end and template(n.text) not in usual]
     new += [
-        (said.t, json.dumps(dict(said.row)))
-        for said in tape.rows
-        if tape.on < said.t <= tape.end and columns.values and columns.row(said.row) is None
+        (printed.t, json.dumps(dict(printed.row)))
+        for printed in record.rows
+        if record.on < printed.t <= record.end and columns.values and columns.row(printed.row) is None
     ]
     out.notes = len(new)
     out.said = list(dict.fromkeys(template(text) for _, text in new))[:4]
-    heard = sorted([tape.on, *(said.t for said in tape.rows if tape.on < said.t <= tape.off), tape.off])
+    heard = sorted(
+        [record.on, *(printed.t for printed in record.rows if record.on < printed.t <= record.off), record.off]
+    )
     gaps = [later - earlier for earlier, later in itertools.pairwise(heard)]
     out.quiet_s = max(gaps, default=0) / 1e9
-    words = [t for t, _ in new if t <= tape.off]
+    words = [t for t, _ in new if t <= record.off]
     if words:
-        out.quiet_s = min(out.quiet_s, (words[0] - tape.on) / 1e9)
+        out.quiet_s = min(out.quiet_s, (words[0] - record.on) / 1e9)
 
 
-def weigh(out: Outcome, tape: TrialRecord) -> None:
+def measure_resources(out: Outcome, record: TrialRecord) -> None:
     """Processor and memory."""
-    during = [weight for weight in tape.weights if tape.on <= weight.t <= tape.off]
+    during = [weight for weight in record.resource_usage if record.on <= weight.t <= record.off]
     if len(during) > 3:
         took = (during[-1].t - during[0].t) / 1e9
         out.cpu = (during[-1].cpu - during[0].cpu) / took if took > 0 else 0.0
-    out.leak = _growth(tape)
-    out.grown = _grown(tape)
+    out.leak = _growth(record)
+    out.grown = _grown(record)
 
 
-def _grown(tape: TrialRecord) -> int:
+def _grown(record: TrialRecord) -> int:
     """Return the growth from the last look before the fault until the driver was well again [byte]."""
-    before = [weight.bytes for weight in tape.weights if weight.t <= tape.on][-1:]
-    sizes = before + [weight.bytes for weight in tape.weights if tape.on < weight.t <= tape.end]
+    before = [weight.bytes for weight in record.resource_usage if weight.t <= record.on][-1:]
+    sizes = before + [weight.bytes for weight in record.resource_usage if record.on < weight.t <= record.end]
     return sizes[-1] - sizes[0] if sizes else 0
 
 
-def _growth(tape: TrialRecord) -> float:
+def _growth(record: TrialRecord) -> float:
     """Return bytes for each reading, by the median of all slopes after the first third of the time."""
-    weights = [weight for weight in tape.weights if tape.on <= weight.t <= tape.off]
+    weights = [weight for weight in record.resource_usage if record.on <= weight.t <= record.off]
     if len(weights) < 15:
         return 0.0
     late = weights[len(weights) // 3 :]
     size, t = np.array([weight.bytes for weight in late], float), np.array([weight.t for weight in late])
-    sent = np.array([sample.t for sample in tape.samples])
+    sent = np.array([sample.t for sample in record.samples])
     n = np.searchsorted(sent, t).astype(float)
     i, k = np.triu_indices(len(n), 5)
     slopes = (size[k] - size[i]) / np.maximum(n[k] - n[i], 1.0)

@@ -36,7 +36,7 @@ class Sample(NamedTuple):
     """What a perfect driver decodes, one number for each channel."""
 
 
-class Frame(NamedTuple):
+class ReceivedFrame(NamedTuple):
     """A frame that left for the driver, or arrived from it."""
 
     t: int
@@ -103,7 +103,7 @@ class TrialRecord:
     trial: dict[str, Any] = field(default_factory=dict)
     """What was done, as :class:`tactemu.judge.plan.Trial` says it."""
     known: dict[str, Any] = field(default_factory=dict)
-    """What the clean run has shown, as :class:`tactemu.judge.outcome.Known` says it."""
+    """What the clean run has shown, as :class:`tactemu.judge.outcome.CleanRun` says it."""
     columns: dict[str, Any] = field(default_factory=dict)
     """What the driver's columns hold, as :class:`tactemu.judge.columns.Columns` says it."""
     on: int = 0
@@ -118,15 +118,15 @@ class TrialRecord:
     trouble: str = ""
     """Why nothing could be seen."""
     samples: list[Sample] = field(default_factory=list)
-    frames: list[Frame] = field(default_factory=list)
-    changes: list[InjectedFault] = field(default_factory=list)
+    frames: list[ReceivedFrame] = field(default_factory=list)
+    injected_faults: list[InjectedFault] = field(default_factory=list)
     rows: list[DriverRow] = field(default_factory=list)
     notes: list[Note] = field(default_factory=list)
-    weights: list[ResourceUsage] = field(default_factory=list)
+    resource_usage: list[ResourceUsage] = field(default_factory=list)
 
     def since(self, t: int) -> TrialRecord:
         """Return a copy that begins at a time."""
-        lists = {name: [each for each in getattr(self, name) if each.t >= t] for name in _KINDS}
+        lists = {name: [each for each in getattr(self, name) if each.t >= t] for name, _ in _LISTS.values()}
         return replace(self, **lists)
 
     # -- as a file -----------------------------------------------------------------------------------------------------
@@ -148,7 +148,7 @@ class TrialRecord:
         """Head first, then everything by time."""
         head = {name: getattr(self, name) for name in _HEAD}
         yield {"kind": "trial", "version": VERSION, **head}
-        entries = [(each.t, kind, each) for kind in _KINDS for each in getattr(self, kind)]
+        entries = [(each.t, kind, each) for kind, (name, _) in _LISTS.items() for each in getattr(self, name)]
         for _, kind, each in sorted(entries, key=lambda entry: entry[0]):
             yield {"kind": kind, **each._asdict()}
 
@@ -167,32 +167,34 @@ class TrialRecord:
 
     @classmethod
     def _of(cls, lines: Any, path: str) -> TrialRecord:
-        tape = None
+        record = None
         for number, line in enumerate(lines, 1):
             try:
                 entry = json.loads(line)
                 kind = entry.pop("kind")
-                if tape is None:
+                if record is None:
                     if kind != "trial" or entry.pop("version") > VERSION:
                         raise ValueError("no head of a trial that this tactemu reads")
-                    tape = cls(**{name: entry[name] for name in _HEAD})
+                    record = cls(**{name: entry[name] for name in _HEAD})
                     continue
                 if kind == "samples":
                     entry["counts"] = np.array(entry["counts"], float)
                 if kind == "changes":
                     entry["after"] = tuple(entry["after"])
-                getattr(tape, kind).append(_KINDS[kind](**entry))
+                name, entry_type = _LISTS[kind]
+                getattr(record, name).append(entry_type(**entry))
             except (ValueError, KeyError, TypeError, AttributeError) as error:
                 raise TactemuError(f"{path}:{number}: not a recorded trial: {error}") from None
-        if tape is None:
+        if record is None:
             raise TactemuError(f"{path}: empty: not a recorded trial")
-        return tape
+        return record
 
 
-_KINDS: dict[str, Any] = {
-    "samples": Sample, "frames": Frame, "changes": InjectedFault, "rows": DriverRow, "notes": Note,
-    "weights": ResourceUsage,
+_LISTS: dict[str, tuple[str, Any]] = {
+    "samples": ("samples", Sample), "frames": ("frames", ReceivedFrame), "changes": ("injected_faults", InjectedFault),
+    "rows": ("rows", DriverRow), "notes": ("notes", Note), "weights": ("resource_usage", ResourceUsage),
 }  # fmt: skip
+"""The attribute and the type of each kind of entry in a file."""
 _HEAD = (
     "name", "trial", "known", "columns", "on", "off", "end", "exit", "late_ms", "unread", "trouble",
 )  # fmt: skip
@@ -214,8 +216,8 @@ class Recorder:
 
     def __init__(self, keep: int = 200_000):
         self.samples: list[Sample] = []
-        self.frames: list[Frame] = []
-        self.changes: list[InjectedFault] = []
+        self.frames: list[ReceivedFrame] = []
+        self.injected_faults: list[InjectedFault] = []
         self.events: list[tuple[int, str]] = []
         self.unread = 0
         self._keep = keep
@@ -245,11 +247,11 @@ class Recorder:
             case Passage(kind="tx"):
                 sample = self._asked if entry.sample is None else entry.sample
                 late_ns = entry.late_ns + max(0, time.monotonic_ns() - t)
-                self.frames.append(Frame(t, "tx", text(entry.frame), sample, entry.sample is None, late_ns))
+                self.frames.append(ReceivedFrame(t, "tx", text(entry.frame), sample, entry.sample is None, late_ns))
                 self._bound(self.frames)
             case Passage(kind="rx"):
                 self._asked = self.samples[-1].number if self.samples else None
-                self.frames.append(Frame(t, "rx", text(entry.frame)))
+                self.frames.append(ReceivedFrame(t, "rx", text(entry.frame)))
                 self._bound(self.frames)
             case Passage():
                 self.unread += entry.why == "not read"
@@ -257,8 +259,8 @@ class Recorder:
                 number = _NUMBER.search(entry.detail)
                 fault = entry.detail.partition(" [")[0]
                 found = int(number[1]) if number else None
-                self.changes.append(InjectedFault(t, entry.what, fault, found, entry.before, entry.after))
-                self._bound(self.changes)
+                self.injected_faults.append(InjectedFault(t, entry.what, fault, found, entry.before, entry.after))
+                self._bound(self.injected_faults)
             case PortEvent():
                 self.events.append((t, entry.what))
                 self._bound(self.events)
@@ -279,4 +281,14 @@ class Recorder:
             del entries[: self._keep // 4]
 
 
-__all__ = ["DriverRow", "Frame", "InjectedFault", "Note", "Recorder", "ResourceUsage", "Row", "Sample", "TrialRecord"]
+__all__ = [
+    "DriverRow",
+    "InjectedFault",
+    "Note",
+    "ReceivedFrame",
+    "Recorder",
+    "ResourceUsage",
+    "Row",
+    "Sample",
+    "TrialRecord",
+]
