@@ -53,7 +53,7 @@ def command_of(command: Sequence[str], ports: Mapping[str, str]) -> list[str]:
     for word in command:
         if "{port}" in word and "port" not in values:
             raise TactemuError(
-                f"{{port}} is ambiguous: there are several ports; name one of {', '.join(f'{{{name}}}' for name in ports)}"
+                f"{{port}} is ambiguous, there are several; name one of {', '.join(f'{{{name}}}' for name in ports)}"
             )
         for name, value in values.items():
             word = word.replace(f"{{{name}}}", value)
