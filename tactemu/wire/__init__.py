@@ -1,1 +1,1 @@
-"""Between devices and port: the line's pace, who may talk, and what goes wrong on it."""
+"""Between devices and port: the pace of the line, the order of its senders, and its faults."""

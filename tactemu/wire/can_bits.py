@@ -1,9 +1,9 @@
-"""How long a CAN or CAN-FD frame keeps the bus busy: exact, with its own CRC and its own stuff bits (ISO 11898-1).
+"""The exact time of a CAN or CAN-FD frame on the bus, with its own CRC and stuff bits (ISO 11898-1).
 
 A classic frame is stuffed from the start-of-frame bit to the end of the CRC: after five equal bits the sender inserts
-one of the other kind. A CAN-FD frame is stuffed so up to the end of its data; its stuff count and CRC carry stuff bits
-at fixed places, so that their length does not depend on their value. Bits up to the bit-rate switch and after the CRC
-delimiter run at the arbitration rate, those between them at the data rate. All lengths include the three bits of
+one of the other value. A CAN-FD frame is stuffed likewise up to the end of its data; its stuff count and CRC have stuff
+bits at fixed places, so that their length does not depend on their value. Bits up to the bit-rate switch and after the
+CRC delimiter run at the arbitration rate, those between them at the data rate. All lengths include the three bits of
 intermission, after which the next frame may start.
 """
 
@@ -14,7 +14,7 @@ from functools import cache
 
 from firmware_protocols import CanFrame
 
-TRAILER = 1 + 2 + 7 + 3
+TRAILER_BITS = 1 + 2 + 7 + 3
 """CRC delimiter, ACK slot and delimiter, end of frame, intermission: never stuffed."""
 _FD_HEAD_STD, _FD_HEAD_EXT = 17, 36
 """Bits from the start of a CAN-FD frame to its bit-rate-switch bit, which is the last at the arbitration rate."""
@@ -24,9 +24,9 @@ _ERROR_FRAME = 6 + 6 + 8
 
 
 def frame_bits(frame: CanFrame) -> tuple[int, int]:
-    """Bits at the arbitration rate and bits at the data rate that ``frame`` takes, intermission included.
+    """Return the numbers of bits of ``frame`` at the arbitration rate and at the data rate, intermission included.
 
-    A frame broken by an error frame counts as broken at its very end, which costs most.
+    A frame broken by an error frame counts as broken at its last bit, which takes longest.
     """
     if frame.is_error_frame:
         slow, fast = frame_bits(replace(frame, is_error_frame=False))
@@ -38,17 +38,17 @@ def frame_bits(frame: CanFrame) -> tuple[int, int]:
     length += 8 * len(data)
     body = head << 8 * len(data) | int.from_bytes(data, "big")
     stuffed = body << 15 | _crc15(body, length)
-    return length + 15 + _stuff_bits(stuffed, length + 15) + TRAILER, 0
+    return length + 15 + _stuff_bits(stuffed, length + 15) + TRAILER_BITS, 0
 
 
 def frame_ns(frame: CanFrame, bitrate: int, data_bitrate: int | None = None) -> int:
-    """Return time on the bus [ns], intermission included. Without bit-rate switching the data rate plays no part."""
+    """Return the time on the bus [ns], intermission included; the data rate counts only with bit-rate switching."""
     arbitration, data = frame_bits(frame)
     return round(1e9 * arbitration / bitrate + 1e9 * data / (data_bitrate or bitrate))
 
 
 def priority(frame: CanFrame) -> tuple[int, int, int, int, int]:
-    """Arbitration order: of two frames that start together, the one with the smaller tuple wins the bus."""
+    """Return the arbitration order: of two frames that start together, the one with the smaller tuple wins the bus."""
     remote = int(frame.is_remote_frame)
     if frame.is_extended_id:
         return frame.arbitration_id >> 18, 1, 1, frame.arbitration_id & 0x3FFFF, remote
@@ -56,7 +56,7 @@ def priority(frame: CanFrame) -> tuple[int, int, int, int, int]:
 
 
 def _classic_head(frame: CanFrame) -> tuple[int, int]:
-    """Start of frame to data length code, as a number and its length in bits."""
+    """Return the bits from start of frame to data length code, as a number and its length in bits."""
     size = len(frame.data)
     remote = int(frame.is_remote_frame)
     if frame.is_extended_id:
@@ -78,12 +78,12 @@ def _fd_bits(frame: CanFrame) -> tuple[int, int]:
         head_length = _FD_HEAD_STD
     length = head_length + 5 + 8 * size  # ESI and data length code
     body = (head << 5 | _FD_LENGTHS.index(size)) << 8 * size | int.from_bytes(frame.data, "big")
-    # After the last data bit comes a fixed stuff bit, so a run that ends there needs none of its own.
+    # A fixed stuff bit follows the last data bit, so a run that ends there needs no other.
     stuff = _stuff_bits(body, length, at_end=False)
     in_head = _stuff_bits(head, head_length)
     crc = 4 + 17 + 6 if size <= 16 else 4 + 21 + 7  # stuff count, CRC, fixed stuff bits
     fast = 5 + 8 * size + (stuff - in_head) + crc
-    slow = head_length + in_head + TRAILER
+    slow = head_length + in_head + TRAILER_BITS
     return (slow, fast) if brs else (slow + fast, 0)
 
 
@@ -104,7 +104,7 @@ CRC15 = _crc15_table()
 
 
 def _crc15(bits: int, length: int) -> int:
-    """CRC over the lowest ``length`` bits. Zeros put in front to fill a byte do not change a CRC that starts at 0."""
+    """Return the CRC over the lowest ``length`` bits; zeros in front that fill a byte do not change it."""
     crc = 0
     for byte in bits.to_bytes((length + 7) // 8, "big"):
         crc = ((crc << 8) & 0x7FFF) ^ CRC15[((crc >> 7) ^ byte) & 0xFF]
@@ -117,7 +117,7 @@ def _crc15(bits: int, length: int) -> int:
 
 @cache
 def _step(state: int, byte: int) -> tuple[int, int, bool]:
-    """Stuff bits made by one byte, the state after it, and whether the last bit of the byte made one."""
+    """Return the stuff bits that a byte causes, the state after it, and whether its last bit caused one."""
     last, run = state >> 2, (state & 3) + 1
     count, at_end = 0, False
     for shift in range(7, -1, -1):
@@ -131,11 +131,11 @@ def _step(state: int, byte: int) -> tuple[int, int, bool]:
 
 _STEP = [[_step(state, byte) for byte in range(256)] for state in range(8)]
 RECESSIVE = 4
-"""State of an idle bus: the start bit (0) begins a run of its own."""
+"""State of an idle bus: the start bit (0) begins a new run."""
 
 
 def _stuff_bits(bits: int, length: int, *, at_end: bool = True) -> int:
-    """Stuff bits of a stream that starts with the start-of-frame bit; ``at_end``: also after its last bit."""
+    """Return the number of stuff bits of a stream from its start-of-frame bit on; ``at_end``: also after its last."""
     pad = -length % 8  # alternating bits that end recessive make no stuff bit
     padded = (0x55 & (1 << pad) - 1) << length | bits
     count, state, last = 0, RECESSIVE if pad % 2 == 0 else RECESSIVE - 4, False

@@ -1,4 +1,4 @@
-"""How long each of many CAN frames keeps the bus busy: what :mod:`tactemu.wire.can_bits` counts, by NumPy."""
+"""The times of many CAN frames on the bus: what :mod:`tactemu.wire.can_bits` counts, by NumPy."""
 
 from __future__ import annotations
 
@@ -7,21 +7,21 @@ from functools import cache, lru_cache
 import numpy as np
 
 from firmware_protocols.can_frames import CanFrames
-from tactemu.wire.can_bits import CRC15, RECESSIVE, TRAILER, frame_bits
+from tactemu.wire.can_bits import CRC15, RECESSIVE, TRAILER_BITS, frame_bits
 
 _HEAD = 19
-"""Bits from the start of a frame to its length, of a standard identifier."""
+"""Bits from the start of a frame with a standard identifier to the end of its data length code."""
 _STATE = 7 << 16
-"""Where a step has the state that it leaves; the number of stuff bits is above."""
+"""Mask of the state in the result of a step; the number of stuff bits is in the bits above."""
 
 
 def run_ns(frames: CanFrames, bitrate: int) -> np.ndarray:
-    """Return time on the bus of each [ns], intermission included; int64, shape ``(n,)``."""
+    """Return the time of each frame on the bus [ns], intermission included; int64, shape ``(n,)``."""
     return np.rint(1e9 * run_bits(frames) / bitrate).astype(np.int64)
 
 
 def run_bits(frames: CanFrames) -> np.ndarray:
-    """Bits of each, stuff bits and intermission included; shape ``(n,)``."""
+    """Return the number of bits of each frame, stuff bits and intermission included; shape ``(n,)``."""
     array = frames.array
     if array["len"].min() < 8:
         return np.array([frame_bits(frame)[0] for frame in frames])
@@ -30,21 +30,21 @@ def run_bits(frames: CanFrames) -> np.ndarray:
     crc = crc ^ np.bitwise_xor.reduce(_crc_tables(10)[_PLACES, data], axis=1)
     step, last = _steps()
     words = data.view(">u2").astype(np.int32)
-    total = found = head  # state and stuff bits, which are added up
+    total = found = head  # the stuff bits add up, the state is that of the last step
     for k in range(4):
         found = step[found & _STATE | words[:, k]]
         total = total + found
     total = total + last[(found & _STATE) >> 1 | crc]
-    return (total >> 24) + (_HEAD + 64 + 15 + TRAILER)
+    return (total >> 24) + (_HEAD + 64 + 15 + TRAILER_BITS)
 
 
 _PLACES = np.arange(2, 10)
-"""Of the data bytes among those of which a CRC is made, after a head filled up to 24 bits."""
+"""Positions of the data bytes among the bytes under the CRC, counted from the end of a head filled up to 24 bits."""
 
 
 @lru_cache(256)
 def _heads(idents: bytes) -> tuple[np.ndarray, np.ndarray]:
-    """Of the heads of frames with 8 data bytes: the step that they end with, and what they add to the CRC."""
+    """Return state and stuff bits at the end of the heads of frames with 8 data bytes, and their share of the CRC."""
     bits = np.frombuffer(idents, np.uint32).astype(np.int32) << 7 | 8
     state, count = np.full(len(bits), RECESSIVE), np.zeros(len(bits), np.int32)
     for shift, size in ((16, 3), (8, 8), (0, 8)):
@@ -58,7 +58,7 @@ def _heads(idents: bytes) -> tuple[np.ndarray, np.ndarray]:
 
 @cache
 def _crc_tables(n: int) -> np.ndarray:
-    """CRC of a byte at each of ``n`` places, zeros elsewhere; shape ``(n, 256)``. A CRC is their sum: it is linear."""
+    """Return the CRC of a byte at each of ``n`` places, zeros elsewhere; shape ``(n, 256)``. A CRC is their XOR."""
     one = np.array(CRC15, np.int32)
     tables = [one]
     for _ in range(n - 1):
@@ -69,8 +69,9 @@ def _crc_tables(n: int) -> np.ndarray:
 
 @cache
 def _steps() -> tuple[np.ndarray, np.ndarray]:
-    """Stuff bits ``<< 24`` and state ``<< 16`` after two bytes, by ``state << 16 | bytes``; and after the 15 bits of a
-    CRC, by ``state << 15 | bits``."""
+    """Return two tables of stuff bits ``<< 24`` and state ``<< 16``: after two bytes, by ``state << 16 | bytes``, and
+    after the 15 bits of a CRC, by ``state << 15 | bits``.
+    """
     tables = []
     for size in (8, 7):
         (made, after), (more, then) = _step(size), _step(8)
@@ -82,7 +83,7 @@ def _steps() -> tuple[np.ndarray, np.ndarray]:
 
 @cache
 def _step(size: int) -> tuple[np.ndarray, np.ndarray]:
-    """Stuff bits made by a few bits after each state, and the state then; shape ``(8, 2**size)``."""
+    """Return the stuff bits that ``size`` bits cause after each state, and the state then; shape ``(8, 2**size)``."""
     bits = np.arange(1 << size)
     state = np.repeat(np.arange(8, dtype=np.int32)[:, None], len(bits), axis=1)
     count = np.zeros_like(state)

@@ -1,7 +1,7 @@
-"""A line that has a speed: who may send next, and when the last bit has gone.
+"""A line that has a speed: which frame is sent next, and when its last bit has gone.
 
-How long a frame takes and who goes first is the line model's (:mod:`tactemu.wire.line_models`): a serial line sends in
-order, on a CAN bus the lowest identifier wins, on a shared half-duplex line answers leave in turn.
+The line model (:mod:`tactemu.wire.line_models`) says how long a frame takes and which goes first: a serial line sends
+in order, on a CAN bus the lowest identifier wins, on a shared half-duplex line answers leave in turn.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from tactemu.wire.line_models.line_model import LineModel
 from tactemu.wire.pending import Pending
 
 MAX_CATCH_UP_NS = 5_000_000
-"""After a stall of its caller a line makes up for this much at most: no burst, and never more than it can carry."""
+"""Maximum time that a line makes up for after a stall of its caller; prevents bursts."""
 
 
 class Line:
-    """The queue in front of a line and the line itself: of one direction, or of all nodes where there is one line."""
+    """A line and the queue in front of it: for one direction, or for all nodes where there is one line."""
 
     TRANSIENT_FIELDS: ClassVar[tuple[str, ...]] = ("_catch_up_ns",)
 
@@ -30,9 +30,9 @@ class Line:
         self.line_model = line_model
         self._catch_up_ns = 0 if line_model.pacing == "strict" else MAX_CATCH_UP_NS
         self.free_ns = 0
-        """When the line is idle again."""
+        """The time at which the line is idle again."""
         self.busy_ns = 0
-        """Time that the line has carried frames."""
+        """The total time that the line has carried frames."""
         self._lanes: defaultdict[str, list[Pending]] = defaultdict(list)
         self._waiting_ns: defaultdict[str, int] = defaultdict(int)
         self._sending: Pending | None = None
@@ -48,7 +48,7 @@ class Line:
         sample: int | None = None,
         took_ns: int | None = None,
     ) -> None:
-        """Queue a frame that may leave from ``ready_ns`` on; ``took_ns``: its time there if not the model's."""
+        """Queue a frame that may leave from ``ready_ns`` on; ``took_ns``: its time on the line if not the model's."""
         self._number += 1
         line_model = self.line_model
         lane = line_model.lane(source)
@@ -58,7 +58,7 @@ class Line:
         self._waiting_ns[lane] += took
 
     def put_run(self, frames: CanFrames, ready_ns: int, source: str, *, sample: int | None = None) -> None:
-        """Queue many frames of one node that are ready together: as :meth:`put` of each, for less."""
+        """Queue many frames of one node that are ready together; faster than :meth:`put` of each."""
         if not frames:
             return
         self._number += 1
@@ -71,21 +71,21 @@ class Line:
         self._waiting_ns[lane] += ends[-1]
 
     def backlog_ns(self, source: str, now_ns: int) -> int:
-        """How far behind this source is: the time that its queue will take, or has waited already if that is more."""
+        """Return the backlog of a source: the time that its queue will take, or has waited already if that is more."""
         name = self.line_model.lane(source)
         lane = self._lanes.get(name)
         return max(self._waiting_ns[name], now_ns - lane[0].ready_ns) if lane else 0
 
     def waiting_ns(self, source: str) -> int:
-        """How long the line will be busy with what this source has queued."""
+        """Return how long the line will be busy with what a source has queued."""
         return self._waiting_ns[self.line_model.lane(source)]
 
     def sender(self, now_ns: int) -> str:
-        """Whose frame is on the line; "" when it is idle."""
+        """Return the source whose frame is on the line, or "" when it is idle."""
         return self._sending.source if self._sending is not None and now_ns < self._sending.end_ns else ""
 
     def next_ns(self) -> int | None:
-        """When :meth:`take` has something to do."""
+        """Return the time at which :meth:`take` has to be called, or None."""
         if self._sending is not None:
             return self._sending.end_ns
         heads = [lane[0].ready_ns for lane in self._lanes.values() if lane]
@@ -98,7 +98,7 @@ class Line:
         return self.finish(now_ns)
 
     def finish(self, now_ns: int) -> Pending | None:
-        """As :meth:`take`, but lets no other frame start: for when more may still be offered at this moment."""
+        """Return what :meth:`take` returns, but start no other frame, because more may be queued at this moment."""
         if self._sending is None or self._sending.end_ns > now_ns:
             return None
         sent, self._sending = self._sending, None
@@ -106,9 +106,7 @@ class Line:
         return sent
 
     def settle(self, now_ns: int) -> list[Pending]:
-        """Return all that is queued or on the line, in the order in which it would leave; to the line no time has
-        passed.
-        """
+        """Return all that is queued or on the line, in the order in which it would leave; the line spends no time."""
         settled = []
         while (due_ns := self.next_ns()) is not None:
             if (pending := self.take(due_ns)) is not None:
@@ -118,7 +116,7 @@ class Line:
         return settled
 
     def clear(self) -> list[Pending]:
-        """Forget all that has not left, and return it."""
+        """Clear the line and its queue, and return all that has not left."""
         lost = [pending for lane in self._lanes.values() for pending in lane]
         if self._sending is not None:
             lost.insert(0, self._sending)
@@ -128,7 +126,7 @@ class Line:
         return lost
 
     def withdraw(self, source: str) -> list[Pending]:
-        """Take back what a source has queued or on the line, and return it in its order."""
+        """Remove what a source has queued or on the line, and return it in its order."""
         withdrawn = []
         if self._sending is not None and self._sending.source == source:
             withdrawn, self._sending = [self._sending], None
@@ -141,14 +139,14 @@ class Line:
         return withdrawn
 
     def _start(self, now_ns: int) -> None:
-        """Let the frames that are ready when the line falls idle compete, if that moment has come."""
+        """Start the frame that wins among those that are ready when the line falls idle, if that moment has come."""
         waiting = [(name, lane) for name, lane in self._lanes.items() if lane]
         if not waiting:
             return
         start = max(self.free_ns, min([lane[0].ready_ns for _, lane in waiting]))
         if start > now_ns:
             return
-        everybody = waiting
+        contenders = waiting
         if len(waiting) > 1:
             waiting = [entry for entry in waiting if entry[1][0].ready_ns <= start]
             waiting.sort(key=lambda entry: self.line_model.rank(entry[1][0]))
@@ -156,21 +154,21 @@ class Line:
         if lane[0].ends is None:
             pending = heapq.heappop(lane)
         else:
-            pending = self._part_of_run(lane, [other[0] for _, other in everybody if other is not lane], start, now_ns)
+            pending = self._part_of_run(lane, [other[0] for _, other in contenders if other is not lane], start, now_ns)
         self._waiting_ns[name] -= pending.duration_ns
         pending.end_ns = self.free_ns = start + pending.duration_ns
         self.busy_ns += pending.duration_ns
         self._sending = pending
 
     def _part_of_run(self, lane: list[Pending], rivals: list[Pending], start: int, now_ns: int) -> Pending:
-        """Of the run at the head of a lane, which starts: what has left by now with nothing between, or one frame."""
+        """Return the frames of the run at the head of a lane that left by now without a break, or its next frame."""
         run = lane[0]
         ends, first = run.ends, run.gone
         assert ends is not None and isinstance(run.frame, CanFrames)
         zero_ns = start - (ends[first - 1] if first else 0)
         last = bisect_right(ends, now_ns - zero_ns, first)
         if last - first > 1 and zero_ns + ends[first] < now_ns - self._catch_up_ns:
-            last = first + 1  # the line has stood: those after it start later
+            last = first + 1  # the line was idle: the frames after this one start later
         if last - first > 1 and rivals:
             ready_ns = min([rival.ready_ns for rival in rivals])
             alone = bisect_right(ends, ready_ns - zero_ns - 1, first) + 1  # these start before a rival is ready

@@ -1,4 +1,4 @@
-"""A frame that waits for its line, or is on it."""
+"""Frames that wait for a line, or are on it."""
 
 from __future__ import annotations
 
@@ -11,31 +11,31 @@ from firmware_protocols.can_frames import CanFrames
 
 @dataclass(order=True, slots=True)
 class Pending:
-    """A frame on its way, in the order of its lane."""
+    """A frame, or a run of frames, on its way; sorted in the order of its lane."""
 
     order: tuple[int, int]
     number: int
     frame: WireFrame | CanFrames = field(compare=False)
-    """Or a run of frames that follow one another."""
+    """The frame, or a run of frames that follow one another."""
     source: str = field(compare=False)
     ready_ns: int = field(compare=False)
-    """When it may leave."""
+    """The time from which it may leave."""
     duration_ns: int = field(compare=False, default=0)
     end_ns: int = field(compare=False, default=0)
-    """When its last bit has gone; set when it wins the line."""
+    """The time at which its last bit has gone; set when it wins the line."""
     sample: int | None = field(compare=False, default=None)
-    """Number of the sample that it carries."""
+    """The number of the sample that it carries."""
     ends: list[int] | None = field(compare=False, default=None)
-    """Of a run: when each would have gone had the first started at 0 [ns]."""
+    """The end of each frame of a run whose first frame starts at 0 [ns]."""
     gone: int = field(compare=False, default=0)
-    """Of a run: how many have left."""
+    """The number of frames of a run that have left."""
 
     @property
     def frames(self) -> Sequence[WireFrame]:
-        """What has not left."""
+        """The frames that have not left."""
         return self.frame[self.gone :] if isinstance(self.frame, CanFrames) else [self.frame]
 
     @property
     def head(self) -> WireFrame:
-        """The frame that is next."""
+        """The next frame."""
         return self.frame[self.gone] if isinstance(self.frame, CanFrames) else self.frame

@@ -1,9 +1,9 @@
-"""What a UART hears of another that is set otherwise: the line's levels, sampled in the wrong places.
+"""The noise that a UART receives from one with other settings: the line's levels, sampled in the wrong places.
 
 The receiver waits for a falling edge, samples the middle of what it takes for the start bit, the data bits, the parity
 bit and the stop bit, and hands the byte over whether parity and stop bit were right or not, as a serial port in raw
-mode does. The same bytes at the same two settings always give the same noise; a few percent of difference in speed
-still read well, as on a real line.
+mode does. The same bytes at the same two settings always give the same noise; with a few percent of difference in
+speed they are received correctly, as on a real line.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from tactemu.transports.transport import SerialSetting
 
 
 class _Setting(NamedTuple):
-    """A serial setting that leaves nothing open; the defaults are taken for what neither end says."""
+    """A serial setting without unknowns; the defaults stand for what neither end reports."""
 
     baud: int = 9600
     bytesize: int = 8
@@ -24,14 +24,14 @@ class _Setting(NamedTuple):
     stopbits: float = 1
 
 
-def as_received(data: bytes, sent: SerialSetting, heard: SerialSetting) -> bytes:
-    """``data`` sent at one setting, as heard at another. Idle line before and after.
+def as_received(data: bytes, sent: SerialSetting, received: SerialSetting) -> bytes:
+    """Return ``data``, sent at one setting, as a UART with another receives them; the line is idle before and after.
 
-    What one end does not say is as at the other: a pseudo terminal, for one, does not tell the driver's byte size.
+    What one end does not report is as at the other: a pseudo terminal, for example, does not report the byte size.
     """
-    if agree(sent, heard):
+    if agree(sent, received):
         return data
-    here, there = _filled(sent, heard), _filled(heard, sent)
+    here, there = _filled(sent, received), _filled(received, sent)
     samples = _samples(here, there)
     start_at, bits_at, stop_at = samples[0], samples[1 : 1 + there.bytesize], samples[-1]
     levels = _levels(here)
@@ -41,7 +41,7 @@ def as_received(data: bytes, sent: SerialSetting, heard: SerialSetting) -> bytes
     out = bytearray()
     edge = line.find(b"\x01\x00") + 1
     while 0 < edge < end:
-        if line[edge + start_at]:  # the dip was shorter than half a bit: no start bit
+        if line[edge + start_at]:  # the low level was shorter than half a bit: no start bit
             edge = line.find(b"\x01\x00", edge + start_at) + 1
             continue
         byte = 0
@@ -54,26 +54,24 @@ def as_received(data: bytes, sent: SerialSetting, heard: SerialSetting) -> bytes
 
 
 def agree(one: SerialSetting, other: SerialSetting) -> bool:
-    """Whether two ends hear each other well; a receiver looks at the first stop bit only."""
+    """Return True if two ends receive each other correctly; a receiver samples the first stop bit only."""
     return _filled(one, other)[:3] == _filled(other, one)[:3]
 
 
 def _filled(own: SerialSetting, other: SerialSetting) -> _Setting:
-    """``own`` with what it leaves open as at the other end."""
-    said = {
+    """Return ``own`` with its unknowns taken from the other end."""
+    known = {
         name: getattr(setting, name)
         for setting in (other, own)
         for name in _Setting._fields
         if getattr(setting, name) is not None
     }
-    return _Setting(**said)
+    return _Setting(**known)
 
 
 @lru_cache(maxsize=16)
 def _levels(sent: _Setting) -> list[bytes]:
-    """Return every byte as levels on the line: start, data (least significant first), parity, stop; shape ``(256,
-    n)``.
-    """
+    """Return the levels of every byte: start, data (least significant first), parity, stop; shape ``(256, n)``."""
     return [_levels_of(byte, sent) for byte in range(256)]
 
 
@@ -85,7 +83,7 @@ def _levels_of(byte: int, sent: _Setting) -> bytes:
 
 
 @lru_cache(maxsize=16)
-def _samples(sent: _Setting, heard: _Setting) -> tuple[int, ...]:
-    """Where the receiver looks, in bits of the sender after the falling edge: start, data, parity if any, stop."""
-    n = 2 + heard.bytesize + (heard.parity != "N")
-    return tuple((2 * k + 1) * sent.baud // (2 * heard.baud) for k in range(n))
+def _samples(sent: _Setting, received: _Setting) -> tuple[int, ...]:
+    """Return the receiver's sampling points in bits of the sender after the falling edge: start, data, parity, stop."""
+    n = 2 + received.bytesize + (received.parity != "N")
+    return tuple((2 * k + 1) * sent.baud // (2 * received.baud) for k in range(n))

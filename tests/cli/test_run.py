@@ -123,7 +123,7 @@ WRONG = {
     "rate": (["anyskin", "--rate", "-5"], "rate must be >= 0.001 and <= 1e+06 Hz, got -5"),
     "compute device": (["anyskin", "--device", "cuda:77"], "no device 'cuda:77'"),
     "fault": (["anyskin", "--fault", "dorp 1%"], "did you mean 'drop'?"),
-    "fault of another wire": (["anyskin", "--fault", "busoff at 1s"], "no such thing on a serial wire"),
+    "fault of another wire": (["anyskin", "--fault", "busoff at 1s"], "a serial wire cannot have it"),
     "model that does not sense it": (["senses.toml"], "contact_probe gives touch and not force"),
     "several ports of nobody": (["two.toml", "--port", "memory:", "--port", "pty:x"], "--port SKIN=memory:"),
     "two ports for one skin": (["two.toml", "--port", "other=memory:a", "--port", "other=pty:x"], "has a port already"),

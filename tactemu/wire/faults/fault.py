@@ -1,4 +1,4 @@
-"""The words of a fault, and what each kind may be given.
+"""The text form of a fault, and the options of each kind.
 
 ::
 
@@ -7,13 +7,13 @@
          [byte N [bit N]] [after N] [to N] [hex=aa07] [as NAME]
 
 ``N%`` is the probability per frame (for ``load`` and ``babble`` the share of the bus), ``every N`` hits each N-th frame
-that the target matches, ``frame 37,40-42`` these and no other, neither hits all of them. Frames are counted from 1,
-from when the fault is switched on, as far as the target matches them and somebody listens. Times are emulation times:
-``3s``, ``16ms``, ``200us``. A fault of frames with ``at T`` and no ``for`` hits the first frame from then on. The
-direction is ``to_driver`` unless said.
+that the target matches, ``frame 37,40-42`` these and no other; without any of the three, all are hit. Frames are
+counted from 1 since the fault was switched on, as far as the target matches them and a driver has the port open. Times
+are emulation times: ``3s``, ``16ms``, ``200us``. A fault of frames with ``at T`` and no ``for`` hits the first frame
+from then on. The default direction is ``to_driver``.
 
-``byte N`` (from 0; from the end if negative) and ``bit N`` (0 is the lowest) say where a frame is changed, ``after N``
-how many bytes are before a cut or what is put in, ``to N`` what is left; otherwise chance says it.
+``byte N`` (from 0; from the end if negative) and ``bit N`` (0 is the lowest) give the changed place, ``after N`` the
+number of bytes before a cut or an insertion, ``to N`` the number of bytes that are left; the default is random.
 """
 
 from __future__ import annotations
@@ -32,14 +32,15 @@ DIRECTIONS: tuple[Direction, ...] = ("to_driver", "from_driver", "both")
 
 @dataclass(frozen=True, slots=True)
 class FaultKind:
-    """One kind of fault."""
+    """A kind of fault."""
 
     about: str
+    """The effect, as ``tactemu faults`` prints it."""
     wires: tuple[str, ...] = ("serial", "can", "tcp", "udp", "websocket", "dds")
     options: tuple[str, ...] = ()
-    """Which of :data:`_AMOUNTS`, :data:`_PLACES`, ``by``, ``to`` (a length), ``hex=`` and ``as`` it takes."""
+    """The options, out of :data:`_AMOUNTS`, :data:`_PLACES`, ``by``, ``to`` (a length), ``hex=`` and ``as``."""
     acts_on_link: bool = False
-    """It befalls the port or the bus, not single frames: it has a time and no target."""
+    """True for a fault of the port or the bus, not of single frames: it has a time and no target."""
 
 
 _BYTES = ("serial", "tcp")
@@ -77,7 +78,7 @@ KINDS: dict[str, FaultKind] = {
 }
 
 _DEFAULT_BY_NS = {"late": 10_000_000, "split": 1_000_000, "chunk": 1_000_000, "latency": 16_000_000}
-_LONGEST_NS = 10**18
+_MAX_TIME_NS = 10**18
 _UNITS = {"s": 1_000_000_000, "ms": 1_000_000, "us": 1_000, "ns": 1}
 _WORDS = (
     "N%",
@@ -102,14 +103,14 @@ _WORDS = (
     "as",
 )
 _PLACES = {"byte": (-65_536, 65_536), "bit": (0, 7), "after": (0, 65_536)}
-"""Words that say where, and their bounds."""
+"""Words that give a place, and their bounds."""
 _AMOUNTS = {"bits": (1, 65_536), "bytes": (1, 65_536), "frames": (1, 65_536), "code": (1000, 4999)}
-"""Words with a number, and its bounds."""
+"""Words that give an amount, and their bounds."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Fault:
-    """One fault, as parsed. Times in emulation nanoseconds."""
+    """A parsed fault. Times are in emulation nanoseconds."""
 
     kind: str
     probability: float = 1.0
@@ -120,22 +121,22 @@ class Fault:
     start_ns: int = 0
     stop_ns: int | None = None
     once: bool = False
-    """Hits one frame and is over."""
+    """True for a fault that hits one frame and is over."""
     by_ns: int = 0
     amount: int | None = None
-    """Bits, bytes or frames, or the code, where the kind takes them."""
+    """The number of bits, bytes or frames, or the code, where the kind takes one."""
     frames: tuple[tuple[int, int], ...] = ()
-    """First and last numbers of the frames that are hit; empty: not by number."""
+    """First and last numbers of the frames that are hit; empty: frames are not chosen by number."""
     byte: int | None = None
     bit: int | None = None
     after: int | None = None
-    """Bytes before the cut, or before what is put in."""
+    """The number of bytes before the cut or the insertion."""
     length: int | None = None
-    """Bytes that are left."""
+    """The number of bytes that are left."""
     data: bytes = b""
-    """What is put in."""
+    """The bytes that are inserted."""
     name: str = ""
-    """What the port is called when it comes back."""
+    """The name of the port when it comes back."""
     text: str = ""
 
     def __post_init__(self):
@@ -146,18 +147,18 @@ class Fault:
         return self.text or self.kind
 
     def covers(self, t_ns: int) -> bool:
-        """Whether it is in force at this time."""
+        """Return True if the fault applies at this time."""
         return self.start_ns <= t_ns and (self.stop_ns is None or t_ns < self.stop_ns)
 
     def scheduled(self, start_ns: int, stop_ns: int | None = None) -> Fault:
-        """Return the fault from ``start_ns`` on, until ``stop_ns`` or for as long as it says itself.
+        """Return the fault from ``start_ns`` on, until ``stop_ns`` or for the duration in its own text.
 
         Raises:
-            SceneError: it says itself when it happens, or its end twice.
+            SceneError: its own text has a start, or its end is given twice.
         """
         words = self.text.split()
         if {"at", "from"} & set(words) or ("to" in words and self.length is None):
-            raise SceneError(f"scenario: fault {self.text!r}: the time is the event's `at` and `until`")
+            raise SceneError(f"scenario: fault {self.text!r}: give its time as the event's `at` and `until`")
         lasts, text, start = "for" in words, " ".join(words), f"{start_ns}ns"
         if lasts and stop_ns is not None:
             raise SceneError(f"scenario: fault {self.text!r}: give `for` or `until`, not both")
@@ -169,14 +170,14 @@ class Fault:
         return replace(self, start_ns=start_ns, stop_ns=stop_ns, text=f"{text} from {start}{ends}")
 
     def check_fits(self, wire_kind: str) -> None:
-        """Raise where a wire of this kind cannot have the fault.
+        """Raise if a wire of this kind cannot have the fault.
 
         Raises:
             SceneError: names the kinds that it can have.
         """
         if wire_kind not in KINDS[self.kind].wires:
             can = ", ".join(name for name, kind in KINDS.items() if wire_kind in kind.wires)
-            raise SceneError(f"fault {str(self)!r}: no such thing on a {wire_kind} wire; expected one of: {can}")
+            raise SceneError(f"fault {str(self)!r}: a {wire_kind} wire cannot have it; expected one of: {can}")
         if self.arbitration_id is not None and wire_kind != "can":
             raise SceneError(
                 f"fault {str(self)!r}: 'id=': a {wire_kind} wire has no identifiers; name frames by prefix=HEX"
@@ -192,16 +193,16 @@ def parse(text: str) -> Fault:
     words = text.split()
     if not words:
         raise SceneError(f"an empty fault; expected one of: {', '.join(KINDS)}")
-    kind, *rest = words
+    kind, *options = words
     if kind not in KINDS:
         raise SceneError(
             f"fault {shown(text)}: unknown kind {shown(kind)}{_near(kind, KINDS)}; expected one of: {', '.join(KINDS)}"
         )
-    return _Words(text, kind, rest).fault()
+    return _Words(text, kind, options).fault()
 
 
 class _Words:
-    """Reads the words after the kind, one after the other."""
+    """A parser of the words after the kind."""
 
     def __init__(self, text: str, kind: str, words: list[str]):
         self.text, self.kind, self.words = text, kind, words
@@ -228,17 +229,17 @@ class _Words:
         return fault
 
     def _check_combination(self, fault: Fault) -> None:
-        """Words that need one another, or exclude it."""
+        """Raise if words are missing that others need, or if words exclude each other."""
         if fault.frames and (fault.every > 1 or fault.probability < 1):
             raise self._wrong("frame", "give 'frame', 'every' or a percentage, not two of them")
         if fault.bit is not None and fault.byte is None:
-            raise self._wrong("bit", "of which byte? as in 'byte 10 bit 3'")
+            raise self._wrong("bit", "of which byte? Name it, as in 'byte 10 bit 3'")
         if fault.byte is not None and fault.amount is not None:
-            raise self._wrong("byte", f"one place is given, and {fault.amount} bits at random")
+            raise self._wrong("byte", f"give one place or {fault.amount} random bits, not both")
         if fault.length is not None and fault.amount is not None:
             raise self._wrong("to", "give 'to' or 'bytes', not both")
         if fault.kind == "replace" and not fault.data:
-            raise self._wrong("replace", "by what? as in 'replace frame 3 hex=01830286'")
+            raise self._wrong("replace", "by what? Give the bytes, as in 'replace frame 3 hex=01830286'")
 
     def _take(self, word: str) -> None:
         if match := re.fullmatch(r"([\d.]+)%", word):
@@ -285,7 +286,7 @@ class _Words:
         if kind.acts_on_link and (
             (targets and not (traffic and word.startswith("id="))) or (word[-1] == "%" and not traffic)
         ):
-            raise self._wrong(word, f"{self.kind} befalls the whole link: give it a time only")
+            raise self._wrong(word, f"{self.kind} is a fault of the whole link: give it a time only")
 
     def _set(self, word: str, name: str, value: Any) -> None:
         if name in self.values:
@@ -299,7 +300,7 @@ class _Words:
 
     def _duration(self, word: str, value: str) -> int:
         time_ns = scaled(value, _UNITS)
-        if time_ns is None or not 0 <= time_ns <= _LONGEST_NS:
+        if time_ns is None or not 0 <= time_ns <= _MAX_TIME_NS:
             raise self._wrong(word, f"expected a time such as 3s, 16ms or 200us, got {value!r}")
         return round(time_ns)
 
@@ -322,7 +323,7 @@ class _Words:
         return number
 
     def _numbers(self, value: str) -> tuple[tuple[int, int], ...]:
-        """``37,40-42`` as first and last numbers."""
+        """Return the first and last numbers of ranges such as ``37,40-42``."""
         pairs = []
         for part in value.split(","):
             first, dash, last = part.partition("-")

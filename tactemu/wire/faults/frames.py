@@ -1,7 +1,7 @@
-"""What a fault does to one frame: ``(frame, fault, random numbers) -> [(frame, delay in ns), ...]``, or ``None`` where
-there is nothing to spoil (an empty frame has no bit to flip), which then does not count.
+"""Functions that corrupt one frame: ``(frame, fault, random numbers) -> [(frame, delay in ns), ...]``.
 
-On CAN a changed frame is one that a faulty node or gateway sent with a good CRC: the bus itself would have rejected it.
+They return None where nothing can be corrupted (an empty frame has no bit to flip); such a fault is not counted. On
+CAN, a changed frame is one that a faulty node or gateway sent with a good CRC: the bus itself would have rejected it.
 """
 
 from __future__ import annotations
@@ -17,18 +17,19 @@ from tactemu.transports.transport import Part
 from tactemu.wire.faults.fault import Fault
 
 Parts = list[tuple[WireFrame, int]]
-"""Frames with the time by which each leaves later [ns]."""
+"""Frames, each with its delay [ns]."""
 
 Corruption = Callable[[WireFrame, Fault, np.random.Generator], "Parts | None"]
+"""The type of the functions below."""
 
 
 def drop(frame: WireFrame, fault: Fault, rng: np.random.Generator) -> Parts | None:
-    """Nothing is left."""
+    """Return no frame."""
     return []
 
 
 def flip(frame: WireFrame, fault: Fault, rng: np.random.Generator) -> Parts | None:
-    """``bits N`` (1) different bits of the data change, or ``bit N`` (any) of ``byte N``."""
+    """Return the frame with ``bits N`` (1) different bits of its data flipped, or ``bit N`` (any) of ``byte N``."""
     data = bytearray(payload(frame))
     if not data or _outside(fault.byte, data):
         return None
@@ -45,7 +46,7 @@ def _outside(byte: int | None, data: bytes | bytearray) -> bool:
 
 
 def lose(frame: WireFrame, fault: Fault, rng: np.random.Generator) -> Parts | None:
-    """``byte N`` (any) is missing; of a serial frame with one byte nothing is left."""
+    """Return the frame without ``byte N`` (any); of a serial frame with one byte nothing is left."""
     data = payload(frame)
     if not data or _outside(fault.byte, data):
         return None
@@ -55,13 +56,15 @@ def lose(frame: WireFrame, fault: Fault, rng: np.random.Generator) -> Parts | No
 
 
 def replaced(frame: WireFrame, fault: Fault, rng: np.random.Generator) -> Parts | None:
-    """Return the bytes of ``hex=`` in its place."""
+    """Return the bytes of ``hex=`` in place of the frame's data."""
     return [(with_payload(frame, fault.data), 0)]
 
 
 def truncate(frame: WireFrame, fault: Fault, rng: np.random.Generator) -> Parts | None:
-    """``bytes N`` (any number) are missing at the end, or all but ``to N``; of a serial frame at least one byte is
-    left, unless nothing is asked for."""
+    """Return the frame without its last ``bytes N`` (any number), or cut to ``to N`` bytes.
+
+    Of a serial frame at least one byte is left, except with ``to 0``.
+    """
     data = payload(frame)
     if fault.length is not None:
         if fault.length >= len(data):
@@ -76,7 +79,7 @@ def truncate(frame: WireFrame, fault: Fault, rng: np.random.Generator) -> Parts 
 
 
 def length(frame: WireFrame, fault: Fault, rng: np.random.Generator) -> Parts | None:
-    """``bytes N`` (1) random bytes too many; a CAN frame without room for them has so many too few."""
+    """Return the frame with ``bytes N`` (1) random bytes more; a CAN frame without room for them loses as many."""
     data, n = payload(frame), fault.amount or 1
     if isinstance(frame, CanFrame) and len(data) + n > (64 if frame.is_fd else 8):
         return [(with_payload(frame, data[: max(0, len(data) - n)]), 0)]
@@ -84,7 +87,7 @@ def length(frame: WireFrame, fault: Fault, rng: np.random.Generator) -> Parts | 
 
 
 def checksum(frame: WireFrame, fault: Fault, rng: np.random.Generator) -> Parts | None:
-    """Return each of the last ``bytes N`` (1) changes to another value."""
+    """Return the frame with another value in each of its last ``bytes N`` (1)."""
     data, n = bytearray(payload(frame)), fault.amount or 1
     if not data:
         return None
@@ -99,7 +102,7 @@ def duplicate(frame: WireFrame, fault: Fault, rng: np.random.Generator) -> Parts
 
 
 def garbage(frame: WireFrame, fault: Fault, rng: np.random.Generator) -> Parts | None:
-    """``bytes N`` (1 to 16) random bytes, or those of ``hex=``, in front, or ``after N`` bytes of it."""
+    """Return ``bytes N`` (1 to 16) random bytes, or those of ``hex=``, before the frame or ``after N`` of its bytes."""
     junk = fault.data or rng.bytes(fault.amount or int(rng.integers(1, 17)))
     if not fault.after:
         return [(junk, 0), (frame, 0)]
@@ -108,7 +111,7 @@ def garbage(frame: WireFrame, fault: Fault, rng: np.random.Generator) -> Parts |
 
 
 def split(frame: WireFrame, fault: Fault, rng: np.random.Generator) -> Parts | None:
-    """Two pieces, cut anywhere or ``after N`` bytes, the second ``by`` later."""
+    """Return two pieces, cut anywhere or ``after N`` bytes, the second ``by`` later."""
     data = payload(frame)
     if len(data) < 2:
         return None
@@ -119,7 +122,7 @@ def split(frame: WireFrame, fault: Fault, rng: np.random.Generator) -> Parts | N
 
 
 def chunk(frame: WireFrame, fault: Fault, rng: np.random.Generator) -> Parts | None:
-    """Pieces of ``bytes N`` (1), each ``by`` after the one before."""
+    """Return pieces of ``bytes N`` (1), each ``by`` after the one before."""
     data, size = payload(frame), fault.amount or 1
     if len(data) <= size:
         return None
@@ -127,7 +130,7 @@ def chunk(frame: WireFrame, fault: Fault, rng: np.random.Generator) -> Parts | N
 
 
 def late(frame: WireFrame, fault: Fault, rng: np.random.Generator) -> Parts | None:
-    """Return the frame, ``by`` later. On a byte stream what follows waits for it, on a bus it does not."""
+    """Return the frame, ``by`` later. On a byte stream later frames wait for it, on a bus they do not."""
     return [(frame, fault.by_ns)]
 
 
@@ -153,3 +156,4 @@ CORRUPTIONS: dict[str, Corruption] = {
     "late": late,
     "error": error,
 }
+"""The function of each kind of fault that corrupts single frames by itself."""

@@ -1,4 +1,4 @@
-"""Applies faults to what passes a wire: decides, corrupts, counts and logs."""
+"""Injection of faults into the frames of a wire: which are hit, what becomes of them, and their record."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from tactemu.wire.line_models import LineModel
 
 
 class Note(Protocol):
-    """Called once for every injected fault."""
+    """A function that is called once for every injected fault."""
 
     def __call__(
         self,
@@ -30,22 +30,22 @@ class Note(Protocol):
         before: WireFrame | str = "",
         after: Sequence[WireFrame] = (),
     ) -> None:
-        """``before`` is the frame that the fault befell, ``after`` what became of it."""
+        """Count and log a fault that turned the frame ``before`` into the frames ``after``."""
         ...
 
 
 Key = tuple[str, str]
-"""Source and direction of a frame: what one fault holds back of one is not mixed with the others."""
+"""Source and direction of a frame; a fault holds frames back separately for each."""
 
 Held = tuple[WireFrame, str, str]
 """A frame that a fault holds back, with its source and direction."""
 
-_REMEMBERED = 16
-"""Earlier frames that a stray one is chosen from."""
+_MAX_EARLIER_FRAMES = 16
+"""Number of earlier frames among which a stray one is chosen."""
 
 
 class FrameFault:
-    """A fault of single frames at work: its random stream, and what it holds back."""
+    """An active fault of single frames: its random stream, and the frames that it holds back."""
 
     def __init__(self, fault: Fault, rng: np.random.Generator):
         self.fault = fault
@@ -53,29 +53,29 @@ class FrameFault:
         self._spent = False
         self._matched = 0
         self._held: dict[Key, tuple[WireFrame, int]] = {}
-        """With the number of frames that go before it."""
+        """The frame that is held back by key, with the number of frames that go before it."""
         self._earlier: dict[Key, deque[WireFrame]] = {}
 
     def apply(self, frame: WireFrame, key: Key, t_ns: int) -> tuple[Parts, bool]:
-        """What becomes of the frame, and whether a fault was injected."""
+        """Return what becomes of the frame, and whether a fault was injected."""
         hit = self._hits(frame, t_ns)
         kind = self.fault.kind
         if kind in ("reorder", "merge"):
             return self._hold(frame, key, hit)
         if kind == "stray":
             return self._stray(frame, key, hit)
-        spoiled = CORRUPTIONS[kind](frame, self.fault, self.rng) if hit else None
-        return ([(frame, 0)], False) if spoiled is None else (spoiled, True)
+        changed = CORRUPTIONS[kind](frame, self.fault, self.rng) if hit else None
+        return ([(frame, 0)], False) if changed is None else (changed, True)
 
-    def forget(self) -> list[Held]:
-        """It is over, or the port was closed: what it holds back."""
+    def release(self) -> list[Held]:
+        """Return the frames that are held back, and hold none, because the fault is over or the port was closed."""
         held = [(frame, source, direction) for (source, direction), (frame, _) in self._held.items()]
         self._held.clear()
         self._earlier.clear()
         return held
 
     def _hits(self, frame: WireFrame, t_ns: int) -> bool:
-        """Whether to spoil this frame. One random number is drawn for every frame that target and time match."""
+        """Return True if the fault hits a frame; draws one random number for every frame that target and time match."""
         fault = self.fault
         if self._spent or not fault.covers(t_ns) or (isinstance(frame, CanFrame) and frame.is_error_frame):
             return False
@@ -95,7 +95,7 @@ class FrameFault:
 
     @property
     def matched(self) -> int:
-        """Number of the frame that the target matched last, from 1."""
+        """The number of the frame that the target matched last, from 1."""
         return self._matched
 
     def _is_numbered(self) -> bool:
@@ -118,7 +118,7 @@ class FrameFault:
         return [(payload(held) + payload(frame), 0)], True
 
     def _stray(self, frame: WireFrame, key: Key, hit: bool) -> tuple[Parts, bool]:
-        earlier = self._earlier.setdefault(key, deque(maxlen=_REMEMBERED))
+        earlier = self._earlier.setdefault(key, deque(maxlen=_MAX_EARLIER_FRAMES))
         parts: Parts = [(frame, 0)]
         strays = hit and bool(earlier)
         if strays:
@@ -134,7 +134,7 @@ class Injector:
         faults: as text or parsed.
         line_model: the kind of line; a fault that it cannot have is refused.
         seed: root seed. Each fault draws from a stream named after its text, so that one more changes no other.
-        note: told of every injected fault.
+        note: is called for every injected fault.
 
     Raises:
         SceneError: a fault that cannot be parsed, or that this wire cannot have.
@@ -148,7 +148,7 @@ class Injector:
         self.traffic: list[Traffic] = []
         self.chip: LatencyChip | None = None
         self.closing: Fault | None = None
-        """The connection is to be closed when what waits has gone."""
+        """The fault that closes the connection after the next flush."""
         self._frames: list[FrameFault] = []
         self._outages: list[Fault] = []
         self._copies: Counter[str] = Counter()
@@ -174,62 +174,62 @@ class Injector:
         return fault
 
     def remove(self, fault: Fault) -> list[Held]:
-        """Switch a fault off; returns what it held back.
+        """Switch a fault off, and return what it held back.
 
         Raises:
             ValueError: it is not on.
         """
-        fault = self.faults.pop(self.faults.index(fault))  # one that is equal: a restored state has its own
+        fault = self.faults.pop(self.faults.index(fault))  # an equal one: after a restore the objects are others
         self.traffic = [each for each in self.traffic if each.fault is not fault]
         self._outages = [each for each in self._outages if each is not fault]
         over = [each for each in self._frames if each.fault is fault]
         self._frames = [each for each in self._frames if each.fault is not fault]
-        return [held for each in over for held in each.forget()]
+        return [held for each in over for held in each.release()]
 
     @property
     def has_frame_faults(self) -> bool:
-        """Whether any fault is of single frames."""
+        """True while a fault of single frames is on."""
         return bool(self._frames)
 
     def unmount_chip(self) -> bytes:
-        """Take the USB-serial chip out; what it held."""
+        """Remove the model of the USB-serial chip, and return the bytes that it held."""
         chip, self.chip = self.chip, None
-        return chip.empty() if chip else b""
+        return chip.drain() if chip else b""
 
     def corrupt(self, frame: WireFrame, t_ns: int, source: str, direction: str) -> Parts:
-        """Return a frame as the faults leave it: frames, and by how much each is held back [ns].
+        """Return the frames that the faults make of a frame, each with its delay [ns].
 
-        ``direction`` is ``to_driver`` or ``from_driver``. The log's detail is the fault and the direction.
+        ``direction`` is ``to_driver`` or ``from_driver``. The log has the fault, the direction and the frame's number.
         """
         parts: Parts = [(frame, 0)]
         for active in self._frames:
             if active.fault.direction not in (direction, "both"):
                 continue
-            spoiled: Parts = []
+            changed: Parts = []
             for before, held_ns in parts:
                 after, injected = active.apply(before, (source, direction), t_ns)
-                spoiled += [(each, held_ns + more_ns) for each, more_ns in after]
+                changed += [(each, held_ns + more_ns) for each, more_ns in after]
                 if injected:
                     if active.fault.kind == "close":
                         self.closing = active.fault
                     detail = f"{active.fault} [{direction}, frame {active.matched}]"
                     became = [each for each, _ in after]
                     self.note(t_ns, source, active.fault.kind, detail, before=before, after=became)
-            parts = spoiled
+            parts = changed
         return parts
 
     def outage(self, now_ns: int) -> Fault | None:
-        """Return the fault that has the link down at this moment."""
+        """Return the fault that has the link down at ``now_ns``, or None."""
         return next((fault for fault in self._outages if fault.covers(now_ns)), None)
 
-    def forget(self) -> list[Held]:
-        """The port was closed: nothing is held back for the next who opens it. What was, is returned."""
+    def release(self) -> list[Held]:
+        """Return all frames that are held back, and hold none, because the port was closed."""
         if self.chip:
-            self.chip.empty()
-        return [held for active in self._frames for held in active.forget()]
+            self.chip.drain()
+        return [held for active in self._frames for held in active.release()]
 
     def next_ns(self, now_ns: int) -> int | None:
-        """When something of the link happens by itself, after ``now_ns``."""
+        """Return the time after ``now_ns`` at which a fault of the link acts by itself, or None."""
         if not (self.traffic or self.chip or self._outages):
             return None
         times = [each.next_ns() for each in self.traffic]

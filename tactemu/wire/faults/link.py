@@ -14,7 +14,7 @@ USB_PAYLOAD_BYTES = 62
 
 
 class LatencyChip:
-    """Hands bytes over in packets of 62, and a shorter rest when its timer fires. Each packet starts the timer anew."""
+    """A USB-serial chip: it passes on packets of 62 bytes, and fewer when its timer fires. A packet restarts it."""
 
     def __init__(self, fault: Fault):
         self.fault = fault
@@ -23,15 +23,15 @@ class LatencyChip:
         self._last_ns = 0
 
     def put(self, data: bytes) -> None:
-        """Bytes from the line."""
+        """Add bytes from the line."""
         self._held += data
 
     def next_ns(self) -> int | None:
-        """When the timer fires with something to hand over."""
+        """Return when the timer fires with bytes to pass on, or None."""
         return self._last_ns + self.timer_ns if self._held else None
 
     def take(self, now_ns: int) -> bytes:
-        """What the driver gets now; empty if nothing yet. To be called at :meth:`next_ns` and whenever bytes came."""
+        """Return the bytes that the driver receives now; call at :meth:`next_ns` and whenever bytes were added."""
         ticks = (now_ns - self._last_ns) // self.timer_ns
         size = len(self._held) if ticks > 0 else len(self._held) // USB_PAYLOAD_BYTES * USB_PAYLOAD_BYTES
         if size and not ticks:
@@ -40,18 +40,18 @@ class LatencyChip:
         return data
 
     def tick(self, now_ns: int) -> None:
-        """Let the timer run on an idle line; to be called before bytes are put."""
+        """Advance the timer of an idle line; call before :meth:`put`."""
         if not self._held:
             self._last_ns += (now_ns - self._last_ns) // self.timer_ns * self.timer_ns
 
-    def empty(self) -> bytes:
-        """Take out what is held."""
+    def drain(self) -> bytes:
+        """Return the bytes that are held, and hold none."""
         data, self._held = self._held, b""
         return data
 
 
 class Traffic:
-    """Another node: frames of its own that take a share of the bus (``load``), or all of it (``babble``)."""
+    """Another node of the bus, whose frames take a share of it (``load``), or all of it (``babble``)."""
 
     def __init__(self, fault: Fault, line_model: LineModel, rng: np.random.Generator):
         self.fault = fault
@@ -62,23 +62,23 @@ class Traffic:
         self._missed_ns = 0
 
     def take_missed(self) -> int:
-        """How many of its frames a caller that was late has left out since the last call."""
+        """Return how many frames a late caller has left out since the last call."""
         missed, self._missed_ns = divmod(self._missed_ns, self._spacing_ns)
         return missed
 
     def leave_out(self, until_ns: int) -> None:
-        """Send nothing before ``until_ns``: the caller is too slow for it."""
+        """Send nothing before ``until_ns``, because the caller is too slow for it."""
         if until_ns > self._next_ns:
             self._missed_ns += until_ns - self._next_ns
             self._next_ns = until_ns
 
     def next_ns(self) -> int | None:
-        """When it sends next; ``None`` when it is over."""
+        """Return when the node sends next, or None if the fault is over."""
         over = self.fault.stop_ns is not None and self._next_ns >= self.fault.stop_ns
         return self._next_ns if self.fault.probability and not over else None
 
     def take(self, now_ns: int) -> tuple[int, CanFrame] | None:
-        """When its next frame is ready and the frame, if that is by now."""
+        """Return the next frame and the time at which it is ready, or None if that is after ``now_ns``."""
         if self._next_ns < now_ns - MAX_CATCH_UP_NS:
             self._missed_ns += now_ns - MAX_CATCH_UP_NS - self._next_ns
             self._next_ns = now_ns - MAX_CATCH_UP_NS

@@ -1,6 +1,6 @@
-"""How each kind of line behaves, by connector: one file per connector class, one line in :data:`LINE_MODELS`.
+"""The behaviour of each kind of line, by connector: one file per connector class, one line in :data:`LINE_MODELS`.
 
-Nothing else in tactemu asks what kind of connector a device has.
+No other part of tactemu depends on the kind of a device's connector.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ LINE_MODELS: dict[type[Connector], str] = {
 
 
 def line_model_for(connector: Connector, *, pacing: Pacing = True) -> LineModel:
-    """Return the line that a connector is plugged into.
+    """Return the model of the line that a connector is plugged into.
 
     Raises:
         DeviceError: there is no line model for this kind of connector.

@@ -15,9 +15,9 @@ from tactemu.wire.line_models.line_model import LineModel
 from tactemu.wire.pending import Pending
 
 MULTICAST = "can:udp_multicast:239.74.163.2"
-"""python-can's own default group: a CAN bus for machines whose kernel has none."""
+"""The default group of python-can: a CAN bus for machines whose kernel has none."""
 GROUPS = 254**2
-"""From 239.74.1.1 to 239.74.254.254."""
+"""Number of multicast groups, 239.74.1.1 to 239.74.254.254, among which :meth:`CanLine.fresh_port` chooses."""
 
 
 class CanLine(LineModel):
@@ -30,39 +30,39 @@ class CanLine(LineModel):
     is_byte_stream = False
 
     def duration_ns(self, frame: WireFrame) -> int:
-        """Exact, intermission included."""
+        """Return the exact time of a frame [ns], intermission included; 0 without pacing."""
         return self.traffic_ns(frame) if self.pacing and isinstance(frame, CanFrame) else 0
 
     def run_ns(self, frames: CanFrames) -> list[int]:
-        """Exact, intermission included."""
+        """Return the exact time of each frame [ns], intermission included; 0 without pacing."""
         return run_ns(frames, self.connector.bitrate).tolist() if self.pacing else [0] * len(frames)
 
     def traffic_ns(self, frame: CanFrame) -> int:
-        """Exact, intermission included."""
+        """Return the exact time of a frame [ns], intermission included, with or without pacing."""
         return frame_ns(frame, self.connector.bitrate, self.connector.data_bitrate)
 
     def lane(self, source: str) -> str:
-        """Return one for each node."""
+        """Return the name of the source: each node has a queue of its own."""
         return source
 
     def rank(self, pending: Pending) -> tuple:
-        """By identifier."""
+        """Return the rank of the next frame: its arbitration priority, then the time at which it was ready."""
         frame = pending.head
         identifier = priority(frame) if isinstance(frame, CanFrame) else ()
         return (*identifier, pending.ready_ns, pending.number)
 
     def accepts(self, connector: Any, frame: WireFrame, *, of_peer: bool) -> bool:
-        """What the controller's filters take; without filters, all that the driver sends and nothing of others."""
+        """Return True if the controller's filters take a frame; without filters, if the driver has sent it."""
         if not connector.hears:
             return not of_peer
         return _is_one_of(connector.hears, frame)
 
     def is_addressed_to(self, connector: Any, frame: WireFrame) -> bool:
-        """Of its own identifiers what its filters do not take."""
+        """Return True if a frame has one of the identifiers that are meant for the device."""
         return _is_one_of(connector.addressed, frame)
 
     def filters(self, connectors: Iterable[Any]) -> list[CanFilter]:
-        """What all the controllers together take, if each has filters, and what is meant for them."""
+        """Return the filters of all controllers and the identifiers meant for them; empty if one takes all."""
         connectors = list(connectors)
         if not connectors or not all(connector.hears for connector in connectors):
             return []
@@ -70,29 +70,29 @@ class CanLine(LineModel):
         return [CanFilter(ident, mask, max(ident, mask) > 0x7FF) for ident, mask in pairs]
 
     def carries(self, frame: WireFrame) -> bool:
-        """CAN frames."""
+        """Return True for a CAN frame."""
         return isinstance(frame, CanFrame)
 
     def agrees(self, other: Any) -> bool:
-        """Bit rates must be equal; filters are each device's own."""
+        """Return True if the bit rates are equal; filters may differ."""
         mine = (type(self.connector), self.connector.bitrate, self.connector.data_bitrate)
         return mine == (type(other), getattr(other, "bitrate", 0), getattr(other, "data_bitrate", 0))
 
     def describe(self) -> str:
-        """``CAN 1 Mbit/s``, ``CAN-FD 1 / 5 Mbit/s``."""
+        """Return the line in words: ``CAN 1 Mbit/s``, ``CAN-FD 1 / 5 Mbit/s``."""
         c = self.connector
         data = f" / {c.data_bitrate / 1e6:g}" if c.data_bitrate else ""
         return f"CAN{'-FD' if data else ''} {c.bitrate / 1e6:g}{data} Mbit/s"
 
     def usual_port(self, name: str) -> str:
-        """``vcan0`` if there is one, else a multicast group."""
+        """Return ``vcan0`` if there is one, else a multicast group."""
         return "can:socketcan:vcan0" if os.path.exists("/sys/class/net/vcan0") else MULTICAST
 
     def fresh_port(self, name: str) -> str:
-        """Return a multicast group of its own.
+        """Return a multicast group that depends on the process and differs on each call.
 
-        On Linux a driver on one multicast group hears all others on its UDP port. Where that matters, give both
-        processes a port of their own, ``CAN_CONFIG='{"port": 43200}'`` (python-can reads it).
+        On Linux a driver on one multicast group receives all others on its UDP port. Where that matters, give both
+        processes another port, ``CAN_CONFIG='{"port": 43200}'`` (python-can reads it).
         """
         pid, number = self.fresh_number()
         high, low = divmod((pid * 31 + number) % GROUPS, 254)

@@ -6,7 +6,7 @@ from firmware_protocols import WireFrame
 from tactemu.wire.line_models.line_model import LineModel
 
 DOMAINS = 200
-"""Domains from 1 on that tests are given; above about 230 there are no ports left."""
+"""Number of domains, from 1 on, among which tests are spread; above about 230 there are no ports left."""
 
 
 class DdsLine(LineModel):
@@ -18,11 +18,11 @@ class DdsLine(LineModel):
     is_byte_stream = False
 
     def duration_ns(self, frame: WireFrame) -> int:
-        """The network takes none that we model."""
+        """Return 0: the time on the network is not modelled."""
         return 0
 
     def describe(self) -> str:
-        """``DDS rt/hand/state``."""
+        """Return the line in words: ``DDS rt/hand/state``."""
         return f"DDS {self.connector.writes.name}"
 
     def usual_port(self, name: str) -> str:
@@ -30,6 +30,6 @@ class DdsLine(LineModel):
         return f"dds:{self.connector.domain}/{self.connector.writes.name}"
 
     def fresh_port(self, name: str) -> str:
-        """Return a domain of its own, mostly."""
+        """Return a domain that depends on the process and the call; after 200 calls it repeats."""
         pid, number = self.fresh_number()
         return f"dds:{(pid * 31 + number) % DOMAINS + 1}/{self.connector.writes.name}"

@@ -1,4 +1,4 @@
-"""A line model: how long a frame takes, who goes first, what each end receives, and where the line can lead."""
+"""Line models: the time of a frame, the order of frames, what each end receives, and the ports of a line."""
 
 from __future__ import annotations
 
@@ -21,24 +21,24 @@ _fresh = itertools.count()
 
 
 Pacing = Literal[True, False, "strict"]
-"""Whether frames take their time on the line; ``strict``: also after a stall, for which nothing is made up."""
+"""Pacing of frames: on, off, or ``strict``, which makes up for no stall."""
 
 
 class LineModel(ABC):
-    """One kind of line, for one connector."""
+    """A kind of line, for one connector."""
 
     kind: ClassVar[str]
-    """The word by which faults know it: ``serial``, ``can``, ``tcp``, ``udp``."""
+    """The kind of wire in the table of faults: ``serial``, ``can``, ``tcp``, ``udp``, ``websocket`` or ``dds``."""
     schemes: ClassVar[tuple[str, ...]]
-    """Transports that can stand for it beside ``memory:``, the usual one first."""
+    """The transports that can stand for it beside ``memory:``, the usual one first."""
     is_network: ClassVar[bool] = False
-    """It is the machine's network, where a program reaches the device by an address rather than a node."""
+    """True for the machine's network, where a program reaches the device by an address, not by a device node."""
     is_shared: ClassVar[bool] = False
-    """Several devices may be on it."""
+    """True where several devices may be on the line."""
     is_half_duplex: ClassVar[bool] = False
-    """The driver's frames travel on the same line as the devices'."""
+    """True where the driver's frames travel on the same line as those of the devices."""
     is_byte_stream: ClassVar[bool] = True
-    """A byte stream: what a fault holds back holds up what follows."""
+    """True where frames stay in order: those after a frame that a fault holds back wait for it."""
 
     def __init__(self, connector: Any, *, pacing: Pacing = True):
         self.connector = connector
@@ -48,84 +48,84 @@ class LineModel(ABC):
 
     @abstractmethod
     def duration_ns(self, frame: WireFrame) -> int:
-        """How long the line is busy with a frame [ns]."""
+        """Return how long the line is busy with a frame [ns]."""
 
     def run_ns(self, frames: CanFrames) -> list[int]:
-        """How long it is busy with each of many frames [ns]."""
+        """Return how long the line is busy with each of many frames [ns]."""
         return [self.duration_ns(frame) for frame in frames]
 
     def driver_ns(self, frame: WireFrame, setting: Any) -> int:
-        """How long the driver's end takes to send a frame, at the setting of its port [ns]."""
+        """Return how long the driver's end takes to send a frame at the setting of its port [ns]."""
         return self.duration_ns(frame)
 
     def lane(self, source: str) -> str:
-        """Return the queue of a source: frames of one lane leave in order."""
+        """Return the name of a source's queue; frames of one queue leave in order."""
         return ""
 
     def order(self, turn: int, ready_ns: int) -> tuple[int, int]:
-        """Which frame of a lane goes first: the one with the smallest."""
+        """Return the sort key of a frame in its queue; the smallest goes first."""
         return (0, ready_ns)
 
     def rank(self, pending: Pending) -> tuple:
-        """Which of several lanes that are ready goes first: the one with the smallest."""
+        """Return the sort key of a queue that is ready; the smallest goes first."""
         return (pending.ready_ns, pending.number)
 
     def turnaround_ns(self) -> int:
-        """Least time from what a device heard to its answer [ns]."""
+        """Return the minimum time between the end of a request and the answer to it [ns]."""
         return 0
 
     def as_received(self, frame: WireFrame, connector: Any, setting: Any, *, to_driver: bool) -> WireFrame:
-        """What arrives of a frame between a device's connector and a driver with this setting of its port."""
+        """Return what arrives of a frame between a device's connector and a driver with this setting of its port."""
         return frame
 
     def accepts(self, connector: Any, frame: WireFrame, *, of_peer: bool) -> bool:
-        """Whether a device's connector lets a frame in; ``of_peer``: another device sent it."""
+        """Return True if a device's connector accepts a frame; ``of_peer``: another device sent it."""
         return not of_peer
 
     def is_addressed_to(self, connector: Any, frame: WireFrame) -> bool:
-        """Whether a frame of the driver's that the connector does not let in was meant for its device."""
+        """Return True if a frame of the driver that the connector does not accept was meant for its device."""
         return False
 
     def collides(self, sender: str) -> bool:
-        """Whether the driver talks into what ``sender`` has on the line ("" for an idle line), so that it is lost."""
+        """Return True if data of the driver are lost because ``sender`` is on the line ("": the line is idle)."""
         return False
 
     def filters(self, connectors: Iterable[Any]) -> list[CanFilter]:
-        """What the devices with these connectors listen to, for ports that can filter; empty: to everything."""
+        """Return the filters of all devices with these connectors, for ports that can filter; empty: no filter."""
         return []
 
     def echoes(self) -> bool:
-        """Whether the driver hears what it sends."""
+        """Return True if the driver receives what it sends."""
         return False
 
     def carries(self, frame: WireFrame) -> bool:
-        """Whether a frame is of the line's kind."""
+        """Return True if a frame is of the line's kind."""
         return isinstance(frame, bytes)
 
     def traffic_ns(self, frame: CanFrame) -> int:
-        """Return time of a foreign node's frame, paced or not [ns]."""
+        """Return the time of another node's frame [ns], with or without pacing."""
         return self.duration_ns(frame)
 
-    # -- where it leads ----------------------------------------------------------------------------------------------
+    # -- its ports ---------------------------------------------------------------------------------------------------
 
     def agrees(self, other: Connector) -> bool:
-        """Whether a device with the ``other`` connector may share the line."""
+        """Return True if a device with the ``other`` connector may share the line."""
         plain = {"name": "", "plugged": True}
         return self.is_shared and replace(self.connector, **plain) == replace(other, **plain)
 
     @abstractmethod
     def describe(self) -> str:
-        """``serial 115200 8N1``, ``CAN 1 Mbit/s`` ..."""
+        """Return the line in words: ``serial 115200 8N1``, ``CAN 1 Mbit/s`` ..."""
 
     @abstractmethod
     def usual_port(self, name: str) -> str:
-        """Where a device called ``name`` is put when nobody says."""
+        """Return the port of a device called ``name`` where none is given."""
 
     @abstractmethod
     def fresh_port(self, name: str) -> str:
-        """Return a port that nobody else has, for tests that run side by side."""
+        """Return a port that no other run has, for tests that run side by side."""
 
     @staticmethod
     def fresh_number() -> tuple[int, int]:
-        """This process, and a number that it has not used."""
+        """Return the process id, and a number that this process has not used."""
         return os.getpid(), next(_fresh)

@@ -1,4 +1,4 @@
-"""A half-duplex line (RS-485, one-wire TTL): one talks, all hear; answers to one broadcast leave in turn."""
+"""A half-duplex line (RS-485, one-wire TTL): one sends, all receive; answers to one broadcast leave in turn."""
 
 from __future__ import annotations
 
@@ -10,36 +10,38 @@ from tactemu.wire.line_models.serial import SerialLine
 
 
 class Rs485Line(SerialLine):
-    """The driver's bytes and every device's share one line. Devices may have baud rates of their own; who is set
-    differently hears noise."""
+    """One line for the bytes of the driver and of every device.
+
+    Devices may have different baud rates; a device with other settings than the sender receives noise.
+    """
 
     is_shared = True
     is_half_duplex = True
 
     def order(self, turn: int, ready_ns: int) -> tuple[int, int]:
-        """By turn, then by when it is ready."""
+        """Return the sort key of a frame: its turn, then the time at which it is ready."""
         return (turn, ready_ns)
 
     def turnaround_ns(self) -> int:
-        """As the connector says."""
+        """Return the turnaround time of the connector [ns]."""
         return self.connector.turnaround_ns
 
     def accepts(self, connector: Any, frame: WireFrame, *, of_peer: bool) -> bool:
-        """Everything that is said on the line."""
+        """Return True: every device receives all that is sent on the line."""
         return True
 
     def collides(self, sender: str) -> bool:
-        """A device holds the line: what the driver says into it is lost to all."""
+        """Return True if a device is sending: what the driver sends meanwhile is lost to all."""
         return sender not in ("", DRIVER)
 
     def echoes(self) -> bool:
-        """As the connector says."""
+        """Return True if the adapter echoes, as the connector declares."""
         return self.connector.echo
 
     def agrees(self, other: Connector) -> bool:
-        """Any two devices of this kind can be wired together."""
+        """Return True if the other connector is RS-485, whatever its settings."""
         return isinstance(other, Rs485)
 
     def describe(self) -> str:
-        """``RS-485 115200 8N1``."""
+        """Return the line in words: ``RS-485 115200 8N1``."""
         return super().describe().replace("serial", "RS-485")

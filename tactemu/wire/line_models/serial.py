@@ -14,7 +14,7 @@ from tactemu.wire.uart import agree, as_received
 
 
 class SerialLine(LineModel):
-    """Each direction is a line of its own."""
+    """A serial line; each direction is a line by itself."""
 
     kind = "serial"
     schemes = ("pty", "rfc2217", "tcp")
@@ -23,20 +23,20 @@ class SerialLine(LineModel):
         super().__init__(connector, pacing=pacing)
         timed = bool(pacing) and not connector.is_cdc
         self._agreed: tuple[Any, SerialSetting] | None = None
-        """A connector and a setting of the port of which it is known that they hear each other well."""
+        """The connector and the port setting that were last found to agree."""
         self._byte_ns = connector.bits_per_byte * 1e9 / connector.baud if timed else 0.0
 
     def duration_ns(self, frame: WireFrame) -> int:
-        """Bits per byte at the baud rate; nothing on USB."""
+        """Return the time of all bits of a frame at the baud rate [ns]; 0 on USB."""
         return round(len(payload(frame)) * self._byte_ns)
 
     def driver_ns(self, frame: WireFrame, setting: Any) -> int:
-        """At the speed that the driver has set."""
+        """Return the time of a frame at the speed that the driver has set [ns]."""
         speed = setting.baud if setting is not None and setting.baud else self.connector.baud
         return round(len(payload(frame)) * self._byte_ns * self.connector.baud / speed)
 
     def as_received(self, frame: WireFrame, connector: Any, setting: Any, *, to_driver: bool) -> WireFrame:
-        """Return noise where the two ends are set differently; USB has no such trouble."""
+        """Return noise where the two ends have different settings, else the frame; on USB settings do not matter."""
         if setting is None or (connector, setting) == self._agreed:
             return frame
         if connector.is_cdc or not isinstance(frame, bytes):
@@ -48,12 +48,12 @@ class SerialLine(LineModel):
         return as_received(frame, own, setting) if to_driver else as_received(frame, setting, own)
 
     def describe(self) -> str:
-        """``serial 115200 8N1`` or ``USB serial 115200 8N1``."""
+        """Return the line in words: ``serial 115200 8N1`` or ``USB serial 115200 8N1``."""
         c = self.connector
         return f"{'USB serial' if c.is_cdc else 'serial'} {c.baud} {c.bytesize}{c.parity}{c.stopbits}"
 
     def usual_port(self, name: str) -> str:
-        """Return a pseudo-terminal under a name in ``$TMPDIR``, which is ``/tmp`` where nobody says otherwise."""
+        """Return a pseudo-terminal under a name in ``$TMPDIR``, by default ``/tmp``."""
         return f"pty:{Path(tempfile.gettempdir()) / f'tactemu-{name}'}"
 
     def fresh_port(self, name: str) -> str:

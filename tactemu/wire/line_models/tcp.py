@@ -1,4 +1,4 @@
-"""A TCP server with a framing of its own: bytes in order, without a speed."""
+"""A TCP server with the device's own framing: bytes in order, without a speed."""
 
 from __future__ import annotations
 
@@ -7,18 +7,18 @@ from tactemu.wire.line_models.line_model import LineModel
 
 
 class TcpLine(LineModel):
-    """Both directions are free of each other."""
+    """A TCP connection; the two directions do not delay each other."""
 
     kind = "tcp"
     schemes = ("tcp",)
     is_network = True
 
     def duration_ns(self, frame: WireFrame) -> int:
-        """The network takes none that we model."""
+        """Return 0: the time on the network is not modelled."""
         return 0
 
     def describe(self) -> str:
-        """``TCP port 6000``."""
+        """Return the line in words: ``TCP port 6000``."""
         return f"TCP port {self.connector.port}"
 
     def usual_port(self, name: str) -> str:
@@ -26,5 +26,5 @@ class TcpLine(LineModel):
         return f"tcp:127.0.0.1:{self.connector.port}"
 
     def fresh_port(self, name: str) -> str:
-        """Return any free one."""
+        """Return the address of any free port."""
         return "tcp:127.0.0.1:0"

@@ -7,7 +7,7 @@ from tactemu.wire.line_models.line_model import LineModel
 
 
 class UdpLine(LineModel):
-    """Both directions are free of each other, and a datagram that is held back is overtaken."""
+    """A UDP socket; the two directions do not delay each other, and a datagram that is held back is overtaken."""
 
     kind = "udp"
     schemes = ("udp",)
@@ -15,11 +15,11 @@ class UdpLine(LineModel):
     is_byte_stream = False
 
     def duration_ns(self, frame: WireFrame) -> int:
-        """The network takes none that we model."""
+        """Return 0: the time on the network is not modelled."""
         return 0
 
     def describe(self) -> str:
-        """``UDP port 49152``."""
+        """Return the line in words: ``UDP port 49152``."""
         return f"UDP port {self.connector.port}"
 
     def usual_port(self, name: str) -> str:
@@ -27,5 +27,5 @@ class UdpLine(LineModel):
         return f"udp:127.0.0.1:{self.connector.port}"
 
     def fresh_port(self, name: str) -> str:
-        """Return any free one."""
+        """Return the address of any free port."""
         return "udp:127.0.0.1:0"

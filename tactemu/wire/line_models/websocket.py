@@ -7,18 +7,18 @@ from tactemu.wire.line_models.line_model import LineModel
 
 
 class WebSocketLine(LineModel):
-    """Both directions are free of each other."""
+    """A WebSocket connection; the two directions do not delay each other."""
 
     kind = "websocket"
     schemes = ("ws",)
     is_network = True
 
     def duration_ns(self, frame: WireFrame) -> int:
-        """The network takes none that we model."""
+        """Return 0: the time on the network is not modelled."""
         return 0
 
     def describe(self) -> str:
-        """``WebSocket port 5000``."""
+        """Return the line in words: ``WebSocket port 5000``."""
         return f"WebSocket port {self.connector.port}"
 
     def usual_port(self, name: str) -> str:
@@ -26,5 +26,5 @@ class WebSocketLine(LineModel):
         return f"ws:127.0.0.1:{self.connector.port}"
 
     def fresh_port(self, name: str) -> str:
-        """Return any free one."""
+        """Return the address of any free port."""
         return "ws:127.0.0.1:0"
