@@ -81,8 +81,9 @@ def framing_of(device: Device) -> Framing:
     same = next((k for k, column in enumerate(zip(*frames)) if len(set(column)) > 1), 0)
     if same < 2:
         return Framing()
-    module = sys.modules[type(device).__module__]
-    tables = [each for each in (*vars(device).values(), *vars(module).values()) if isinstance(each, FrameTable)]
+    modules = [sys.modules[cls.__module__] for cls in type(device).__mro__]
+    held = [*vars(device).values(), *(value for module in modules for value in vars(module).values())]
+    tables = [each for each in held if isinstance(each, FrameTable)]
     table = next((each for each in tables if _decodes(each, frames)), None)
     return Framing(frames[0][: min(same, 4)], len(frames[0]), table)
 
