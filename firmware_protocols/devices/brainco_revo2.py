@@ -1,15 +1,15 @@
 """BrainCo Revo2 Touch: a hand with capacitive fingertips, or with pressure sensors in fingers and palm.
 
 Wire: RS-485, 460800 8N1, Modbus RTU, unit 7E of a left hand, 7F of a right one; functions 03, 04, 06, 16. Or CAN-FD,
-1 and 5 Mbit/s (``brainco_revo2_canfd``): the same Modbus frame, CRC included, is the data of a CAN frame, filled up
-with zeros; its extended id is unit << 16 | host << 8 | bytes of the Modbus frame. An answer comes back with the host's
-number and its own length; more than 29 registers do not fit. Five values are thumb, index, middle, ring, little finger:
+1 and 5 Mbit/s (``brainco_revo2_canfd``): the same Modbus frame, CRC included, is the data of a CAN frame, padded with
+zeros; its extended id is unit << 16 | host << 8 | bytes of the Modbus frame. An answer has the host's number and its
+own length; more than 29 registers do not fit. Five values are thumb, index, middle, ring, little finger:
 
     register    numbers  about
     901         1        1 right, 2 left, 3 small right, 4 small left
     904         3        LED, buzzer, vibration: on or off
     910, 920    10, 10   factory key, and the serial number that may be written after it
-    930..944             protected currents; unit; least and most of a finger: its number and a value
+    930..944             protected currents; unit; limits of a finger: its number and a value
     970         1        kind of touch: 1 capacitive, 2 pressure
     1000, 1001  1, 1     unit and line: 0 115200, 1 57600, 2 19200, 3 460800, 4 1 M ... 9 3 M; then the hand restarts
     1002        1        CAN-FD's data rate: 10 is 5 Mbit/s
@@ -47,329 +47,19 @@ Try it: ``tactemu run brainco_revo2``, then ``bc_stark_sdk.main_mod.modbus_open(
 
 from __future__ import annotations
 
-from abc import abstractmethod
-from collections.abc import Sequence
-from typing import Annotated, Any, Literal
-
-import numpy as np
-
-from firmware_protocols import (
-    Can,
-    CanFrame,
-    Column,
-    Command,
-    Counts,
-    Device,
-    Layout,
-    Option,
-    Reading,
-    Restart,
-    Rs485,
-    Transmissions,
-    assumed,
-    grid_layout,
-    stated,
-)
-from firmware_protocols.adc import quantize
+from firmware_protocols import Can, CanFrame, Command, Rs485, Transmissions
+from firmware_protocols.devices.brainco_revo2_hand import BAUDS, Revo2
 from firmware_protocols.frames import with_payload
-from firmware_protocols.layouts import filled, place, stack
-from firmware_protocols.motors import Motors
 from firmware_protocols.protocols.modbus import Banks, Rtu, answer, rtu, silence_ns
-from firmware_protocols.registers import RegisterMap, Registers
 from firmware_protocols.sums import crc16_modbus
 
-MAP = RegisterMap(
-    """
-    1802   >u2       side             1..4  = 1  r
-    1806   >u2       defaults         0..1
-    1808   >u2 x 3   switches         0..1  = 1  flash
-    1820   u1 x 20   key
-    1840   u1 x 20   new_serial
-    1860   >u2 x 6   protected        = 1000  flash
-    1872   >u2       lock             = 1000  flash
-    1874   u1 x 2    unit_mode
-    1876   >u2 x 2   set_lowest
-    1880   >u2 x 2   set_highest
-    1884   >u2 x 2   set_fastest
-    1888   >u2 x 2   set_strongest
-    1892   >u2 x 6   lowest           r  flash
-    1904   >u2 x 6   highest          = 1000  r  flash
-    1916   >u2 x 6   fastest          = 1000  r  flash
-    1928   >u2 x 6   strongest        = 1000  r  flash
-    1940   >u2       kind             1..2  = 1  r
-    1960   u1 x 14   backlash         flash
-    2000   >u2       unit             1..247  = 126  flash
-    2002   >u2       baud             0..9  = 3  flash
-    2004   >u2       can_baud         0..10  = 10  flash
-    2006   u1 x 2    can_sampling     flash
-    2018   >u2       restart          0..1
-    2020   >u2 x 12  by_time
-    2044   >u2 x 12  by_speed
-    2068   >i2 x 6   speeds
-    2080   >i2 x 6   currents
-    2092   >i2 x 6   duties
-    2104   >u2 x 3   one_by_time
-    2110   >u2 x 3   one_by_speed
-    2116   >i2 x 2   one_speed
-    2120   >i2 x 2   one_current
-    2124   >i2 x 2   one_duty
-    2128   u1 x 2    led
-    2130   >u2       turbo            0..1  flash
-    2132   >u2 x 2   turbo_times      = 2000, 3000  flash
-    2136   >u2       auto_calibration  0..1  flash
-    2138   u1 x 2    calibrate_motors
-    2140   >u2 x 6   by_percent
-    4000   >u2 x 6   now_positions    r
-    4012   >i2 x 6   now_speeds       r
-    4024   u1 x 12   now_currents     r
-    4036   >u2 x 6   now_states       r
-    6000   u1 x 20   firmware         r
-    6020   u1 x 20   serial           r  flash
-    8000   >u2 x 5   tips_on          0..1  = 1
-    8010   >u2 x 5   baseline         0..1
-    8020   >u2 x 5   calibrate        0..1
-    8200   u1 x 100  tip_firmware     r
-    8400   >u2 x 15  forces           r
-    8430   >u4 x 5   proximity        r
-    8500   u1 x 60   single           r
-    12000  >u2       mode             0..2
-    12002  >u2 x 6   sums             r
-    12020  >u2 x 91  points           r
-    12220  u1 x 120  pad_firmware     r
-    12400  >u2 x 6   pads_on          0..1  = 1
-    12480  u1 x 120  pad_serial       r
-    12620  >u2 x 6   calibrate_pads   0..1
-    """
-)
-"""Offsets count bytes: two for each register."""
-ORDERS = ("baseline", "calibrate", "calibrate_pads", "defaults", "restart")
-BAUDS = (115200, 57600, 19200, 460800, 1_000_000, 2_000_000, 5_000_000, 6_000_000, 4_000_000, 3_000_000)
-LIMITS = ("lowest", "highest", "fastest", "strongest")
-RESTARTS = {"unit", "baud", "can_baud", "restart", "auto_calibration", "defaults"}
-"""What restarts the hand when it is written."""
-MOTORS = ("thumb", "thumb turn", "index", "middle", "ring", "little")
 FUNCTIONS = (3, 4, 6, 16)
-FINGERS = {
-    "thumb": (0.06, 0.0), "index": (0.03, 0.09), "middle": (0.01, 0.1), "ring": (-0.01, 0.095),
-    "little": (-0.03, 0.08),
-}  # fmt: skip
-RESTART_NS = 100_000_000
-_DRIVES = (
-    "by_time", "by_speed", "by_percent", "speeds", "currents", "duties", "one_by_time", "one_by_speed", "one_speed",
-    "one_current", "one_duty",
-)  # fmt: skip
-PER_NEWTON = 100.0
-NEAR_PER_NEWTON = 10000.0
-MODES = (200.0, 200.0, 1000.0)
-MOST_CAN = 64
-"""Bytes of a CAN-FD frame."""
-
-
-EXAMPLES = "BrainCoTech/stark-serialport-example@b27b922 python/"
-LOOKED = "bc-stark-sdk 2.0.8 main_mod.pyi; all of BrainCoTech/stark-serialport-example@b27b922 python, README.md"
-
-
-class Revo2(Device[Any]):
-    """What both carriers show."""
-
-    kind = "hand"
-    evidence = ("driver",)
-    sources = (
-        "bc-stark-sdk 2.0.8 main_mod.pyi (RegAddrRevo2, Baudrate, TouchVendor, SkuType), and what it reads and writes",
-        f"{EXAMPLES}common_socketcan.py, revo2, revo2_canfd",
-        "serial numbers in public logs: BCXTL2313J2500008, BCXTR2124J2600024",
-    )
-    judge = "bc-stark-sdk 2.0.8"
-    facts = (
-        stated(
-            "touch", "order and size of all values", "bc-stark-sdk 2.0.8 main_mod.pyi TouchFingerItem, RegAddrRevo2"
-        ),
-        stated(
-            "touch",
-            "low byte first in the proximities at 4250",
-            "bc-stark-sdk 2.0.8, what get_single_touch_sensor_status() makes of them",
-        ),
-        assumed("touch", "places: flat, normal +z, row by row, 3 x 3 points 3 mm apart, 5 mm on the palm", LOOKED),
-        assumed(
-            "touch",
-            "100 counts/N, direction in degrees 0..359, proximity 10000 counts/N of push; states are normal",
-            LOOKED,
-        ),
-        assumed(
-            "touch",
-            "points 200 counts/N raw or calibrated, [mN] of force, 0..4095; sums of their module in the same unit",
-            LOOKED,
-        ),
-        assumed(
-            "touch",
-            "new baseline and calibration make what is felt the zero, until power-off; what is off reads 0",
-            LOOKED,
-        ),
-        stated(
-            "identity",
-            "registers of versions, serial numbers, unit and line, and their codes",
-            "bc-stark-sdk 2.0.8 main_mod.pyi",
-        ),
-        stated("identity", "a serial number may be written after a factory key", f"{EXAMPLES}revo2/revo2_cfg.py:150"),
-        assumed("identity", "firmware 1.0.5 of hand, tips and pads; serial numbers of pads; any key will do", LOOKED),
-        stated(
-            "configuration",
-            "the hand restarts when unit, line or automatic calibration is changed",
-            f"{EXAMPLES}revo2/revo2_cfg.py:11, 121",
-        ),
-        stated("configuration", "sensors are on at power-up", f"{EXAMPLES}revo2/revo2_touch.py:13"),
-        stated(
-            "configuration",
-            "goals 0..1000 and 1..2000 ms, speeds, currents and duties -1000..1000",
-            "bc-stark-sdk 2.0.8 main_mod.pyi:1283",
-        ),
-        assumed(
-            "configuration",
-            "functions 03 and 04 show the same registers; all others read 0; it restarts after 0.1 s",
-            LOOKED,
-        ),
-        assumed(
-            "configuration",
-            "limits 1000, LED, buzzer, vibration on; limits, turbo, gestures and the unit of goals do nothing",
-            LOOKED,
-        ),
-        assumed(
-            "configuration", "motors: 2000 a second; currents and duties drive like speeds; no current is shown", LOOKED
-        ),
-        assumed("timing", "460800 as delivered; answers at once; 100 conversions a second", LOOKED),
-        assumed("timing", "over CAN more than 29 registers are exception 3", LOOKED),
-    )
-
-    def __init__(
-        self,
-        *,
-        side: Annotated[Literal["left", "right"], Option("which hand; sets unit and serial number")] = "left",
-        touch: Annotated[Literal["capacitive", "pressure"], Option("kind of sensors")] = "capacitive",
-        serial: Annotated[str, Option("20 characters of ASCII; default: as the side wants it")] = "",
-        single_proximity: Annotated[
-            Literal["little", "big"], Option("first byte of the proximities at 4250: low, as the SDK reads it, or high")
-        ] = "little",
-    ):
-        self.capacitive, self.single_type = touch == "capacitive", f"{'>' if single_proximity == 'big' else '<'}u4"
-        self.layout, self.columns = _hand(self.capacitive), _columns(self.capacitive)
-        serial = serial or f"BCXT{side[0].upper()}2313J2500008"
-        delivered = {"unit": 0x7E if side == "left" else 0x7F, "serial": _text(serial, 20)}
-        self.registers = Registers(MAP, kept={**delivered, **self.flash})
-        self.registers["side"], self.registers["kind"] = (2 if side == "left" else 1), (1 if self.capacitive else 2)
-        self.registers["firmware"] = _text("1.0.5", 20)
-        if self.capacitive:
-            self.registers["tip_firmware"] = _text("1.0.5", 20) * len(FINGERS)
-        else:
-            self.registers["pad_firmware"] = _text("1.0.5", 20) * (len(FINGERS) + 1)
-            self.registers["pad_serial"] = [byte for k in range(6) for byte in _text(f"BCPT2313J250000{k + 1}", 20)]
-        self.unit = self.registers["unit"]
-        self.motors = Motors([0.0] * len(MOTORS), low=0, high=1000, speed_limit=2000, names=(), time_constant_s=0.02)
-        self.felt = self.zero = np.zeros((len(self.layout), 3))
-        self.modules = np.repeat(np.arange(len(self.layout.patches)), [len(patch) for patch in self.layout.patches])
-        self.counts = np.zeros((5, 4) if self.capacitive else 91, int)
-        self.restarts = False
-        """The host has written what restarts the hand."""
-        self._plug()
-
-    @abstractmethod
-    def _plug(self) -> None:
-        """What the carrier needs."""
-
-    def measure(self, reading: Reading, t_ns: int) -> Counts:
-        """Return normal, tangential, direction and proximity, shape ``(5, 4)``; or points, shape ``(91,)``."""
-        self.felt = self.layout.to_taxel_frame(reading["force"])
-        on = np.array(self.registers.all("tips_on" if self.capacitive else "pads_on"))
-        x, y, z = ((self.felt - self.zero) * on[self.modules, None]).T
-        if self.capacitive:
-            direction = np.rint(np.rad2deg(np.arctan2(y, x))).astype(int) % 360
-            forces = [quantize(force, PER_NEWTON) for force in (-z, np.hypot(x, y))]
-            near = quantize(-z, NEAR_PER_NEWTON, 0, 0xFFFFFFFF)
-            self.counts = np.stack([*forces, direction, near], axis=-1)
-        else:
-            scale = MODES[self.registers["mode"]]
-            self.counts = quantize(-z, scale, 0, 4095)
-            self.registers["sums"] = np.bincount(self.modules, -z) * scale
-        return self.counts
-
-    def read(self, address: int, n: int, t_ns: int) -> bytes:
-        """Return registers, with what was felt at the last conversion."""
-        touched = {reg.name for reg in MAP.touched(address, address + n)}
-        wire = self.layout.on_wire(self.counts)
-        if touched & {"now_positions", "now_speeds", "now_states"}:
-            self.registers["now_positions"] = self.motors.positions(t_ns)
-            self.registers["now_speeds"] = self.motors.velocities(t_ns)
-            self.registers["now_states"] = self.motors.moving(t_ns, 1.0)
-        if self.capacitive:
-            self.registers["forces"], self.registers["proximity"] = wire[:, :3].ravel(), wire[:, 3]
-            singles = np.zeros(5, [("forces", ">u2", 3), ("proximity", self.single_type), ("state", ">u2")])
-            singles["forces"], singles["proximity"] = wire[:, :3], wire[:, 3]
-            self.registers["single"] = np.frombuffer(singles.tobytes(), np.uint8)
-        else:
-            self.registers["points"] = wire
-        return self.registers.read(address, n)
-
-    def write(self, address: int, data: bytes, t_ns: int) -> Sequence[str]:
-        """Store what the host writes, and execute its orders."""
-        before = {name: self.registers.all(name) for name in RESTARTS}
-        written = self.registers.write(address, data)
-        for order in ORDERS[:2] if self.capacitive else ORDERS[2:3]:
-            ordered = np.array(self.registers.all(order))[self.modules, None]
-            self.zero = np.where(ordered, self.felt, self.zero)
-        for name in written:
-            if name.startswith("set_"):
-                finger, value = self.registers.all(name)
-                limits = self.registers.all(name.replace("set_", ""))
-                if 1 <= finger <= len(limits):
-                    limits[finger - 1] = value
-                    self.registers[name.replace("set_", "")] = limits
-            self._drive(name, t_ns)
-        if "new_serial" in written and any(self.registers.all("key")):
-            self.registers["serial"] = self.registers.all("new_serial")
-        if "defaults" in written and self.registers["defaults"]:
-            unit, serial = self.registers["unit"], self.registers.all("serial")
-            self.registers.reset(*(reg.name for reg in MAP.rows if reg.flash))
-            self.registers["unit"], self.registers["serial"] = unit, serial
-        self.restarts |= any(self.registers.all(name) != before[name] for name in RESTARTS & set(written))
-        self.registers.reset(*ORDERS)
-        if {"new_serial", "defaults"} & set(written) or any(
-            MAP.by_name[name].flash or name.startswith("set_") for name in written
-        ):
-            self.flash.update(self.registers.kept())
-        return written
-
-    def _drive(self, name: str, t_ns: int) -> None:
-        """Move as an order says that has been written."""
-        numbers, n = np.array(self.registers.all(name), float) if name in _DRIVES else np.empty(0), len(MOTORS)
-        if not len(numbers):
-            return
-        one = name.startswith("one_")
-        if one and not 1 <= numbers[0] <= n:
-            return
-        first, second = np.full(n, np.nan), np.full(n, np.nan)
-        at = int(numbers[0]) - 1 if one else slice(None)
-        first[at] = numbers[1] if one else numbers[:n]
-        if name.endswith("by_percent"):
-            first *= 10
-        if not name.endswith(("by_time", "by_speed", "by_percent")):
-            self.motors.drive(first, t_ns)
-            return
-        limits = np.full(n, 2000.0)
-        if len(numbers) > (2 if one else n):
-            second[at] = numbers[2] if one else numbers[n:]
-            way = np.abs(first - self.motors.positions(t_ns)) if name.endswith("by_time") else second
-            time = np.maximum(second, 1) / 1000 if name.endswith("by_time") else 1.0
-            limits = np.where(np.isnan(second), limits, np.maximum(way / time, 1.0))
-        self.motors.limit_speed(limits, t_ns)
-        self.motors.go(first, t_ns)
-
-    def _restarted(self, sent: Sequence[Any]) -> list[Any]:
-        """What is sent, and the restart that was ordered."""
-        ordered, self.restarts = self.restarts, False
-        return [*sent, Restart(delay_ns=RESTART_NS)] if ordered else [*sent]
+MAX_CAN_DATA_BYTES = 64
+"""The bytes of a CAN-FD frame; a longer answer becomes exception 3."""
 
 
 class BraincoRevo2(Revo2):
-    """The hand on RS-485."""
+    """A Revo2 on RS-485."""
 
     name = "brainco_revo2"
     title = "BrainCo Revo2 Touch hand"
@@ -387,7 +77,7 @@ class BraincoRevo2(Revo2):
 
     @property
     def commands(self) -> tuple[Command, ...]:
-        """Of a left hand as it comes."""
+        """Requests to a left hand with default options."""
         if self.unit != 0x7E or not self.capacitive:
             return ()
         return tuple(
@@ -397,7 +87,7 @@ class BraincoRevo2(Revo2):
 
 
 class BraincoRevo2CanFd(Revo2):
-    """The hand on CAN-FD."""
+    """A Revo2 on CAN-FD."""
 
     name = "brainco_revo2_canfd"
     title = "BrainCo Revo2 Touch hand on CAN-FD"
@@ -406,7 +96,7 @@ class BraincoRevo2CanFd(Revo2):
         self.ports = (Can(data_bitrate=5_000_000, hears=((self.unit << 16, 0x1FFF0000),)),)
 
     def receive(self, data: CanFrame, t_ns: int, port: str) -> Transmissions[CanFrame]:
-        """Return one frame, one request."""
+        """Answer the request in one frame."""
         ident, size = data.arbitration_id, data.arbitration_id & 0xFF
         adu = data.data[:size]
         if ident >> 16 != self.unit or not (data.is_extended_id and data.is_fd):
@@ -417,7 +107,7 @@ class BraincoRevo2CanFd(Revo2):
             return ()
         self.counters["requests"] += 1
         reply = answer(adu[1:-2], Banks(holding=self, inputs=self, functions=FUNCTIONS), t_ns)
-        if len(reply) + 3 > MOST_CAN:
+        if len(reply) + 3 > MAX_CAN_DATA_BYTES:
             reply = bytes([adu[1] | 0x80, 3])
         frame = rtu(self.unit, reply)
         sent = CanFrame(arbitration_id=ident & ~0xFF | len(frame), is_extended_id=True, is_fd=True, bitrate_switch=True)
@@ -427,35 +117,13 @@ class BraincoRevo2CanFd(Revo2):
 
     @property
     def commands(self) -> tuple[Command, ...]:
-        """Of a left hand as it comes, to host 1."""
+        """Requests to a left hand with default options, from host 1."""
         if self.unit != 0x7E or not self.capacitive:
             return ()
         return tuple(
             Command(name=name, request=request, reply=reply, origin="; ".join(self.sources[:2]))
             for name, request, reply in _CAN_EXAMPLES
         )
-
-
-def _text(text: str, n: int) -> list[int]:
-    return list(text.encode("ascii")[:n].ljust(n, b"\0"))
-
-
-def _columns(capacitive: bool) -> tuple[Column, ...]:
-    if not capacitive:
-        return (Column(name="touch", low=0, high=4095, push=1),)
-    return (
-        Column(name="normal", axis="z", low=0, high=0xFFFF, push=1),
-        Column(name="tangential", low=0, high=0xFFFF),
-        Column(name="direction", low=0, high=359),
-        Column(name="proximity", low=0, high=0xFFFFFFFF, push=1),
-    )
-
-
-def _hand(capacitive: bool) -> Layout:
-    """Fingertips, then the palm, each on its link; x across the hand, y along the fingers, z out of it."""
-    size, pitch = ((1, 1), 0.01) if capacitive else ((3, 3), 0.003)
-    pads = [place(grid_layout(*size, pitch, name=name, link=name), (*at, 0.0)) for name, at in FINGERS.items()]
-    return stack(*pads) if capacitive else stack(*pads, filled(46, 0.035, 0.035, name="palm", link="palm"))
 
 
 _EXAMPLES = (
