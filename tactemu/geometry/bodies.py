@@ -1,4 +1,4 @@
-"""What carries shapes and skins: the bodies of a scene.
+"""The bodies of a scene, which carry shapes and skins.
 
 Lengths in metres. A shape's origin and axes are those of its body; a body's pose is that of this frame in the world.
 """
@@ -18,10 +18,10 @@ from tactemu.geometry.shapes.shape import Shape
 
 
 class WorldMotion(Protocol):
-    """A motion of the user's own: world poses over time, not displacements as those of :class:`Motion`."""
+    """A motion that you write yourself: world poses over time, not displacements as those of :class:`Motion`."""
 
     def pose(self, t_s: float) -> Pose:
-        """World pose and velocities at ``t_s`` [s]."""
+        """Return the world pose and velocities at ``t_s`` [s]."""
         ...
 
 
@@ -30,23 +30,23 @@ class Body:
     """A body of a scene, as :meth:`tactemu.Scene.add_body` returns it. A 'link' of Genesis is a body here."""
 
     index: int
-    """Its place in the scene: what ``track_link_idx`` and ``filter_link_idx`` name."""
+    """The index in the scene, as ``track_link_idx`` and ``filter_link_idx`` take it."""
     name: str
     shape: Shape | None
-    """``None``: a frame without geometry, such as the link of a skin."""
+    """The geometry; ``None``: a frame without geometry, such as the link of a skin."""
     fixed: bool
     position: tuple[float, float, float]
-    """Where it starts (and returns to at reset), world [m]."""
+    """The world position [m] at the start and after a reset."""
     quaternion: tuple[float, float, float, float]
-    """Its orientation there, (w, x, y, z)."""
+    """The orientation there, (w, x, y, z)."""
     motion: Motion | WorldMotion | None = None
-    """Moves it at every step; ``None``: it stays where it is put."""
+    """The motion, evaluated at every step; ``None``: the body stays where it is put."""
 
     def pose(self, t_s: float) -> Pose:
-        """Where its motion has it at ``t_s`` [s], and how fast, in the world; without one, at rest where it starts.
+        """Return the world pose and velocities at ``t_s`` [s] by the body's motion, or its start pose if it has none.
 
         Raises:
-            SceneError: a motion of the user's own that gives no pose.
+            SceneError: a motion that you wrote yourself returns no pose.
         """
         if self.motion is None:
             return self._start
@@ -61,10 +61,10 @@ class Body:
 
 
 def find_body(bodies: Sequence[Body], which: Body | str | int | np.integer) -> Body:
-    """Of these bodies the one that is meant by itself, its name or its index.
+    """Return the body that ``which`` denotes: a body itself, a name or an index.
 
     Raises:
-        SceneError: there is none; the message lists those there are.
+        SceneError: there is none; the message lists the bodies.
     """
     for body in bodies:
         if which is body or (isinstance(which, str) and which == body.name):

@@ -1,7 +1,7 @@
-"""Writing the channels of a taxel: on a GPU the 32 taxels of a warp together, so that memory is written in whole lines.
+"""Coalesced writes of all channels of a taxel: on a GPU the 32 taxels of a warp together fill whole lines of memory.
 
-Each thread alone would write numbers that lie apart by as many as there are channels, and memory would see each line
-as often: for nine channels, as the elastic layer has, that took twice the time.
+A thread by itself would write numbers that lie one taxel's channels apart, so that each line of memory would be written
+as many times: for nine channels, as the elastic layer has, that took twice as long.
 """
 
 # pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
@@ -13,9 +13,10 @@ import warp as wp
 
 @functools.cache
 def row_writer(real, channels: int):
-    """``write(out, e, i, values, wanted)``: ``values`` (a vector of all channels) to ``out[e, i]``, if ``wanted``.
+    """Return the Warp function ``write(out, e, i, values, wanted)``.
 
-    Best called by all threads of a warp at once, of neighbouring taxels; right whoever calls it.
+    It writes ``values``, a vector of all channels, to ``out[e, i]`` if ``wanted`` is true. It is fast when all threads
+    of a warp call it at once for neighbouring taxels, and correct in any case.
     """
     values_type = wp.types.vector(channels, real)
     snippet = _WRITE.replace("NUMBER", real.__name__).replace("CHANNELS", str(channels))

@@ -1,4 +1,4 @@
-"""Arrays of somebody else's on the simulation's device: taken as they lie, strided or not, and refused in words."""
+"""Arrays of other libraries on the simulation's device: used in place, strided or not, and checked."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ import warp as wp
 from tactemu.base.errors import SceneError
 
 MASK_TYPES = (wp.bool, wp.uint8, wp.int8)
-"""What a mask may be made of."""
+"""Number types that a mask may have."""
 
 
 def as_warp_array(value: Any, what: str) -> wp.array:
     """Return a Warp array over the memory of ``value``: a Warp or NumPy array, or anything with ``__dlpack__``.
 
     Raises:
-        SceneError: it is none of them, or has no memory (any more).
+        SceneError: ``value`` is none of them, or has no memory (any more).
     """
     if isinstance(value, wp.array):
         array = value
@@ -27,11 +27,11 @@ def as_warp_array(value: Any, what: str) -> wp.array:
         try:
             array = cast(wp.array, wp.from_dlpack(value))
         except Exception as error:
-            raise SceneError(f"{what}: its __dlpack__ gives nothing that can be read here ({error})") from error
+            raise SceneError(f"{what}: Warp cannot read what its __dlpack__ returns ({error})") from error
     else:
         raise SceneError(f"{what}: expected a Warp or NumPy array, or one with __dlpack__, got {type(value).__name__}")
     if array.size and not array.ptr:
-        raise SceneError(f"{what}: the array has no memory; it was freed, or never filled")
+        raise SceneError(f"{what}: the array has no memory; it was freed or never allocated")
     return array
 
 
@@ -41,13 +41,13 @@ def _over_numpy(value: np.ndarray, what: str) -> wp.array:
     except (TypeError, KeyError) as error:
         raise SceneError(f"{what}: numbers of type {value.dtype} cannot be read") from error
     array = wp.array(ptr=value.ctypes.data, shape=value.shape, strides=value.strides, dtype=dtype, device="cpu")
-    array._ref = value  # keeps the memory
+    array._ref = value  # so that the memory is not freed
     return array
 
 
 def scalar_view(array: wp.array) -> wp.array:
-    """Return an array of vectors, quaternions or transforms as one of numbers, with an axis more; over the same
-    memory.
+    """Return a view of an array of vectors, quaternions or transforms as numbers, with one more axis for each axis of
+    the type.
     """
     dtype = array.dtype
     if not hasattr(dtype, "_wp_scalar_type_"):
@@ -62,15 +62,15 @@ def scalar_view(array: wp.array) -> wp.array:
 
 
 def view(array: wp.array, shape, strides, dtype, offset: int = 0) -> wp.array:
-    """Return another look at the memory of an array, from ``offset`` bytes on."""
+    """Return another view of the memory of an array, from ``offset`` bytes on."""
     ptr = array.ptr + offset if array.ptr else array.ptr
     seen = wp.array(ptr=ptr, shape=tuple(shape), strides=tuple(strides), dtype=dtype, device=array.device)
-    seen._ref = array  # keeps the memory
+    seen._ref = array  # so that the memory is not freed
     return seen
 
 
 def check_device(array: wp.array, device: wp.Device, what: str) -> None:
-    """Raise :class:`SceneError` unless an array lies on the device."""
+    """Raise :class:`SceneError` if an array is not on the device."""
     if array.device != device:
         raise SceneError(f"{what}: the array is on {array.device}, the simulation on {device}; move it there first")
 
@@ -79,7 +79,7 @@ def environment_mask(value: Any, n_envs: int, device: wp.Device) -> wp.array:
     """Return a mask of environments on the device, as ``wp.bool``.
 
     Raises:
-        SceneError: wrong type, length or device.
+        SceneError: the mask has another type, length or device.
     """
     what = "envs"
     array = as_warp_array(value, what)
@@ -87,8 +87,8 @@ def environment_mask(value: Any, n_envs: int, device: wp.Device) -> wp.array:
     if array.dtype not in MASK_TYPES:
         raise SceneError(
             f"envs: an array on the device must be a mask (bool or uint8) of {n_envs} environments, got "
-            f"{array.dtype.__name__}; indices are given from the host, as a list or a NumPy array"
+            f"{array.dtype.__name__}; give indices from the host, as a list or a NumPy array"
         )
     if array.shape != (n_envs,):
-        raise SceneError(f"envs: a mask must have shape ({n_envs},), one place for each environment, got {array.shape}")
+        raise SceneError(f"envs: a mask must have shape ({n_envs},), one entry for each environment, got {array.shape}")
     return view(array, array.shape, array.strides, wp.bool)

@@ -1,24 +1,27 @@
-"""How much a scene may ask for. Beyond these bounds a number is a slip, such as millimetres given as metres, or would
-overflow on its way through a run; no skin needs it."""
+"""Bounds of the numbers in a scene and in live commands.
+
+A number outside them is a slip, such as millimetres given as metres, or would overflow during a run; no skin needs it.
+"""
 
 MAX_TIME_S = 1e6
-"""Of every time [s]: eleven days."""
+"""The longest time that you may give: eleven days."""
 STEP_RANGE_S = (1e-7, 10.0)
-"""Of the simulation's step [s]."""
+"""The shortest and the longest step of the simulation."""
 RATE_RANGE_HZ = (1e-3, 1e6)
-"""Of sampling."""
+"""The lowest and the highest sampling rate."""
 SPEED_RANGE_M_S = (1e-9, 1e3)
-"""Of a motion [m/s]."""
+"""The lowest and the highest speed of a motion."""
 MAX_TRAVEL_M = 10.0
-"""Of a way that a body goes [m]."""
+"""The longest distance that a motion moves a body."""
 MAX_ANGLE_RAD = 1e9
-"""Of an angle that a body turns by [rad]."""
+"""The largest angle that a motion turns a body by."""
 MAX_DEPTH_M = 0.5
-"""That a body is pressed in [m]."""
+"""The largest depth that a body is pressed in."""
 MAX_POSITION_M = 100.0
-"""From the world's origin to a body [m]."""
+"""The largest coordinate of a body, from the world's origin."""
 SIZE_RANGE_M = (1e-6, 3.0)
-"""Of a body [m]; from 1 m on it may have no radius: that is a ball of two metres."""
+"""The smallest and the largest dimension of a body."""
 MAX_RADIUS_M = 1.0
+"""An upper bound of a body's radius, excluded: a ball of 1 m radius is two metres wide."""
 LENGTH_UNIT = "m (6 mm is 0.006)"
-"""The unit in messages about lengths."""
+"""The unit of a length, as messages give it."""

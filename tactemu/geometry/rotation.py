@@ -1,4 +1,4 @@
-"""Unit quaternions (w, x, y, z) in float64: the few operations that poses and motions need."""
+"""Operations on unit quaternions (w, x, y, z) in float64, as poses and motions need them."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ def normalised(quaternion) -> np.ndarray:
     """Return the unit quaternion along ``quaternion``.
 
     Raises:
-        ValueError: not four finite numbers, or of length zero.
+        ValueError: ``quaternion`` is not four finite numbers, or has length zero.
     """
     q = np.asarray(quaternion, np.float64)
     largest = np.abs(q).max() if q.shape == (4,) else math.nan
@@ -40,17 +40,15 @@ def multiply(a, b) -> np.ndarray:
 
 
 def multiply_many(a, b) -> np.ndarray:
-    """Return the same for many, ``(n, 4)``, or one and many."""
+    """Return the products of many pairs of quaternions, ``(n, 4)``; either argument may be a single one."""
     a, b = np.broadcast_arrays(np.atleast_2d(a), np.atleast_2d(b))
     real = a[:, 0] * b[:, 0] - np.einsum("ij,ij->i", a[:, 1:], b[:, 1:])
-    rest = a[:, :1] * b[:, 1:] + b[:, :1] * a[:, 1:] + cross_many(a[:, 1:], b[:, 1:])
-    return np.concatenate([real[:, None], rest], axis=1)
+    vector = a[:, :1] * b[:, 1:] + b[:, :1] * a[:, 1:] + cross_many(a[:, 1:], b[:, 1:])
+    return np.concatenate([real[:, None], vector], axis=1)
 
 
 def cross_many(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return the cross products of many vectors, ``(n, 3)``; of few, NumPy's own takes most of its time to look at
-    axes.
-    """
+    """Return the cross products of vectors, ``(n, 3)``; for few of them ``np.cross`` is slow, since it handles axes."""
     return a[:, _NEXT] * b[:, _LAST] - a[:, _LAST] * b[:, _NEXT]
 
 
@@ -85,7 +83,7 @@ def from_rotation_vector(vector) -> np.ndarray:
 
 
 def to_rotation_vector(q) -> np.ndarray:
-    """Axis times angle [rad] of the shorter way round, angle in 0..pi."""
+    """Return the axis of a rotation times its angle [rad], the shorter way round: the angle is in 0..pi."""
     q = np.asarray(q, np.float64)
     q = -q if q[0] < 0 else q
     sine = math.sqrt(float(q[1:] @ q[1:]))

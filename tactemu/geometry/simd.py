@@ -1,11 +1,11 @@
-"""Numbers side by side in the vector registers of a CPU, for snippets of C++.
+"""SIMD vectors of a CPU, for snippets of C++.
 
-Warp's own vectors of eight leave much of a CPU idle: products and sums are not fused, and what the compiler makes of
-longer formulas is half scalar. Its vector types, which Clang and GCC share, are free of that, on every CPU.
+Warp's own vectors of eight leave much of a CPU idle: products and sums are not fused, and the compiler turns longer
+formulas into code that is half scalar. The compiler's vector types, which Clang and GCC share, avoid both on every CPU.
 """
 
 WIDTH = 8
-"""Numbers side by side."""
+"""Numbers in one SIMD vector."""
 
 _VECTORS = """
     using Number = wp::NUMBER;
@@ -18,11 +18,13 @@ _VECTORS = """
 
 
 def vector_prelude(real) -> str:
-    """What such a snippet begins with: ``Number``, ``Vector`` of ``wide`` of them, ``get(pointer)``, ``put(pointer,
-    vector)``."""
+    """Return the first lines of a SIMD snippet for the number type ``real``.
+
+    They define ``Number``, ``Vector`` of ``wide`` numbers, ``get(pointer)`` and ``put(pointer, vector)``.
+    """
     return _VECTORS.replace("NUMBER", real.__name__)
 
 
 def padded_length(n: int) -> int:
-    """``n`` numbers in whole registers."""
+    """Return the length of an array of ``n`` numbers, rounded up to a multiple of :data:`WIDTH`."""
     return -(-n // WIDTH) * WIDTH

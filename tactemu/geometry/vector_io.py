@@ -1,6 +1,6 @@
-"""Vectors read and written 16 bytes at a time.
+"""Warp functions that read and write vectors 16 bytes at a time.
 
-Warp's vectors are aligned like one of their numbers, so that a GPU would move each number alone.
+Warp aligns a vector like one of its numbers, so that a GPU would move each number separately.
 """
 
 # pyright: reportInvalidTypeForm=false, reportReturnType=false, reportArgumentType=false
@@ -12,8 +12,10 @@ import warp as wp
 
 @functools.cache
 def vector_readers(real, width: int):
-    """``(load, load_2, load_4)``: ``load(vectors, i)``, ``load_2(vectors, i, j)``, ``load_4(vectors, i, j, k, l)``, of
-    arrays of vectors of ``width`` numbers, a whole number of times 16 bytes."""
+    """Return the Warp functions ``read(vectors, i)``, ``read_2(vectors, i, j)`` and ``read_4(vectors, i, j, k, l)``.
+
+    They read arrays of vectors of ``width`` numbers; a vector's size must be a multiple of 16 bytes.
+    """
     vector = wp.types.vector(width, real)
 
     def snippet(axes: str) -> str:
@@ -22,31 +24,31 @@ def vector_readers(real, width: int):
         return _here(real, width, axes) + fetch
 
     @wp.func_native(snippet("i"))
-    def load(vectors: wp.array(dtype=vector), i: int) -> vector: ...
+    def read(vectors: wp.array(dtype=vector), i: int) -> vector: ...
 
     @wp.func_native(snippet("ij"))
-    def load_2(vectors: wp.array2d(dtype=vector), i: int, j: int) -> vector: ...
+    def read_2(vectors: wp.array2d(dtype=vector), i: int, j: int) -> vector: ...
 
     @wp.func_native(snippet("ijkl"))
-    def load_4(vectors: wp.array4d(dtype=vector), i: int, j: int, k: int, l: int) -> vector: ...
+    def read_4(vectors: wp.array4d(dtype=vector), i: int, j: int, k: int, l: int) -> vector: ...
 
-    return load, load_2, load_4
+    return read, read_2, read_4
 
 
 @functools.cache
 def vector_writer(real, width: int):
-    """``store(vectors, i, j, k, l, value)``: into an array of four axes."""
+    """Return the Warp function ``write(vectors, i, j, k, l, value)``, which writes into an array of four axes."""
     vector = wp.types.vector(width, real)
     copy = f"for (int m = 0; m < {width}; ++m) given.numbers[m] = value[m];"
 
     @wp.func_native(_here(real, width, "ijkl") + f"Wide given; {copy} *here = given;")
-    def store(vectors: wp.array4d(dtype=vector), i: int, j: int, k: int, l: int, value: vector): ...
+    def write(vectors: wp.array4d(dtype=vector), i: int, j: int, k: int, l: int, value: vector): ...
 
-    return store
+    return write
 
 
 def _here(real, width: int, axes: str) -> str:
-    """C++ that declares ``here``, the vector at a place of the array, as what is aligned."""
+    """Return C++ that declares ``here``, an aligned pointer to the vector at the indices named by ``axes``."""
     offset = " + ".join(f"int64_t(vectors.strides[{axis}]) * {name}" for axis, name in enumerate(axes))
     return f"""
         struct alignas(16) Wide {{ wp::{real.__name__} numbers[{width}]; }};

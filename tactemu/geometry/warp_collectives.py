@@ -1,6 +1,6 @@
-"""What the threads of a warp find out together about an environment: lists, which come out in order, and extremes.
+"""Operations that all threads of a GPU's warp execute together: ranks, which keep a list in order, counts and maxima.
 
-On a GPU one thread that looks at all of an environment waits for memory at each entry. On a CPU there is one lane.
+On a GPU a single thread that reads all entries of an environment waits for memory at each. On a CPU there is one lane.
 """
 
 # pyright: reportInvalidTypeForm=false, reportReturnType=false
@@ -8,10 +8,11 @@ On a GPU one thread that looks at all of an environment waits for memory at each
 import warp as wp
 
 WARP_SIZE = 32
+"""Threads of a warp."""
 
 
 def lanes_per_environment(device: wp.Device) -> int:
-    """Threads that share the list of an environment: the last axis of the launch."""
+    """Return the number of threads that share the list of an environment: the last axis of the launch."""
     return WARP_SIZE if device.is_cuda else 1
 
 
@@ -23,7 +24,7 @@ def lanes_per_environment(device: wp.Device) -> int:
 #endif
 """)
 def rank(wanted: bool) -> int:
-    """How many lanes before this one want an entry. All lanes call it together."""
+    """Return the number of lanes before this one whose ``wanted`` is true. All lanes must call it together."""
     ...
 
 
@@ -35,7 +36,7 @@ def rank(wanted: bool) -> int:
 #endif
 """)
 def ballot_count(wanted: bool) -> int:
-    """How many lanes want one. All lanes call it together."""
+    """Return the number of lanes whose ``wanted`` is true. All lanes must call it together."""
     ...
 
 
@@ -47,5 +48,5 @@ def ballot_count(wanted: bool) -> int:
     return value;
 """)
 def warp_max(value: int) -> int:
-    """Return the largest of all lanes. All lanes call it together."""
+    """Return the largest value of all lanes. All lanes must call it together."""
     ...

@@ -134,7 +134,7 @@ def test_long_spins_lose_no_accuracy():
         (lambda: Slide(distance=-1), "slide: distance must be >= 0 and <= 10 m"),
         (lambda: Keyframes(times=(0, 0)), "keyframes: times must be"),
         (lambda: Keyframes(times=(0, 1), quaternions=((0, 0, 0, 0), (1, 0, 0, 0))), "keyframes.quaternions"),
-        (lambda: Sequence((Spin(rate=1), Hold())), "only its last motion may go on for ever"),
+        (lambda: Sequence((Spin(rate=1), Hold())), "only the last motion may be endless; 'spin' never ends"),
         (lambda: Sequence((Hold(),), repeat=True), "takes a time > 0 s and ends, got inf s"),
         (lambda: Sequence((Hold(seconds=0.0),), repeat=True), "takes a time > 0 s and ends, got 0.0 s"),
         (lambda: Sequence(()), "sequence: expected one or more motions"),

@@ -1,13 +1,13 @@
-"""How a body moves over time.
+"""Motions of bodies over time.
 
 A motion is a *displacement from the pose at which its body was placed*, a function of time alone: translations along
-the world's axes, rotations about the body's own origin. So one motion fits any body, and motions add up::
+the world's axes, rotations about the body's own origin. One motion therefore fits any body, and motions add up::
 
     ball = scene.add_body(Sphere(radius=0.01), position=(0, 0, 0.012), motion=Press(approach=0.002, depth=0.001))
 
 Velocities are exact, not differences (a press at 1 m/s reads 1 m/s on every step); where the speed jumps, the value
-is the one after the jump. Everything is float64. ``Sequence`` and ``Together`` combine motions; a function of
-time becomes one with ``FromFunction``. The classes double as the ``[body.motion]`` tables of a scene file.
+is the one after the jump. Everything is float64. ``Sequence`` and ``Together`` combine motions; ``FromFunction`` makes
+a motion of a function of time. The fields of the classes are also the keys of a scene file's ``[body.motion]`` tables.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from tactemu.geometry.motion.strokes import Hold, Press, Roll, Slide, Spin
 MOTIONS: dict[str, type[Motion]] = {
     m.kind: m for m in (Hold, Press, Slide, Roll, Spin, Keyframes, Joint, Sequence, Together)
 }
-"""What ``kind`` in a scene file may say."""
+"""The class of each ``kind`` in a scene file."""
 
 __all__ = [
     "MOTIONS", "FromFunction", "Hold", "Joint", "Keyframes", "Motion", "Placed", "Pose", "Press", "Roll", "Sequence",

@@ -1,4 +1,4 @@
-"""Motions made of motions: one after another, or at the same time."""
+"""Motions that combine others, one after another or at the same time."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from tactemu.base.errors import SceneError
 from tactemu.geometry.motion.pose import Motion, Pose
 
 
-def _check_motions(whole: Motion, parts: tuple[Motion, ...]) -> None:
+def _check_motions(combined: Motion, parts: tuple[Motion, ...]) -> None:
     if not isinstance(parts, tuple | list) or not parts or not all(isinstance(part, Motion) for part in parts):
-        raise SceneError(f"{whole.kind}: expected one or more motions, got {parts!r}")
+        raise SceneError(f"{combined.kind}: expected one or more motions, got {parts!r}")
 
 
 @dataclass(frozen=True)
 class Sequence(Motion):
-    """One motion after another, each starting where the one before it ended; ``repeat``: over again from the start."""
+    """Motions one after another, each starting where the one before it ended; ``repeat`` starts them over again."""
 
     kind = "sequence"
     motions: tuple[Motion, ...]
@@ -28,13 +28,13 @@ class Sequence(Motion):
         _check_motions(self, self.motions)
         endless = [m.kind for m in self.motions[:-1] if math.isinf(m.duration)]
         if endless:
-            raise SceneError(f"sequence: only its last motion may go on for ever: {endless[0]!r} never ends")
+            raise SceneError(f"sequence: only the last motion may be endless; {endless[0]!r} never ends")
         if self.repeat and not 0 < self.duration_once < math.inf:
-            raise SceneError(f"sequence: one that is repeated takes a time > 0 s and ends, got {self.duration_once} s")
+            raise SceneError(f"sequence: to repeat, it must last a finite time > 0 s, got {self.duration_once} s")
 
     @cached_property
     def _starts(self) -> list[tuple[float, Pose]]:
-        """Per motion: when it starts, and the displacement that the ones before it left."""
+        """The start time [s] of each motion, and the displacement that the motions before it left."""
         t, pose, found = 0.0, Pose(), []
         for motion in self.motions:
             found.append((t, pose))
@@ -46,7 +46,7 @@ class Sequence(Motion):
 
     @property
     def duration_once(self) -> float:
-        """One pass [s]."""
+        """The duration of one pass [s]."""
         return math.fsum(m.duration for m in self.motions)
 
     @property
@@ -63,7 +63,7 @@ class Sequence(Motion):
 
 @dataclass(frozen=True)
 class Together(Motion):
-    """Motions at the same time: translations add, rotations follow one another in the order given."""
+    """Motions at the same time: translations add up, rotations are applied in the order given."""
 
     kind = "together"
     motions: tuple[Motion, ...]

@@ -1,4 +1,4 @@
-"""A distance over time, and the checks that the plain motions share."""
+"""A distance over time, and the checks that the basic motions share."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from tactemu.geometry.motion.pose import Motion
 
 
 class DistanceProfile:
-    """A distance over time, straight between knots, repeated: exact value and slope."""
+    """A distance over time, linear between knots and repeated, with its exact value and slope."""
 
     def __init__(self, knots: list[tuple[float, float]], repeat: int | None, delay: float):
-        """``knots``: (time since the knot before [s], distance [m])."""
+        """Build the profile from ``knots``: pairs (time since the knot before [s], distance [m])."""
         self.times = [0.0]
         self.values = [knots[0][1]]
         for span, value in knots[1:]:
@@ -30,7 +30,7 @@ class DistanceProfile:
         self.duration = delay + self.period * self.repeat if self.period else delay
 
     def at(self, t_s: float) -> tuple[float, float]:
-        """Distance [m] and speed [m/s] at ``t_s``."""
+        """Return the distance [m] and the speed [m/s] at ``t_s``."""
         if t_s < self.delay:
             return self.values[0], 0.0
         if t_s >= self.duration:
@@ -42,41 +42,42 @@ class DistanceProfile:
 
 
 def travel_profile(distance: float, speed: float, repeat: int | None, delay: float) -> DistanceProfile:
-    """There once, or there and back ``repeat`` times (``None``: for ever)."""
+    """Return the profile of a travel that is made once, or there and back ``repeat`` times (``None``: for ever)."""
     there = [(0.0, 0.0), (distance / speed, distance)]
     return DistanceProfile(there if repeat == 1 else [*there, (distance / speed, 0.0)], repeat, delay)
 
 
 def unit_vector(vector) -> np.ndarray:
-    """Return the direction of a vector."""
+    """Return the unit vector along ``vector``."""
     v = np.asarray(vector, np.float64)
     return v / math.sqrt(float(v @ v))
 
 
 def check_direction(motion: Motion, name: str) -> None:
-    """Refuse a field that gives no direction."""
+    """Raise :class:`SceneError` if a field is no direction."""
     v = np.asarray(getattr(motion, name), float)
     if v.shape != (3,) or not np.all(np.isfinite(v)) or not np.any(np.abs(v) > 1e-6) or np.any(np.abs(v) > 1e6):
         raise SceneError(
-            f"{motion.kind}.{name}: expected three finite numbers, not all (nearly) zero, got {getattr(motion, name)}"
+            f"{motion.kind}.{name}: expected three finite numbers, not all of them near zero, "
+            f"got {getattr(motion, name)}"
         )
 
 
 def check_times(motion: Motion, *names: str) -> None:
-    """Refuse fields that are no time from 0 to :data:`MAX_TIME_S`; ``None`` passes."""
+    """Raise :class:`SceneError` if a field is no time from 0 to :data:`MAX_TIME_S`; ``None`` is accepted."""
     for name in names:
         if getattr(motion, name) is not None:
             number(motion.kind, name, getattr(motion, name), at_least=0, at_most=MAX_TIME_S, unit="s")
 
 
 def check_distances(motion: Motion, *names: str) -> None:
-    """Refuse fields that are no distance from 0 to :data:`MAX_TRAVEL_M`."""
+    """Raise :class:`SceneError` if a field is no distance from 0 to :data:`MAX_TRAVEL_M`."""
     for name in names:
         number(motion.kind, name, getattr(motion, name), at_least=0, at_most=MAX_TRAVEL_M, unit=LENGTH_UNIT)
 
 
 def check_speeds(motion: Motion, *names: str) -> None:
-    """Refuse fields that are no speed within :data:`SPEED_RANGE_M_S`; ``None`` passes."""
+    """Raise :class:`SceneError` if a field is no speed within :data:`SPEED_RANGE_M_S`; ``None`` is accepted."""
     for name in names:
         if getattr(motion, name) is not None:
             least, most = SPEED_RANGE_M_S
@@ -84,6 +85,6 @@ def check_speeds(motion: Motion, *names: str) -> None:
 
 
 def check_repeat(motion: Motion, name: str = "repeat") -> None:
-    """Refuse what is no count; ``None`` passes."""
+    """Raise :class:`SceneError` if a field is no count; ``None`` is accepted."""
     if getattr(motion, name) is not None:
         number(motion.kind, name, getattr(motion, name), at_least=0, at_most=1e9, integer=True)

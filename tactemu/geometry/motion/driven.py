@@ -1,4 +1,4 @@
-"""A body that follows a joint of a device: the finger that a hand's own motors move."""
+"""The motion of a body that follows a joint of a device, such as a finger that the hand's own motors move."""
 
 from __future__ import annotations
 
@@ -20,24 +20,25 @@ _HALF_STEP_S = 1e-4
 
 @dataclass(frozen=True, kw_only=True)
 class Joint(Motion):
-    """Follows a joint of the device on a skin: turned about an axis, or, with ``slide``, shifted along it.
+    """A motion that follows a joint of a skin's device: a turn about an axis, or with ``slide`` a shift along it.
 
-    The displacement is none where the joint reads ``zero``. It says where a body is once the scene is assembled with
+    There is no displacement where the joint reads ``zero``. The motion takes effect once the scene is assembled with
     its devices; velocities are central differences over 0.2 ms.
     """
 
     kind = "joint"
     skin: str
-    """Whose device moves it."""
+    """Name of the skin whose device moves the body."""
     joint: str
-    """Name of the joint, as the device's datasheet has it."""
+    """Name of the joint, as in the device's datasheet."""
     axis: Vector = (1.0, 0.0, 0.0)
-    """World direction."""
+    """The direction of the joint's axis in the world."""
     pivot: Vector = (0.0, 0.0, 0.0)
-    """A point of the axis, from the body's origin at the start [m]."""
+    """A point on the axis, relative to the body's origin at the start [m]."""
     slide: bool = False
+    """The joint shifts the body along the axis instead of turning it."""
     zero: float = 0.0
-    """[rad], or [m] of a joint that slides."""
+    """The joint position without displacement [rad], or [m] for a joint that slides."""
 
     def __post_init__(self):
         length = math.sqrt(sum(each * each for each in self.axis))
@@ -52,7 +53,7 @@ class Joint(Motion):
         return Pose()
 
     def driven_by(self, position: Callable[[float], float]) -> FromFunction:
-        """Return the motion, given where the joint is over time: ``position(t_s)`` [rad or m]."""
+        """Return the motion of the body for the joint's position over time, ``position(t_s)`` [rad or m]."""
         axis = np.asarray(self.axis, float) / np.linalg.norm(self.axis)
         pivot = np.asarray(self.pivot, float)
 

@@ -1,4 +1,4 @@
-"""Free motions: through key frames, and from a Python function."""
+"""Motions through keyframes, to a fixed pose, and from a Python function."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ from tactemu.geometry.motion.pose import Motion, Pose, Quaternion, Vector
 
 @dataclass(frozen=True, kw_only=True)
 class Keyframes(Motion):
-    """Through given displacements at given times: positions linearly, rotations by slerp the shorter way."""
+    """A motion through given displacements at given times: positions linearly, rotations by slerp the shorter way."""
 
     kind = "keyframes"
     times: tuple[float, ...]
-    """[s], ascending."""
+    """Times of the keyframes [s], ascending."""
     positions: tuple[Vector, ...] = ()
-    """Displacements [m], one per time; none: no translation."""
+    """Displacements [m], one per time; empty: no translation."""
     quaternions: tuple[Quaternion, ...] = ()
-    """Rotations, one per time; none: no rotation."""
+    """Rotations, one per time; empty: no rotation."""
     repeat: bool = False
     """Start over at the end."""
 
@@ -48,7 +48,7 @@ class Keyframes(Motion):
 
     @cached_property
     def _segments(self) -> list[tuple[float, Pose]]:
-        """Per interval: its start time, and the pose there with the velocities that hold until the next."""
+        """The start time [s] of each interval, and the pose there with the velocities that hold until the next."""
         times = np.asarray(self.times, float)
         positions = np.asarray(self.positions or [(0.0, 0.0, 0.0)] * len(times), float)
         try:
@@ -83,25 +83,25 @@ class Keyframes(Motion):
 
 @dataclass(frozen=True)
 class Placed(Motion):
-    """Stays where it was put."""
+    """A constant displacement, with the velocities that were given with it."""
 
     kind = "placed"
     at: Pose
 
     def pose(self, t_s: float) -> Pose:
-        """There, at every time; velocities as they were told."""
+        """Return the given displacement and velocities, whatever the time."""
         return self.at
 
 
 @dataclass(frozen=True, kw_only=True)
 class FromFunction(Motion):
     """A displacement computed by a Python function: ``function(t_s)`` returns a position [m], a pair (position,
-    quaternion), or a :class:`Pose`. Unless it is a Pose, velocities are central differences over ``2 * step``."""
+    quaternion), or a :class:`Pose`. If it is no Pose, velocities are central differences over ``2 * step``."""
 
     kind = "function"
     function: Callable[[float], object]
     step: float = 1e-5
-    """[s]."""
+    """Half the interval of the central differences [s]."""
 
     def pose(self, t_s: float) -> Pose:
         here = self._evaluate(t_s)

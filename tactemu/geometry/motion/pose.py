@@ -1,4 +1,4 @@
-"""A pose with its velocities, and what every motion is."""
+"""A pose with its velocities, and the base class of all motions."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ ZERO.flags.writeable = UNTURNED.flags.writeable = False  # shared by all poses
 
 
 class Pose(NamedTuple):
-    """Where a body is and how it moves. Float64 arrays, in the world frame."""
+    """The pose and the velocities of a body: float64 arrays, in the world frame."""
 
     position: np.ndarray = ZERO
-    """Of the body's origin [m], shape ``(3,)``."""
+    """Position of the body's origin [m], shape ``(3,)``."""
     quaternion: np.ndarray = UNTURNED
-    """Unit, w, x, y, z, shape ``(4,)``."""
+    """Orientation, a unit quaternion (w, x, y, z), shape ``(4,)``."""
     linear_velocity: np.ndarray = ZERO
-    """Of the body's origin [m/s], shape ``(3,)``."""
+    """Velocity of the body's origin [m/s], shape ``(3,)``."""
     angular_velocity: np.ndarray = ZERO
-    """[rad/s], shape ``(3,)``."""
+    """Angular velocity [rad/s], shape ``(3,)``."""
 
     def displaced(self, by: Pose) -> Pose:
-        """This pose after the displacement ``by``: shifted along the world's axes, turned about its own origin."""
+        """Return this pose shifted along the world's axes and turned about its own origin by ``by``."""
         turned = by.quaternion is not UNTURNED
         spin = self.angular_velocity
         if turned and spin is not ZERO:
@@ -48,16 +48,17 @@ class Motion(ABC):
     """A displacement over time. Subclasses are frozen dataclasses whose fields are the keys of a scene file."""
 
     kind: ClassVar[str]
-    """The word for it in a scene file."""
+    """The value of ``kind`` in a scene file."""
     __pydantic_config__: ClassVar[dict] = {"extra": "forbid"}
 
     @abstractmethod
     def pose(self, t_s: float) -> Pose:
-        """Return displacement and velocities at ``t_s`` [s] since the motion began; at rest before 0 and after the
-        end.
+        """Return displacement and velocities at ``t_s`` [s] since the motion began.
+
+        The body stands still before 0 and after the end.
         """
 
     @property
     def duration(self) -> float:
-        """[s]; infinite for a motion that does not end."""
+        """The duration [s]; infinite for a motion that does not end."""
         return math.inf

@@ -1,4 +1,4 @@
-"""The plain motions: hold, press, slide, roll, spin."""
+"""The basic motions: hold, press, slide, roll, spin."""
 
 from __future__ import annotations
 
@@ -24,16 +24,16 @@ from tactemu.geometry.motion.distance_profile import (
 from tactemu.geometry.motion.pose import UNTURNED, ZERO, Motion, Pose, Vector
 
 MAX_SPIN_RATE_RAD_S = 1e4
-"""Of a spin [rad/s]."""
+"""The highest rate of a spin."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Hold(Motion):
-    """Stay where you are."""
+    """A pause: the body stays where it is."""
 
     kind = "hold"
     seconds: float = math.inf
-    """How long [s]: a pause inside a sequence."""
+    """Duration [s], for a pause inside a sequence."""
 
     def __post_init__(self):
         if self.seconds != math.inf:
@@ -49,21 +49,21 @@ class Hold(Motion):
 
 @dataclass(frozen=True, kw_only=True)
 class Press(Motion):
-    """Approach, go in by ``depth``, dwell, come back, wait; again and again."""
+    """An approach, a press by ``depth``, a dwell, a return and a pause, ``repeat`` times."""
 
     kind = "press"
     depth: float
-    """How far beyond the end of the approach [m]."""
+    """Distance beyond the end of the approach [m]."""
     approach: float = 0.0
-    """Free way before first touch [m]."""
+    """Free travel before the first touch [m]."""
     speed: float = 0.01
-    """[m/s]."""
+    """Speed of the approach and the press [m/s]."""
     dwell: float = 0.5
     """Time at full depth [s]."""
     release: bool = True
-    """Come back; ``false`` leaves the body pressed in, for a slide that follows in a sequence."""
+    """Come back after the dwell; ``false`` leaves the body pressed in, for a slide that follows in a sequence."""
     release_speed: float | None = None
-    """[m/s]; default: ``speed``."""
+    """Speed of the return [m/s]; default: ``speed``."""
     pause: float = 0.0
     """Time back at the start before the next press [s]."""
     delay: float = 0.0
@@ -71,7 +71,7 @@ class Press(Motion):
     repeat: int | None = 1
     """Number of presses; ``0`` or ``None``: for ever."""
     direction: Vector = (0.0, 0.0, -1.0)
-    """In the world; its length does not matter."""
+    """Direction in the world; its length does not matter."""
 
     def __post_init__(self):
         check_distances(self, "approach")
@@ -101,17 +101,17 @@ class Press(Motion):
 
 @dataclass(frozen=True, kw_only=True)
 class Slide(Motion):
-    """Travel along a line without turning; with ``repeat`` other than 1, to and fro."""
+    """A travel along a line without turning; with ``repeat`` other than 1, there and back."""
 
     kind = "slide"
     distance: float
-    """[m]."""
+    """Distance to travel [m]."""
     speed: float = 0.02
-    """[m/s]."""
+    """Speed [m/s]."""
     direction: Vector = (1.0, 0.0, 0.0)
-    """In the world; its length does not matter."""
+    """Direction in the world; its length does not matter."""
     repeat: int | None = 1
-    """1: there, and stay; n > 1: n times there and back; ``0`` or ``None``: to and fro for ever."""
+    """1: travel once and stay; n > 1: n times there and back; ``0`` or ``None``: there and back for ever."""
     delay: float = 0.0
     """Time before the start [s]."""
 
@@ -138,21 +138,21 @@ class Slide(Motion):
 
 @dataclass(frozen=True, kw_only=True)
 class Roll(Motion):
-    """Roll without slipping over a flat surface: a slide, and the turn of a body of ``radius`` that goes with it."""
+    """A roll without slipping over a flat surface: a slide, with the rotation that a body of ``radius`` then has."""
 
     kind = "roll"
     distance: float
-    """[m]."""
+    """Distance to travel [m]."""
     radius: float
     """Distance of the surface from the body's centre [m]."""
     speed: float = 0.02
-    """[m/s]."""
+    """Speed of the body's centre [m/s]."""
     direction: Vector = (1.0, 0.0, 0.0)
-    """In the world; its length does not matter."""
+    """Direction in the world; its length does not matter."""
     normal: Vector = (0.0, 0.0, 1.0)
-    """Of the surface, towards the body, in the world."""
+    """Normal of the surface, towards the body, in the world."""
     repeat: int | None = 1
-    """As for a slide."""
+    """1: travel once and stay; n > 1: n times there and back; ``0`` or ``None``: there and back for ever."""
     delay: float = 0.0
     """Time before the start [s]."""
 
@@ -180,22 +180,25 @@ class Roll(Motion):
 
     @cached_property
     def _axes(self) -> tuple[np.ndarray, np.ndarray]:
-        """Travel, and rotation vector per metre: the touching point rests, v + w x (-radius normal) = 0."""
+        """The direction of travel, and the rotation vector per metre.
+
+        The touching point does not slip: v + w x (-radius normal) = 0.
+        """
         axis = unit_vector(self.direction)
         return axis, np.cross(unit_vector(self.normal), axis) / self.radius
 
 
 @dataclass(frozen=True, kw_only=True)
 class Spin(Motion):
-    """Turn about an axis through the body's origin at a constant rate."""
+    """A rotation about an axis through the body's origin at a constant rate."""
 
     kind = "spin"
     rate: float
-    """[rad/s]; the sign is the sense."""
+    """Angular rate [rad/s]; its sign is the sense of rotation."""
     axis: Vector = (0.0, 0.0, 1.0)
-    """In the world; its length does not matter."""
+    """Direction in the world; its length does not matter."""
     angle: float | None = None
-    """Where to stop [rad]; ``None``: never."""
+    """Angle at which the motion stops [rad]; ``None``: it never stops."""
     delay: float = 0.0
     """Time before the start [s]."""
 

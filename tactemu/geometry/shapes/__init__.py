@@ -1,1 +1,1 @@
-"""What a body is: distances, rays, meshes, voxels."""
+"""The shapes of bodies: distances, rays, meshes, voxels."""

@@ -1,6 +1,6 @@
-"""Which groups of an environment hold anything, in order: sums then visit those only, and come out the same each time.
+"""Lists of the groups that are not empty, in rising order, so that sums visit only those and are always the same.
 
-Entries are listed in groups of fixed size by parallel threads; a warp per environment then lists the groups.
+Parallel threads list entries in groups of fixed size; one warp per environment then lists the groups.
 """
 
 # pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
@@ -18,12 +18,12 @@ from tactemu.plan.plan import Context
 
 @dataclass(frozen=True, kw_only=True)
 class ActiveGroups:
-    """Groups that are not empty."""
+    """The groups that are not empty."""
 
     n_active: wp.array
-    """int32, shape ``(n_envs,)``."""
+    """Number of groups that are not empty, int32, shape ``(n_envs,)``."""
     active: wp.array
-    """Their indices, rising, int32, shape ``(n_envs, n_groups)``; valid up to ``n_active``."""
+    """Indices of these groups, rising, int32, shape ``(n_envs, n_groups)``; valid up to ``n_active``."""
 
 
 @functools.cache

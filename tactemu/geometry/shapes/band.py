@@ -4,10 +4,10 @@ Nodes of a regular grid near the surface hold the exact distance and its gradien
 
     d(p) = sum_c w_c (d_c + g_c . (p - x_c) / 2)
 
-over the eight corners ``c`` of a cell with the trilinear weights ``w_c``: exact for what is quadratic, as trilinear
-interpolation is for what is linear. Each cell is compared with the exact distance when the grid is built. Where the two
-differ by more than :data:`TOLERANCE_M` (beside edges, within the medial surface), where the surface is nearer than
-:data:`EXACT_WITHIN_M`, so that the sign is not in doubt, and beyond the band the exact distance is asked for.
+over the eight corners ``c`` of a cell with the trilinear weights ``w_c``: exact for quadratic functions, as trilinear
+interpolation is for linear ones. Each cell is compared with the exact distance when the grid is built. The exact
+distance is computed where the two differ by more than :data:`TOLERANCE_M` (beside edges, within the medial surface),
+where the surface is nearer than :data:`EXACT_WITHIN_M`, so that the sign is not in doubt, and beyond the band.
 """
 
 # pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
@@ -30,20 +30,22 @@ from tactemu.plan.plan import Context
 log = logging.getLogger(__name__)
 
 NODES_PER_LONGEST_SIDE = 96
-"""Along the longest side, unless a cell size is given."""
+"""Nodes along the longest side, if no cell size is given."""
 HALF_WIDTH_SHARE = 1 / 8
-"""Of the band to either side, in parts of the longest side."""
+"""Half the width of the band, as a share of the longest side."""
 TOLERANCE_M = 1.8e-6
-"""Of the cells that are interpolated: error where they are compared, and what it may grow by between these points."""
+"""Largest error of an interpolated cell where it is compared, plus the growth allowed for between these points."""
 SAMPLE_DISTANCE_CELLS = 0.1
-"""How far from the points where a cell is compared the error may be larger, in cells: it grows by as much per length as
-the gradients differ."""
+"""Distance between the compared points of a cell for which growth is allowed, in cells.
+
+The error grows per length by as much as the gradients differ.
+"""
 EXACT_WITHIN_M = 2e-6
-"""Nearer to the surface the exact distance says on which side a point is."""
+"""Distance from the surface below which the exact distance is computed, for the right sign."""
 MIN_GRADIENT_COSINE = 0.95
-"""Least cosine between the gradients at a cell's corners and their mean, where it is compared at all."""
+"""Smallest cosine between the gradients at a cell's corners and their mean; cells below it are not interpolated."""
 LOGGED_NODES = 200_000
-"""Nodes near the surface from which on the log says that a band is built."""
+"""Number of nodes above which the log reports that a band is built."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,15 +55,18 @@ class Band:
     nodes: np.ndarray
     """Distance [m] and gradient, shape ``(nx, ny, nz, 4)``; 1e18 m where the surface is far."""
     smooth: np.ndarray
-    """Is the cell that begins at a node interpolated? uint8, shape ``(nx, ny, nz)``."""
+    """1 where the cell that begins at a node is interpolated, uint8, shape ``(nx, ny, nz)``."""
     origin: np.ndarray
     cell: float
 
 
 @functools.cache
 def interpolation(real):
-    """The Warp function ``interpolated(shapes, start, n, i, j, k, f, cell) -> (distance, gradient)``: in the cell that
-    begins at node ``(i, j, k)`` of the band whose first node is ``start``, at ``f`` parts of a cell from there."""
+    """Return the Warp function ``interpolated(shapes, start, n, i, j, k, f, cell) -> (distance, gradient)``.
+
+    It interpolates in the cell that begins at node ``(i, j, k)`` of the band whose first node is ``start``, at ``f``
+    parts of a cell from there.
+    """
     vec3, vec4, shapes_type = wp.types.vector(3, real), wp.types.vector(4, real), table_type(real)
 
     @wp.func
@@ -94,7 +99,7 @@ def _unsearched(real):
 
 @functools.cache
 def _in_band(real, exact):
-    """The distance, with that of ``exact`` where nothing is interpolated."""
+    """Return the distance function of a band, which calls ``exact`` where nothing is interpolated."""
     vec3, shapes_type, interpolated = wp.types.vector(3, real), table_type(real), interpolation(real)
 
     @wp.func
@@ -199,14 +204,14 @@ def band_row(row: Row, pack, cell: float | None, name: str, context: Context) ->
     """Return the row of a closed mesh with a band beside it.
 
     Args:
-        row: of the mesh.
+        row: the row of the mesh.
         pack: makes a table of rows (:func:`tactemu.sensors.shape_table.pack`).
         cell: distance of nodes [m]; ``None``: the longest side / 96.
-        name: the body's, for messages.
-        context: of the scene.
+        name: the body's name, for messages.
+        context: the scene's context.
 
     Raises:
-        SceneError: the cell is not positive, or so small that the grid does not fit.
+        SceneError: the cell size is not positive, or so small that the grid has too many nodes.
     """
     real, device = context.real, context.device
     middle, half = np.asarray(row.middle), np.asarray(row.half)
@@ -219,10 +224,10 @@ def band_row(row: Row, pack, cell: float | None, name: str, context: Context) ->
     if np.prod(shape) > MAX_GRID_NODES // 4:
         raise SceneError(
             f"voxel_size {cell:g} m makes a band of {' x '.join(map(str, shape))} nodes for body {name!r}; "
-            f"the most is {MAX_GRID_NODES // 4}: take a larger cell, or contact_depth_query='sdf'"
+            f"at most {MAX_GRID_NODES // 4} are allowed: take a larger cell, or contact_depth_query='sdf'"
         )
     if np.prod(shape) > LOGGED_NODES:
-        log.info("body %r: a band of %s nodes is compared with its mesh", name, " x ".join(map(str, shape)))
+        log.info("body %r: comparing a band of %s nodes with its mesh", name, " x ".join(map(str, shape)))
     origin = middle - 0.5 * cell * (np.array(shape) - 1)
     nodes = wp.zeros(shape, dtype=wp.types.vector(4, real), device=device)
     inputs = [pack([row], context).struct, wp.types.vector(3, real)(*map(float, origin)), cell, reach]

@@ -16,7 +16,7 @@ from tactemu.geometry.shapes.shape import FAR, Length, Row, Shape, ShapeKind, ch
 
 @dataclass(frozen=True, kw_only=True)
 class Box(Shape):
-    """A cuboid around the origin, edges along the axes."""
+    """A cuboid around the origin, with edges along the axes."""
 
     size: Annotated[tuple[Length, Length, Length], "full extents along x, y, z [m]"]
 
@@ -24,7 +24,7 @@ class Box(Shape):
 
     def __post_init__(self):
         if len(self.size) != 3:
-            raise SceneError(f"Box: size is the full extent along x, y, z; got {self.size!r}")
+            raise SceneError(f"Box: size must be the three full extents along x, y, z [m], got {self.size!r}")
         check_lengths(self, **{f"size[{i}]": value for i, value in enumerate(self.size)})
 
     def row(self, name: str, device) -> Row:
@@ -36,7 +36,7 @@ class Box(Shape):
 
     def sample(self, name: str, count: int, rng: np.random.Generator) -> tuple[np.ndarray, float]:
         size = np.asarray(self.size, dtype=np.float64)
-        areas = np.prod(size) / size  # of one face across each axis
+        areas = np.prod(size) / size  # the area of one face across each axis
         axis = rng.choice(3, size=count, p=areas / areas.sum())
         points = (rng.random((count, 3)) - 0.5) * size
         points[np.arange(count), axis] = 0.5 * size[axis] * rng.choice([-1.0, 1.0], size=count)

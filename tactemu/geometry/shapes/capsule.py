@@ -16,7 +16,7 @@ from tactemu.geometry.shapes.surface import directions, on_side
 
 @dataclass(frozen=True, kw_only=True)
 class Capsule(Shape):
-    """A cylinder with round ends, along z around the origin; the whole is ``length + 2 * radius`` long."""
+    """A cylinder with round ends, along z around the origin; its total length is ``length + 2 * radius``."""
 
     radius: Annotated[Length, "[m]"]
     length: Annotated[Length, "of the straight part, along z [m]"]

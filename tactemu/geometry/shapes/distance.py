@@ -1,9 +1,9 @@
-"""Distance from a point to any of the shapes that a scene holds.
+"""The distance from a point to any of the shapes in a scene.
 
 :func:`shape_functions` builds the Warp functions for one float type and for the kinds of shape in the scene, so that a
 kernel for a ball contains nothing about meshes. Distances are negative inside. A normal is the gradient of the
 distance, a unit vector out of the shape, and *zero* where there is none (the centre of a ball, the axis of a capsule):
-whoever uses it falls back to the taxel's own normal.
+callers then use the taxel's own normal.
 """
 
 # pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
@@ -26,9 +26,11 @@ class ShapeFunctions(NamedTuple):
     """``distance_in_link(shapes, b, pose, r) -> (signed distance, normal)``: the same for a point ``r`` in a link's
     frame, where ``pose`` is the body's pose in that frame; the normal is in the link's frame."""
     reaches: Any
-    """``reaches(shapes, b, pose, r, margin) -> bool``: may the shape be nearer to ``r`` than ``margin``? Cheap, by a
-    ball around the shape and a bound of its own if it has one; true for what it cannot decide and for poses not
-    finite."""
+    """``reaches(shapes, b, pose, r, margin) -> bool``: true if the shape may be nearer to ``r`` than ``margin``.
+
+    The test is cheap: it uses a ball around the shape, and the shape's own lower bound if it has one. It is also true
+    where it cannot decide and for poses that are not finite.
+    """
 
 
 @functools.cache

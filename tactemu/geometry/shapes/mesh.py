@@ -1,4 +1,4 @@
-"""A triangle mesh: read and judged by :mod:`triangles`, searched by :mod:`mesh_query`."""
+"""A triangle mesh: :mod:`triangles` reads and checks it, :mod:`mesh_query` finds distances to it."""
 
 # pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
 # pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false, reportAttributeAccessIssue=false
@@ -20,9 +20,9 @@ from tactemu.geometry.shapes.triangles import Triangles, extent_of_file, load_me
 from tactemu.geometry.shapes.voxel_grid import VoxelGrid
 
 MAX_CROSSINGS = 16
-"""Surfaces behind the skin that a line may cross."""
+"""Most surfaces behind the skin that a line is followed through."""
 MAX_DRAWN_TRIANGLES = 20_000
-"""Triangles of a mesh that viewers get; of a larger one they get the box around it."""
+"""Most triangles of a mesh that viewers receive; of a larger mesh they receive the box around it."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -30,10 +30,11 @@ class Mesh(Shape):
     """A triangle mesh: a file that trimesh reads, a ``trimesh.Trimesh``, or ``(vertices, faces)`` arrays.
 
     Raises:
-        MeshError: when the scene is built; the message says what is wrong with which mesh.
+        MeshError: when the scene is built; the message names the mesh and its defect.
     """
 
     source: str | Path | Any
+    """The file, the ``trimesh.Trimesh`` or the pair of arrays."""
     scale: float | Sequence[float] = 1.0
     """Factor from the file's unit to metres (0.001 for millimetres), one number or one per axis."""
 
@@ -139,4 +140,4 @@ def _ray(real):
 
 MESH = ShapeKind("mesh", functools.partial(_distance, True), _ray, _lower_bound, is_searched=True)
 OPEN_MESH = ShapeKind("open mesh", functools.partial(_distance, False), _ray, is_searched=True)
-"""With holes, or with faces within its solid."""
+"""The kind of a mesh with holes, or with faces within its solid."""

@@ -1,15 +1,15 @@
 """The exact distance to a triangle mesh.
 
-A bounding volume hierarchy (Warp's, which is float32) finds the nearest face. The nearest point on it, and with that
-distance and normal, are computed in the scene's own float type. Both look from the middle of the mesh, so that it does
-not matter how far that is from the body's origin; the hierarchy holds it scaled to unit size, so that nanometres and
-kilometres are the same to it.
+A bounding volume hierarchy (Warp's, which is float32) finds the nearest face. The nearest point on it, and from it
+distance and normal, are computed in the scene's own float type. Both use coordinates relative to the middle of the
+mesh, so that its distance from the body's origin does not matter; the hierarchy holds the mesh scaled to unit size, so
+that neither does its scale.
 
-Beside each mesh lies a coarse grid of distances: as the distance changes by no more than one moves, the nearest node
-bounds the search (a query costs a fifth near the surface), rules out what is far away, and gives the sign wherever it
-is not in doubt. Where it is, the sign is that of the normal of the feature on which the nearest point lies: face, edge
+Each mesh has a coarse grid of distances. As the distance changes by no more than the point moves, the nearest node
+bounds the search (a query near the surface then costs a fifth), excludes far points, and gives the sign wherever that
+is not in doubt. Elsewhere the sign follows from the normal of the feature on which the nearest point lies: face, edge
 or vertex (:mod:`~tactemu.geometry.shapes.mesh_features`). For a surface with holes, or with faces within its solid, it
-is that of the winding number.
+follows from the winding number.
 """
 
 # pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
@@ -24,6 +24,7 @@ import numpy as np
 import warp as wp
 
 from tactemu.geometry.shapes.mesh_features import Features, features_of
+from tactemu.geometry.shapes.nearest_feature import feature_functions, normal_function
 from tactemu.geometry.shapes.shape import table_type
 from tactemu.geometry.shapes.triangles import Triangles
 
@@ -32,13 +33,11 @@ log = logging.getLogger(__name__)
 NODES_PER_LONGEST_SIDE = 32
 """Nodes of the bounding grid along the longest side."""
 MAX_SAMPLED_FACES = 20_000
-"""Faces of a closed mesh that are asked whether they lie within its solid."""
+"""Most faces of a closed mesh that are first tested for lying within its solid."""
 SAMPLE_WEIGHTS = ((0.33, 0.33), (0.98, 0.01), (0.01, 0.98), (0.01, 0.01), (0.49, 0.02), (0.02, 0.49), (0.49, 0.49))
-"""Places on each of them, by the weights of two corners: its middle, and near its corners and sides."""
+"""Points tested on each face, as the weights of two corners: its middle, and points near its corners and sides."""
 SAMPLE_OFFSET = 1.0e-5
-"""How far from a face that is asked, in units of the mesh."""
-MAX_NEIGHBOUR_STEPS = 24
-"""Faces around a vertex that are compared with the one that was found."""
+"""Distance of the tested points from their face, in units of the mesh."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +48,7 @@ class MeshQuery:
     unit: float
     """Metres that one stored unit stands for."""
     wound: bool
-    """Does the winding number give the sign?"""
+    """True if the winding number gives the sign."""
     features: Features
     middle: np.ndarray
     """Centre of the box around it, body frame [m]."""
@@ -58,12 +57,12 @@ class MeshQuery:
     values: np.ndarray
     """Signed distances at the nodes of the bounding grid [m], shape ``(nx, ny, nz)``."""
     origin: np.ndarray
-    """Of the grid, from the middle [m]."""
+    """Position of the grid's first node, relative to the middle [m]."""
     cell: float
 
 
 def build_query(triangles: Triangles, device) -> MeshQuery:
-    """Build the hierarchy, the features and the bounding grid of a mesh."""
+    """Return a mesh on the device with its hierarchy, features and bounding grid."""
     used = triangles.vertices[np.unique(triangles.faces)]
     low, high = used.min(0), used.max(0)
     middle, half = 0.5 * (low + high), 0.5 * (high - low)
@@ -90,11 +89,11 @@ def _hierarchy(points: wp.array, triangles: Triangles, device) -> wp.Mesh:
 
 
 def _faster_hierarchy(mesh: wp.Mesh) -> wp.Mesh:
-    """On a GPU the hierarchy of cuBQL, which is a fifth to a quarter faster to search; it has no winding numbers."""
+    """Return the mesh with cuBQL's hierarchy on a GPU: a fifth to a quarter faster, but without winding numbers."""
     if mesh.points.device is not None and mesh.points.device.is_cuda:
         try:
             return wp.Mesh(points=mesh.points, indices=mesh.indices, bvh_constructor="cubql")
-        except (RuntimeError, ValueError) as error:  # a Warp that was built without it
+        except (RuntimeError, ValueError) as error:  # this Warp was built without cuBQL
             log.debug("no cuBQL hierarchy: %s", error)
     return mesh
 
@@ -103,7 +102,7 @@ def _faster_hierarchy(mesh: wp.Mesh) -> wp.Mesh:
 def _within_kernel():
     @wp.kernel(module="unique", enable_backward=False)
     def count_within(mesh: wp.uint64, every: int, places: wp.array(dtype=wp.vec2), out: wp.array(dtype=wp.int32)):
-        """Count the places on a face that have solid on their outer side."""
+        """Count the tested points of each face that have solid on their outer side."""
         i, k = wp.tid()
         face = i * every
         beside = wp.mesh_eval_face_normal(mesh, face) * wp.static(SAMPLE_OFFSET)
@@ -118,8 +117,8 @@ def _within_kernel():
 def _without_interior_faces(triangles: Triangles, mesh: wp.Mesh, device) -> Triangles:
     """Return a closed mesh without the faces that lie within its solid, or the same one if there are none.
 
-    There are some where shells intersect, or nest with the same sense, and where one shell goes through itself. A face
-    that is partly within stays, and with it a depth that is too small near by: said once.
+    Such faces exist where shells intersect or nest with the same sense, and where one shell passes through itself. A
+    face that is partly within stays, so that the depth behind it is too small; a warning reports this once.
     """
 
     places = wp.array(SAMPLE_WEIGHTS, dtype=wp.vec2, device=device)
@@ -138,135 +137,22 @@ def _without_interior_faces(triangles: Triangles, mesh: wp.Mesh, device) -> Tria
         found = within(1)
     buried = found == len(SAMPLE_WEIGHTS)
     shells = triangles.shells()
-    what = f"{shells} closed shells that intersect or nest" if shells > 1 else "a shell that goes through itself"
+    what = f"{shells} closed shells that intersect or nest" if shells > 1 else "a shell that passes through itself"
     log.warning(
-        "%s has %s: the side is that of the winding number; %d of %d faces lie within the solid and are left out, %d "
-        "are there in part, and depth behind these is too small; give each shell as a body of its own, or unite them "
-        "(trimesh.boolean.union)", triangles.name, what, buried.sum(), len(found), ((found > 0) & ~buried).sum(),
+        "%s has %s: the winding number decides between inside and outside; %d of %d faces lie within the solid and are "
+        "left out, %d lie in it in part, and depth behind these is too small; give each shell as a body of its own, or "
+        "unite them (trimesh.boolean.union)",
+        triangles.name, what, buried.sum(), len(found), ((found > 0) & ~buried).sum(),
     )  # fmt: skip
     return replace(triangles, faces=triangles.faces[~buried])
 
 
 @functools.cache
-def _feature_functions(real):
-    """``foot(points, side_normals, mesh, first, face, p) -> (gap, feature)``: from one face; and ``nearest(points,
-    side_normals, beside, mesh, first, found, p) -> (face, gap, feature)``: from that, or a face around it.
-
-    ``gap`` goes from the nearest point of the face to ``p``, which is relative to the middle of the mesh. Of the
-    features 0 is the face's inside, 1 to 3 its sides, 4 to 6 its corners.
-    """
-    vec3 = wp.types.vector(3, real)
-
-    @wp.func
-    def foot(
-        points: wp.array(dtype=vec3),
-        side_normals: wp.array2d(dtype=vec3),
-        mesh: wp.uint64,
-        first: wp.vec2i,
-        face: int,
-        p: vec3,
-    ):
-        n = side_normals[first[1] + face, 0]
-        a = points[first[0] + wp.mesh_get_index(mesh, 3 * face)]
-        b = points[first[0] + wp.mesh_get_index(mesh, 3 * face + 1)]
-        c = points[first[0] + wp.mesh_get_index(mesh, 3 * face + 2)]
-        gap = wp.dot(p - a, n) * n
-        feature = int(0)
-        least = real(wp.inf)
-        for k in range(3):
-            start = a
-            way = b - a
-            if k == 1:
-                start = b
-                way = c - b
-            elif k == 2:
-                start = c
-                way = a - c
-            from_start = p - start
-            if wp.dot(wp.cross(n, way), from_start) < real(0.0):  # beyond this side
-                along = wp.dot(from_start, way)
-                whole = wp.dot(way, way)
-                here = from_start
-                which = 4 + k
-                if along >= whole:
-                    here = from_start - way
-                    which = 4 + (k + 1) % 3
-                elif along > real(0.0):
-                    here = from_start - (along / whole) * way
-                    which = 1 + k
-                if wp.dot(here, here) < least:
-                    least = wp.dot(here, here)
-                    gap = here
-                    feature = which
-        return gap, feature
-
-    @wp.func
-    def nearest(
-        points: wp.array(dtype=vec3),
-        side_normals: wp.array2d(dtype=vec3),
-        beside: wp.array(dtype=wp.vec3i),
-        mesh: wp.uint64,
-        first: wp.vec2i,
-        found: int,
-        p: vec3,
-    ):
-        face = int(found)
-        gap, feature = foot(points, side_normals, mesh, first, face, p)
-        least = wp.dot(gap, gap)
-        at = int(face)
-        where = int(feature)
-        turns = int(0)
-        # the hierarchy's float32 may have taken one face for its neighbour, over the side or around the corner: of two
-        # faces the one is nearer on which the foot is less of a corner, whatever rounding makes of the lengths
-        while where > 0 and turns < wp.static(MAX_NEIGHBOUR_STEPS):
-            turns += 1
-            at = beside[first[1] + at][(where - 1) % 3]
-            if at < 0 or at == face:
-                where = 0
-            else:
-                other, its = foot(points, side_normals, mesh, first, at, p)
-                if wp.dot(other, other) < least or (its + 2) / 3 < (where + 2) / 3:
-                    least = wp.dot(other, other)
-                    face = at
-                    gap = other
-                    feature = its
-                    where = its
-                elif where > 3 and its > 3:
-                    where = its
-                else:
-                    where = 0
-        return face, gap, feature
-
-    return foot, nearest
-
-
-@functools.cache
-def _side_function(real):
-    """``normal_of(point_normals, side_normals, mesh, first, face, feature)``: of face, edge or vertex."""
-    vec3 = wp.types.vector(3, real)
-
-    @wp.func
-    def normal_of(
-        point_normals: wp.array(dtype=vec3),
-        side_normals: wp.array2d(dtype=vec3),
-        mesh: wp.uint64,
-        first: wp.vec2i,
-        face: int,
-        feature: int,
-    ):
-        if feature < 4:
-            return side_normals[first[1] + face, feature]
-        return point_normals[first[0] + wp.mesh_get_index(mesh, 3 * face + feature - 4)]
-
-    return normal_of
-
-
-@functools.cache
 def _node_kernel(wound: bool):
-    """Distances along one row of nodes per thread: each bounds the search for the next."""
+    """Return a kernel in which a thread computes the distances of a row of nodes: each bounds the next search."""
     real, vec3 = wp.float64, wp.vec3d
-    _foot, nearest = _feature_functions(real)
-    normal_of = _side_function(real)
+    _foot, nearest = feature_functions(real)
+    normal_of = normal_function(real)
 
     @wp.kernel(module="unique", enable_backward=False)
     def node_distances(
@@ -321,21 +207,21 @@ class MeshFunctions(NamedTuple):
     """Warp functions for a point ``p`` in the body's frame."""
 
     distance: Any
-    """``distance(shapes, b, p) -> (signed distance, normal)``"""
+    """The distance: ``distance(shapes, b, p) -> (signed distance, normal)``."""
     nearest_node: Any
     """``nearest_node(shapes, b, p) -> (value, away)``: the signed distance at the nearest node of the coarse grid [m],
-    and how far the distance at ``p`` may differ from it."""
+    and the most by which the distance at ``p`` may differ from it."""
     lower_bound: Any
-    """``lower_bound(shapes, b, p)``: never more than the distance of a closed mesh, for one look into the grid."""
+    """``lower_bound(shapes, b, p)``: never above the distance of a closed mesh, for one node of the grid."""
 
 
 @functools.cache
 def mesh_functions(real, closed: bool) -> MeshFunctions:
-    """Return the functions for one float type, for meshes with one solid side everywhere or not."""
+    """Return the functions for one float type; ``closed``: for meshes that are closed and have no faces inside."""
     vec3, shapes_type = wp.types.vector(3, real), table_type(real)
-    _foot, nearest = _feature_functions(real)
-    normal_of = _side_function(real)
-    least = 1.0e-15 if real is wp.float64 else 2.5e-7  # of the unit: a gap in which there is no direction
+    _foot, nearest = feature_functions(real)
+    normal_of = normal_function(real)
+    least = 1.0e-15 if real is wp.float64 else 2.5e-7  # in units of the mesh: a gap too short to have a direction
 
     @wp.func
     def nearest_node(shapes: shapes_type, b: int, p: vec3):
@@ -373,7 +259,7 @@ def mesh_functions(real, closed: bool) -> MeshFunctions:
             wound = wp.mesh_query_point_sign_winding_number(mesh, q, farthest)
             sign = real(wound.sign)
             found = wp.where(wound.result, wound.face, -1)
-        if found < 0:  # not a number
+        if found < 0:  # the point is not finite
             return real(wp.nan), vec3(real(0.0))
         first = shapes.mesh_first[b]
         face, gap, feature = nearest(

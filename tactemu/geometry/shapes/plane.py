@@ -22,7 +22,7 @@ class Plane(Shape):
         return Row(PLANE, bound=FAR)
 
     def reach(self, name: str, direction: np.ndarray) -> float:
-        """Its surface goes through the origin; it is taken to be pressed face on."""
+        """Return 0: the surface passes through the origin, and a plane is assumed to press face on."""
         return 0.0
 
     @classmethod

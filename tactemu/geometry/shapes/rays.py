@@ -1,7 +1,7 @@
-"""Along the taxel's normal instead of to the nearest surface: where a line enters a shape and where it leaves it.
+"""The points at which a line, such as a taxel's normal, enters a shape and leaves it.
 
 The distance to the nearest surface stops growing half-way through a thin object and falls again; the distance along
-the normal goes on growing. For the line ``o + s d`` (``|d| = 1``) each function gives the first and the last ``s`` in
+the normal keeps growing. For the line ``o + s d`` (``|d| = 1``) each function returns the first and the last ``s`` in
 the solid; without a hit the first is +1e18 and the last -1e18. Convex shapes are exact.
 """
 
@@ -14,20 +14,20 @@ from typing import Any, NamedTuple
 from tactemu.geometry.shapes.shape import FAR, kind_codes, table_type
 
 PARALLEL_SINE = 1.0e-12
-"""Sine of an angle below which a line runs along a face."""
+"""Sine of the angle below which a line counts as parallel to a face."""
 MAX_TRACE_STEPS = 1024
-"""Of a line that is followed by the distance alone."""
+"""The most steps along a line that is traced by the distance alone."""
 
 
 class LinePieces(NamedTuple):
-    """What the primitives are made of; each returns ``(first, last)``."""
+    """The Warp functions that the primitives' rays are made of; each returns ``(first, last)``."""
 
     ball: Any
-    """``ball(o, d, centre, radius)``"""
+    """A ball: ``ball(o, d, centre, radius)``."""
     slab: Any
-    """``slab(o, d, half)``: between two planes, for one coordinate."""
+    """The space between two planes, for one coordinate: ``slab(o, d, half)``."""
     tube: Any
-    """``tube(o, d, radius, half)``: a cylinder along z."""
+    """A cylinder along z: ``tube(o, d, radius, half)``."""
 
 
 @functools.cache
@@ -46,7 +46,7 @@ def line_pieces(real) -> LinePieces:
         first = real(FAR)
         last = real(-FAR)
         if across <= radius:
-            # How far the ball has dropped from its pole: of a large one the difference of roots is rounding.
+            # The drop from the ball's pole, since for a large ball the difference of the roots would be rounding.
             drop = across * across / (radius + wp.sqrt((radius - across) * (radius + across)))
             first = (-b - radius) + drop
             last = (-b + radius) - drop
@@ -95,8 +95,11 @@ def line_pieces(real) -> LinePieces:
 
 @functools.cache
 def bound_function(real):
-    """``f(shapes, b, o, d, start) -> start``: from where to look along a line, no farther back than the ball around the
-    shape; 1e18 if the line misses that ball."""
+    """Return the Warp function ``f(shapes, b, o, d, start) -> start``, which shortens the search along a line.
+
+    The search then begins no farther back than the ball around the shape. The result is 1e18 if the line misses the
+    ball.
+    """
     import warp as wp
 
     vec3, shapes_type = wp.types.vector(3, real), table_type(real)
@@ -112,9 +115,9 @@ def bound_function(real):
 
 
 def traced_ray(real, distance, near=None):
-    """The ray of a shape that is known by its distance alone: the line is followed in steps of the distance.
+    """Return the ray function of a shape that is known by its distance alone: it steps along a line by the distance.
 
-    What is solid from ``-start`` to the skin is entered at ``-start``; ``last`` is 1e18 for every hit.
+    A shape that is solid from ``-start`` to the skin is entered at ``-start``; ``last`` is 1e18 for every hit.
 
     Args:
         real: the float type.
@@ -162,11 +165,12 @@ def traced_ray(real, distance, near=None):
 
 @functools.cache
 def ray_function(real, kinds: frozenset):
-    """``enters(shapes, b, pose, r, m, reach, margin) -> s``: where the line ``r + s m`` (link frame) enters body ``b``.
+    """Return the Warp function ``enters(shapes, b, pose, r, m, reach, margin) -> s``.
 
-    Looks from ``reach`` behind ``r`` on. What comes from behind that and ends before the skin touches the skin's back,
-    not its front, and is not seen; what is solid all the way enters at ``-reach``. 1e18 if the line misses the body,
-    or (grids) enters it farther out than ``margin``.
+    ``s`` is where the line ``r + s m`` (link frame) enters body ``b``, searched from ``reach`` behind ``r`` on. A body
+    that begins farther back and ends before the skin touches the skin's back, not its front, and is ignored; a body
+    that is solid all the way is entered at ``-reach``. The result is 1e18 if the line misses the body, or (grids)
+    enters it farther out than ``margin``.
     """
     import warp as wp
 
@@ -234,7 +238,7 @@ def _thickness_kernel(real, kinds: frozenset):
         i = wp.tid()
         here = wp.transformation(vec3(real(0.0)), quat(real(0.0), real(0.0), real(0.0), real(1.0)))
         s = enters(shapes, b, here, positions[i], normals[i], real(FAR), real(FAR))
-        if s >= real(0.0):  # the point is not on the body: nothing is behind it
+        if s >= real(0.0):  # the point is not on the body, so nothing is behind it
             s = real(-FAR)
         reach_out[i] = -s
 
@@ -242,16 +246,16 @@ def _thickness_kernel(real, kinds: frozenset):
 
 
 def thickness_behind(table, b: int, positions, normals, context):
-    """How far body ``b`` of a table goes on behind points on its surface, against their normals [m], shape ``(n,)``.
+    """Return the thickness of body ``b`` behind points on its surface, against their normals [m], shape ``(n,)``.
 
-    Where a point is not on the body, or the body has no end, it is 1e18. Positions and normals are in its frame.
+    It is 1e18 where a point is not on the body, or the body has no end. Positions and normals are in the body's frame.
 
     Args:
         table: a :class:`~tactemu.sensors.shape_table.ShapeTable`.
-        b: row of the body.
+        b: the body's row.
         positions: ``wp.array`` of vectors [m], shape ``(n,)``.
-        normals: unit vectors, likewise.
-        context: of the scene.
+        normals: ``wp.array`` of unit vectors, shape ``(n,)``.
+        context: the scene's context.
     """
     import warp as wp
 

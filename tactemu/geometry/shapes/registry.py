@@ -1,4 +1,4 @@
-"""Shapes by name: one line each. All else about a shape stands in its own file.
+"""The shapes by name, one line each. A shape's own file has everything else.
 
 >>> from tactemu.geometry.shapes.registry import shape_class
 >>> shape_class("sphere")(radius=0.01).reach("ball", (0, 0, 1))
@@ -23,7 +23,7 @@ SHAPES: dict[str, str] = {
     "mesh": "tactemu.geometry.shapes.mesh:Mesh",
     "voxel_grid": "tactemu.geometry.shapes.voxel_grid:VoxelGrid",
 }
-"""Scene files, their JSON schema, the names in :mod:`tactemu`, MuJoCo's geoms and the pages follow it."""
+"""The class of each shape. Scene files, the JSON schema, :mod:`tactemu`, MuJoCo's geoms and the docs derive from it."""
 
 
 def shape_class(name: str) -> type[Shape]:

@@ -28,54 +28,55 @@ from annotated_types import Gt
 from tactemu.base.errors import SceneError
 
 FAR = 1.0e18
-"""Stands for 'no surface anywhere' [m]; its square still fits float32."""
+"""The distance that means 'no surface anywhere' [m]; its square still fits float32."""
 
 Length = Annotated[float, Gt(0)]
-"""A length > 0 [m]. Of ``radius: Annotated[Length, "of the ring [m]"]`` the text is the key's description."""
+"""A length > 0 [m]. In ``radius: Annotated[Length, "of the ring [m]"]`` the text is the key's description."""
 
 
 @dataclass(frozen=True)
 class ShapeKind:
-    """What kernels know of a row. Each function is built for a float type: ``distance(wp.float32)``.
+    """The Warp functions and properties of one kind of shape. Builders take a float type: ``distance(wp.float32)``.
 
     ``shapes`` is the scene's table (:func:`table_type`), ``b`` a row of it, points are in the frame of the body.
     """
 
     name: str
+    """Name of the kind; the kinds of a table are numbered in the order of their names."""
     distance: Callable[[Any], Any]
-    """Builds ``f(shapes, b, p) -> (signed distance, normal)``: negative inside; the normal is the gradient of the
+    """A builder of ``f(shapes, b, p) -> (signed distance, normal)``, negative inside. The normal is the gradient of the
     distance, a unit vector out of the shape, or zero where there is none."""
     ray: Callable[[Any], Any]
-    """Builds ``f(shapes, b, o, d, start, end) -> (first, last)``: where the line ``o + s d`` (``|d| = 1``) is in the
-    solid, looked at from ``s = -start`` to ``end``; without a hit +1e18 and -1e18."""
+    """A builder of ``f(shapes, b, o, d, start, end) -> (first, last)``: the first and last ``s`` at which the line
+    ``o + s d`` (``|d| = 1``) is in the solid, searched from ``-start`` to ``end``; without a hit +1e18 and -1e18."""
     lower_bound: Callable[[Any], Any] | None = None
-    """Builds ``f(shapes, b, p)``: never more than the distance, and much cheaper."""
+    """A builder of ``f(shapes, b, p)``, a bound that is never above the distance and much cheaper."""
     is_oriented: bool = True
-    """Does it matter how the body is turned?"""
+    """True if distances depend on the body's orientation."""
     is_searched: bool = False
-    """Is it searched, so that threads side by side part ways?"""
+    """True if the distance needs a search, so that the threads of a warp diverge."""
     without_search: Callable[[Any], Any] | None = None
-    """Of what is searched: builds its distance where that is known without a search, and -1e18 where it is not."""
+    """A builder for searched kinds: the distance where it is known without a search, and -1e18 where it is not."""
     is_voxelised: bool = True
-    """Does the voxel query replace it by a grid of distances?"""
+    """True if the voxel query replaces it by a grid of distances."""
     max_slope: float = 1.0
-    """By how much its distance may change per metre; interpolated distances go beyond 1."""
+    """Largest change of the distance per metre; that of interpolated distances can exceed 1."""
 
 
 @dataclass
 class Row:
-    """One body's shape as the kernels see it."""
+    """One body's shape in the form that kernels read."""
 
     kind: ShapeKind | None = None
-    """``None``: a body without geometry."""
+    """The kind of shape; ``None``: a body without geometry."""
     size: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Three numbers for the kind's functions."""
     bound: float = 0.0
-    """Radius of a ball around the origin that holds the shape [m]."""
+    """Radius of a ball around the origin that contains the shape [m]."""
     middle: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Centre of the box around the shape, body frame [m]."""
     half: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """Half its extents [m]."""
+    """Half the extents of that box [m]."""
     mesh: Any = None
     """A ``wp.Mesh`` on the device, about its middle and scaled to unit size."""
     mesh_unit: float = 1.0
@@ -93,11 +94,11 @@ class Shape(ABC):
     """A rigid solid in the frame of its body."""
 
     mujoco_geom: ClassVar[str | None] = None
-    """MuJoCo's word for it, if it has one."""
+    """MuJoCo's name for the shape, if it has one."""
 
     @abstractmethod
     def row(self, name: str, device) -> Row:
-        """Its row in the table on a Warp ``device``; ``name`` is the body's, for messages.
+        """Return the shape's row in the table on a Warp ``device``; messages name the body ``name``.
 
         Raises:
             MeshError: a mesh cannot be used.
@@ -105,27 +106,28 @@ class Shape(ABC):
 
     @abstractmethod
     def reach(self, name: str, direction: np.ndarray) -> float:
-        """How far it goes from its origin along a unit vector of its frame [m] (its support function)."""
+        """Return the extent from the origin along a unit vector of the body's frame [m] (the support function)."""
 
     def sample(self, name: str, count: int, rng: np.random.Generator) -> tuple[np.ndarray, float]:
-        """``count`` random points on its surface, even by area, ``(count, 3)`` [m], and the area [m^2].
+        """Return ``count`` random points on the surface, uniform by area, ``(count, 3)`` [m], and the area [m^2].
 
         Raises:
-            SceneError: it has no surface of its own, or none that can be sampled.
+            SceneError: the shape has no surface, or none that can be sampled.
         """
         kind = type(self).__name__
         raise SceneError(f"body {name!r}: a {kind} has no surface to sample points on; give them (points=...)")
 
     def outline(self, name: str) -> dict[str, Any]:
-        """What a viewer needs to draw it, as plain data: the options, or ``vertices`` and ``faces``."""
+        """Return plain data by which a viewer draws the shape: its options, or ``vertices`` and ``faces``."""
         return {key: np.asarray(value).tolist() for key, value in dataclasses.asdict(self).items()}
 
     @classmethod
     def from_file(cls, folder: Path, **keys) -> Self:
-        """From the keys of a ``[[body]]`` table; an override's keyword arguments are its keys.
+        """Make the shape from the keys of a ``[[body]]`` table. The keyword arguments of an override are the keys.
 
         Args:
-            folder: what paths are relative to.
+            folder: the folder that paths are relative to.
+            keys: the values of the keys.
 
         Raises:
             SceneError: a value is wrong, or a file cannot be read.
@@ -134,15 +136,15 @@ class Shape(ABC):
 
     @classmethod
     def from_mujoco(cls, size: list[float]) -> Self:
-        """From the three numbers that MuJoCo keeps of a geom (half extents or radii) [m]."""
+        """Make the shape from the three sizes of a MuJoCo geom (half extents or radii) [m]."""
         raise NotImplementedError
 
 
 def check_lengths(shape: Shape, **lengths: float) -> None:
-    """Refuse lengths that are not finite and > 0 m.
+    """Check that lengths are finite and > 0 m.
 
     Raises:
-        SceneError: one is not.
+        SceneError: a length is not.
     """
     for name, value in lengths.items():
         if not (math.isfinite(value) and value > 0):
@@ -150,8 +152,8 @@ def check_lengths(shape: Shape, **lengths: float) -> None:
 
 
 def box_outline(low: np.ndarray, high: np.ndarray) -> dict[str, Any]:
-    """Vertices and faces of a box along the axes, for :meth:`Shape.outline`; corners ``(3,)`` [m]."""
-    corners = list(itertools.product(*zip(low.tolist(), high.tolist())))  # corner k: bits of k say x, y, z high
+    """Return the vertices and faces of a box along the axes, for :meth:`Shape.outline`; corners ``(3,)`` [m]."""
+    corners = list(itertools.product(*zip(low.tolist(), high.tolist())))  # the bits of k choose low or high in x, y, z
     sides = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
     faces = [[(a, b, c), (a, c, d)] for a, b, c, d in sides]
     return {"vertices": [list(each) for each in corners], "faces": [list(each) for pair in faces for each in pair]}
@@ -159,7 +161,7 @@ def box_outline(low: np.ndarray, high: np.ndarray) -> dict[str, Any]:
 
 @functools.cache
 def table_type(real):
-    """The Warp struct that holds all shapes of a scene, one row per body."""
+    """Return the Warp struct that holds all shapes of a scene, one row per body."""
     import warp as wp
 
     vec3, vec4 = wp.types.vector(3, real), wp.types.vector(4, real)
@@ -167,17 +169,19 @@ def table_type(real):
     @wp.struct
     class Shapes:
         kind: wp.array(dtype=wp.int32)  # which of the table's kinds; -1: a body without geometry
-        turns: wp.array(dtype=wp.int32)  # 0: turning it changes nothing
+        turns: wp.array(dtype=wp.int32)  # 0: distances do not depend on the orientation
         size: wp.array(dtype=vec3)  # box: half extents; others: radius, half length
-        bound: wp.array(dtype=real)  # radius of a ball around the origin that holds the shape
+        bound: wp.array(dtype=real)  # radius of a ball around the origin that contains the shape
         mesh: wp.array(dtype=wp.uint64)
         mesh_unit: wp.array(dtype=real)  # meshes are stored with unit size: metres per stored unit
-        mesh_middle: wp.array(dtype=vec3)  # and about this point of the body's frame, their coarse grid too
-        mesh_first: wp.array(dtype=wp.vec2i)  # its first vertex and its first face in the following
+        mesh_middle: wp.array(
+            dtype=vec3
+        )  # the point of the body's frame that a mesh and its coarse grid are relative to
+        mesh_first: wp.array(dtype=wp.vec2i)  # index of its first vertex and its first face in the following arrays
         mesh_points: wp.array(dtype=vec3)
         mesh_point_normals: wp.array(dtype=vec3)
-        mesh_side_normals: wp.array2d(dtype=vec3)  # per face: its own, and those of its three sides
-        mesh_beside: wp.array(dtype=wp.vec3i)  # the face beyond each side, from the mesh's first; -1: none
+        mesh_side_normals: wp.array2d(dtype=vec3)  # per face: its own normal, and those of its three sides
+        mesh_beside: wp.array(dtype=wp.vec3i)  # the face beyond each side, counted from the mesh's first; -1: none
         grid_start: wp.array(dtype=wp.int64)  # first node in grid_values; a mesh has a coarse grid
         grid_nodes: wp.array(dtype=wp.vec3i)
         grid_origin: wp.array(dtype=vec3)
@@ -190,14 +194,14 @@ def table_type(real):
         band_origin: wp.array(dtype=vec3)
         band_cell: wp.array(dtype=real)
         band_values: wp.array(dtype=vec4)  # distance, gradient
-        band_smooth: wp.array(dtype=wp.uint8)  # is the cell that begins at the node interpolated?
+        band_smooth: wp.array(dtype=wp.uint8)  # 1: the cell that begins at the node is interpolated
 
     return Shapes
 
 
 @functools.cache
 def without_search(kinds: frozenset[ShapeKind]) -> frozenset[ShapeKind]:
-    """Return the same kinds without any search: distances that need one are -1e18."""
+    """Return the kinds with distance functions that never search: distances that need a search are -1e18."""
 
     def without(kind: ShapeKind) -> ShapeKind:
         return dataclasses.replace(kind, distance=kind.without_search or unknown_function) if kind.is_searched else kind
@@ -207,7 +211,7 @@ def without_search(kinds: frozenset[ShapeKind]) -> frozenset[ShapeKind]:
 
 @functools.cache
 def unknown_function(real):
-    """A distance that is never known without a search."""
+    """Return a distance function for kinds whose distance is never known without a search: always -1e18."""
     import warp as wp
 
     vec3, shapes_type = wp.types.vector(3, real), table_type(real)
@@ -220,5 +224,5 @@ def unknown_function(real):
 
 
 def kind_codes(kinds: frozenset[ShapeKind]) -> list[tuple[int, ShapeKind]]:
-    """Return the number that each kind has in the column ``kind`` of a table of these kinds."""
+    """Return the kinds with their numbers in the column ``kind`` of a table of these kinds."""
     return list(enumerate(sorted(kinds, key=lambda kind: kind.name)))

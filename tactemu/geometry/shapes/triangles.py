@@ -1,8 +1,8 @@
-"""Triangle meshes: loading them and judging them.
+"""Reading, checking and repair of triangle meshes.
 
-What is wrong with a mesh is said before anything is computed: what has no distance is refused, what can be put right
-(degenerate triangles, a surface that is inside out, vertices given once per triangle) is put right and logged, and a
-surface with holes is used with a warning, inside being what it mostly encloses.
+A mesh is checked before anything is computed. A mesh without a defined distance is refused. Defects that can be
+repaired (degenerate triangles, a surface that is inside out, vertices given once per triangle) are repaired and logged.
+A surface with holes is used with a warning; its inside is the space that it mostly encloses.
 """
 
 import functools
@@ -29,12 +29,12 @@ class Triangles:
     faces: np.ndarray
     """Shape ``(m, 3)``, int32, counter-clockwise seen from outside."""
     closed: bool
-    """Does every edge belong to two triangles?"""
+    """True if every edge belongs to two triangles."""
     slivers: np.ndarray = field(default_factory=lambda: np.zeros((0, 3), np.int32))
     """Triangles without an area that lie between the faces, shape ``(k, 3)``."""
 
     def shells(self) -> int:
-        """Count the surfaces that share no vertex with another."""
+        """Return the number of connected surfaces, which share no vertex with one another."""
         label = np.arange(len(self.vertices))
         while True:
             least = label.copy()
@@ -52,7 +52,7 @@ class Triangles:
 
 @functools.lru_cache(maxsize=4)
 def _read_file(path: Path, _changed_ns: int, _size: int) -> Any:
-    """Read a mesh file once, though its extent, its outline and its triangles are asked for one after another."""
+    """Read a mesh file, once for its extent, its outline and its triangles."""
     import trimesh
 
     return cast(Any, trimesh.load(path, force="mesh", process=False))
@@ -69,11 +69,11 @@ def extent_of_file(path: Path, scale: float, name: str) -> float:
 
 
 def _read(source, name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices and faces of a path, a ``trimesh.Trimesh`` or a pair of arrays."""
+    """Return the vertices and faces of a path, a ``trimesh.Trimesh`` or a pair of arrays."""
     if isinstance(source, str | Path):
         path = Path(source)
         if not path.is_file():
-            raise MeshError(f"{name}: no such file (looked in {Path.cwd()}); give the full path")
+            raise MeshError(f"{name}: there is no such file (looked in {Path.cwd()}); give the full path")
         status = path.stat()
         try:
             source = _read_file(path.resolve(), status.st_mtime_ns, status.st_size)
@@ -90,16 +90,16 @@ def _read(source, name: str) -> tuple[np.ndarray, np.ndarray]:
 
 
 def load_mesh(source, scale: float | Sequence[float] = 1.0, name: str = "mesh") -> Triangles:
-    """Load a mesh, put right what can be, and refuse what has no distance.
+    """Read a mesh, repair it where possible, and return its triangles.
 
     Args:
         source: a path, a ``trimesh.Trimesh``, or ``(vertices, faces)``.
         scale: metres per unit of the source, one number or one per axis.
-        name: for messages; a path is appended.
+        name: the name in messages; a path is appended.
 
     Raises:
         MeshError: the file is missing or unreadable, there are no triangles or none with an area, numbers are not
-            finite, faces name vertices that are not there, neighbours are wound against each other, or the scale is
+            finite, faces name vertices that do not exist, neighbours are wound against each other, or the scale is
             not positive.
     """
     if isinstance(source, str | Path):
@@ -112,7 +112,7 @@ def load_mesh(source, scale: float | Sequence[float] = 1.0, name: str = "mesh") 
     closed = len(faces) > 0 and _is_closed(faces, name)
     faces, slivers = _without_slivers(vertices, faces, given, name)
     if closed and _volume(vertices, faces) < 0.0:
-        log.warning("%s is inside out: its faces are turned round", name)
+        log.warning("%s is inside out: its faces are reversed", name)
         faces, slivers = np.ascontiguousarray(faces[:, ::-1]), slivers[:, ::-1]
     return Triangles(name, np.ascontiguousarray(vertices), faces, closed, slivers)
 
@@ -137,29 +137,29 @@ def _checked_scale(scale, name: str) -> np.ndarray:
 
 
 def _merged(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Faces that name the same vertex wherever positions are equal bit for bit (STL repeats them per triangle)."""
-    bits = (vertices + 0.0).view(np.uint64)  # + 0.0: so that -0.0 equals 0.0
+    """Return faces that share one vertex wherever positions are equal bit for bit (STL repeats them per triangle)."""
+    bits = (vertices + 0.0).view(np.uint64)  # adding 0.0 makes -0.0 equal to 0.0
     with np.errstate(over="ignore"):
         odd = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], np.uint64)
         mixed = (bits ^ (bits >> np.uint64(29))) * odd
         key = mixed[:, 0] ^ np.roll(mixed, 1, axis=1)[:, 2] * odd[2] ^ (mixed[:, 2] >> np.uint64(7)) * odd[0]
     _, first, inverse = np.unique(key, return_index=True, return_inverse=True)
     same = first[inverse]
-    if not np.array_equal(vertices[same], vertices):  # a collision of keys: as unlikely as it is harmless
+    if not np.array_equal(vertices[same], vertices):  # two keys collided: this is unlikely, and harmless
         return faces
     return same.astype(np.int32)[faces]
 
 
 def _without_points(faces: np.ndarray) -> np.ndarray:
-    """Drop triangles that name a vertex twice: their neighbours share the edge that is left of them."""
+    """Return the faces without triangles that name a vertex twice: their neighbours share the edge that remains."""
     a, b, c = faces.T
     return np.ascontiguousarray(faces[(a != b) & (b != c) & (c != a)])
 
 
 def _without_slivers(vertices: np.ndarray, faces: np.ndarray, given: int, name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Drop triangles without an area: Warp finds no distance to them, and their edges are those of neighbours.
+    """Return the faces with an area, and those without: Warp finds no distance to the latter.
 
-    Judged after the edges, since such a triangle may well close a surface.
+    Call it after the edges were checked, since a triangle without an area may close a surface.
     """
     corners = vertices[faces]
     extent = np.ptp(corners.reshape(-1, 3), axis=0).max() if len(faces) else 0.0
@@ -168,7 +168,7 @@ def _without_slivers(vertices: np.ndarray, faces: np.ndarray, given: int, name: 
     area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
     proper = area > longest * np.maximum(1e-6 * longest, 1e-7)
     if not proper.any():
-        raise MeshError(f"{name}: no triangle has an area; is the scale right, or are all vertices in one line?")
+        raise MeshError(f"{name}: no triangle has an area; check the scale, and that not all vertices are in one line")
     dropped = given - int(proper.sum())
     if dropped:
         log.warning("%s: %d of %d triangles have no area and are dropped", name, dropped, given)
@@ -176,7 +176,11 @@ def _without_slivers(vertices: np.ndarray, faces: np.ndarray, given: int, name: 
 
 
 def _is_closed(faces: np.ndarray, name: str) -> bool:
-    """Judge the edges: every one in two triangles, in opposite directions."""
+    """Return True if every edge belongs to two triangles, in opposite directions.
+
+    Raises:
+        MeshError: neighbouring triangles are wound against each other.
+    """
     start, end = faces.reshape(-1), np.roll(faces, -1, axis=1).reshape(-1)
     low, high = np.minimum(start, end).astype(np.int64), np.maximum(start, end)
     edge = low * (int(faces.max()) + 1) + high
@@ -186,11 +190,11 @@ def _is_closed(faces: np.ndarray, name: str) -> bool:
     if against:
         raise MeshError(
             f"{name}: at {against} of {len(uses)} edges neighbouring triangles are wound against each other, so that "
-            "inside and outside are not defined; trimesh.repair.fix_normals(mesh) mends that"
+            "inside and outside are not defined; repair it with trimesh.repair.fix_normals(mesh)"
         )
     holes = int((uses % 2 == 1).sum())
     if holes:
-        log.warning("%s is not closed (%d edges on a border): inside is what it mostly encloses", name, holes)
+        log.warning("%s is not closed (%d edges on a border): inside is the space that it mostly encloses", name, holes)
     return not holes
 
 

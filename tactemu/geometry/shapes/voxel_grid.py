@@ -1,7 +1,7 @@
 """A regular grid of signed distances, trilinear between nodes.
 
-Beyond the grid the nearest surface is taken to be the one seen from the nearest point of the grid, so that the
-distance is continuous across its border and goes on growing.
+Beyond the grid the nearest surface is assumed to be the one that is nearest to the closest point of the grid, so that
+the distance is continuous across the grid's border and keeps growing.
 """
 
 # pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
@@ -21,7 +21,7 @@ from tactemu.geometry.shapes.rays import traced_ray
 from tactemu.geometry.shapes.shape import FAR, Row, Shape, ShapeKind, box_outline, table_type
 
 MAX_GRID_NODES = 1 << 28
-"""Of one grid: 1 GiB in float32."""
+"""The most nodes of one grid: 1 GiB in float32."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -44,7 +44,7 @@ class VoxelGrid(Shape):
         if len(shape) != 3 or min(shape) < 2:
             raise SceneError(f"VoxelGrid: values must have shape (nx, ny, nz), each >= 2, got {shape}")
         if not np.isfinite(self.values).all():
-            raise SceneError("VoxelGrid: values must be finite; replace unknown distances by a large number")
+            raise SceneError("VoxelGrid: values must be finite; replace unknown distances with a large number")
         if self.gradients is not None and np.shape(self.gradients) != (*shape, 3):
             raise SceneError(f"VoxelGrid: gradients must have shape {(*shape, 3)}, got {np.shape(self.gradients)}")
         if np.shape(self.origin) != (3,) or not np.isfinite(np.asarray(self.origin, float)).all():
@@ -57,7 +57,9 @@ class VoxelGrid(Shape):
         return Row(VOXELS, bound=self._bound(), grid=self)
 
     def reach(self, name: str, direction: np.ndarray) -> float:
-        """As far as the balls go that the nodes inside say are solid: short of the surface by less than a cell.
+        """Return the extent of the balls that the distances at the nodes inside span.
+
+        It falls short of the surface by less than a cell.
 
         Raises:
             SceneError: no node is inside.
@@ -65,12 +67,12 @@ class VoxelGrid(Shape):
         values = np.asarray(self.values, float)
         inside = np.argwhere(values <= 0)
         if not len(inside):
-            raise SceneError(f"body {name!r}: no node of its grid is inside; cannot tell how far it reaches")
+            raise SceneError(f"body {name!r}: no node of its grid is inside, so that its extent is unknown")
         nodes = np.asarray(self.origin, float) + inside * np.broadcast_to(np.asarray(self.cell, float), 3)
         return float((nodes @ direction - values[values <= 0]).max())
 
     def outline(self, name: str) -> dict[str, Any]:
-        """Return the box around the nodes inside."""
+        """Return the outline of the box around the nodes inside."""
         nodes = np.argwhere(np.asarray(self.values) <= 0) if (np.asarray(self.values) <= 0).any() else np.zeros((1, 3))
         low, cell = np.asarray(self.origin, float), np.broadcast_to(np.asarray(self.cell, float), 3)
         return box_outline(low + nodes.min(0) * cell, low + nodes.max(0) * cell)
@@ -97,7 +99,7 @@ class VoxelGrid(Shape):
         return cls(**{key: arrays.get(key) for key in ("values", "origin", "cell", "gradients")})
 
     def _bound(self) -> float:
-        """Radius of a ball around the origin that holds the solid [m]; endless if the border cuts the solid off."""
+        """Return the radius of a ball around the origin that contains the solid [m]; 1e18 if the border cuts it off."""
         values = np.asarray(self.values)
         border = np.ones(values.shape, bool)
         border[1:-1, 1:-1, 1:-1] = False
@@ -111,10 +113,10 @@ class VoxelGrid(Shape):
 
 @functools.cache
 def _distance(real, least: bool = False):
-    """The distance to what the grid holds; ``least``: never more than it beyond the grid, for a line to be followed.
+    """Return the distance function of grids; ``least``: never above the true distance beyond the grid, to trace lines.
 
-    Beyond the grid the nearest point ``c`` of its box is asked. A solid inside the box is at least as far as
-    ``sqrt(|p - c|^2 + d(c)^2)``, since the angle at ``c`` is no less than a right one.
+    Beyond the grid the function reads the nearest point ``c`` of its box. A solid inside the box is at least
+    ``sqrt(|p - c|^2 + d(c)^2)`` away, since the angle at ``c`` is no less than a right one.
     """
     import warp as wp
 

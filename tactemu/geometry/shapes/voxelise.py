@@ -1,4 +1,4 @@
-"""Sampling a shape's exact distance on a grid, for the voxel query."""
+"""A grid of samples of a shape's exact distance, for the voxel query."""
 
 # pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
 # pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
@@ -15,9 +15,9 @@ from tactemu.geometry.shapes.voxel_grid import MAX_GRID_NODES, VoxelGrid
 from tactemu.plan.plan import Context
 
 CELLS_PER_LONGEST_SIDE = 64
-"""Cells along the longest side unless a cell size is given."""
+"""Cells along the longest side if no cell size is given."""
 MARGIN_SHARE = 0.1
-"""How far the grid goes beyond the shape, in parts of the longest side."""
+"""Extent of the grid beyond the shape, as a share of the longest side."""
 
 
 @functools.cache
@@ -36,18 +36,18 @@ def _sample_kernel(real, kinds: frozenset):
 
 
 def voxelise(table, middle, half, cell: float | None, name: str, context: Context) -> VoxelGrid:
-    """Sample the shape in row 0 of ``table``.
+    """Return a grid of the distances to the shape in row 0 of ``table``.
 
     Args:
-        table: a table of this one shape.
+        table: a table with this one shape.
         middle: centre of the box around it [m].
         half: half the extents of that box [m].
         cell: distance of nodes [m]; ``None``: the longest side / 64.
-        name: the body's, for messages.
-        context: of the scene.
+        name: the body's name, for messages.
+        context: the scene's context.
 
     Raises:
-        SceneError: the cell is not positive, or so small that the grid does not fit.
+        SceneError: the cell size is not positive, or so small that the grid has too many nodes.
     """
     middle, half = np.asarray(middle), np.asarray(half)
     longest = 2.0 * float(half.max())
@@ -59,7 +59,7 @@ def voxelise(table, middle, half, cell: float | None, name: str, context: Contex
     if nodes.prod() > MAX_GRID_NODES:
         raise SceneError(
             f"voxel_size {cell:g} m makes a grid of {' x '.join(map(str, nodes))} nodes for body {name!r}; "
-            f"the most is {MAX_GRID_NODES}: take a larger cell, or contact_depth_query='sdf'"
+            f"at most {MAX_GRID_NODES} are allowed: take a larger cell, or contact_depth_query='sdf'"
         )
     origin = middle - 0.5 * cell * (nodes - 1)
     real = context.real

@@ -1,0 +1,128 @@
+"""The nearest point of a mesh's faces to a point, and the normal of the feature on which it lies, as Warp functions."""
+
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
+# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false, reportAttributeAccessIssue=false
+
+import functools
+
+import warp as wp
+
+MAX_NEIGHBOUR_STEPS = 24
+"""Most faces around a vertex that are compared with the face that the hierarchy found."""
+
+
+@functools.cache
+def feature_functions(real):
+    """Return two Warp functions: one for the nearest point of a face, one that also tries the faces around it.
+
+    ``foot(points, side_normals, mesh, first, face, p) -> (gap, feature)`` and ``nearest(points, side_normals, beside,
+    mesh, first, found, p) -> (face, gap, feature)``. ``gap`` points from the nearest point of the face to ``p``, which
+    is relative to the middle of the mesh. Feature 0 is the face's inside, 1 to 3 are its sides, 4 to 6 its corners.
+    """
+    vec3 = wp.types.vector(3, real)
+
+    @wp.func
+    def foot(
+        points: wp.array(dtype=vec3),
+        side_normals: wp.array2d(dtype=vec3),
+        mesh: wp.uint64,
+        first: wp.vec2i,
+        face: int,
+        p: vec3,
+    ):
+        n = side_normals[first[1] + face, 0]
+        a = points[first[0] + wp.mesh_get_index(mesh, 3 * face)]
+        b = points[first[0] + wp.mesh_get_index(mesh, 3 * face + 1)]
+        c = points[first[0] + wp.mesh_get_index(mesh, 3 * face + 2)]
+        gap = wp.dot(p - a, n) * n
+        feature = int(0)
+        least = real(wp.inf)
+        for k in range(3):
+            start = a
+            way = b - a
+            if k == 1:
+                start = b
+                way = c - b
+            elif k == 2:
+                start = c
+                way = a - c
+            from_start = p - start
+            if wp.dot(wp.cross(n, way), from_start) < real(0.0):  # beyond this side
+                along = wp.dot(from_start, way)
+                squared = wp.dot(way, way)
+                here = from_start
+                which = 4 + k
+                if along >= squared:
+                    here = from_start - way
+                    which = 4 + (k + 1) % 3
+                elif along > real(0.0):
+                    here = from_start - (along / squared) * way
+                    which = 1 + k
+                if wp.dot(here, here) < least:
+                    least = wp.dot(here, here)
+                    gap = here
+                    feature = which
+        return gap, feature
+
+    @wp.func
+    def nearest(
+        points: wp.array(dtype=vec3),
+        side_normals: wp.array2d(dtype=vec3),
+        beside: wp.array(dtype=wp.vec3i),
+        mesh: wp.uint64,
+        first: wp.vec2i,
+        found: int,
+        p: vec3,
+    ):
+        face = int(found)
+        gap, feature = foot(points, side_normals, mesh, first, face, p)
+        least = wp.dot(gap, gap)
+        at = int(face)
+        where = int(feature)
+        turns = int(0)
+        # The hierarchy's float32 may have found a neighbour of the nearest face, over a side or around a corner. Of two
+        # faces the one is nearer on which the foot is less of a corner, whatever rounding does to the lengths.
+        while where > 0 and turns < wp.static(MAX_NEIGHBOUR_STEPS):
+            turns += 1
+            at = beside[first[1] + at][(where - 1) % 3]
+            if at < 0 or at == face:
+                where = 0
+            else:
+                other, its = foot(points, side_normals, mesh, first, at, p)
+                if wp.dot(other, other) < least or (its + 2) / 3 < (where + 2) / 3:
+                    least = wp.dot(other, other)
+                    face = at
+                    gap = other
+                    feature = its
+                    where = its
+                elif where > 3 and its > 3:
+                    where = its
+                else:
+                    where = 0
+        return face, gap, feature
+
+    return foot, nearest
+
+
+@functools.cache
+def normal_function(real):
+    """Return the Warp function ``normal_of(point_normals, side_normals, mesh, first, face, feature)``.
+
+    It returns the normal of a face, an edge or a vertex.
+    """
+    vec3 = wp.types.vector(3, real)
+
+    @wp.func
+    def normal_of(
+        point_normals: wp.array(dtype=vec3),
+        side_normals: wp.array2d(dtype=vec3),
+        mesh: wp.uint64,
+        first: wp.vec2i,
+        face: int,
+        feature: int,
+    ):
+        if feature < 4:
+            return side_normals[first[1] + face, feature]
+        return point_normals[first[0] + wp.mesh_get_index(mesh, 3 * face + feature - 4)]
+
+    return normal_of
