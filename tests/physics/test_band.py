@@ -70,7 +70,7 @@ def table_row(mesh):
     model = tt.ContactDepthProbe(probe_local_pos=[[0, 0, 0]], probe_radius=1e-3, contact_depth_query="band")
     scene.add_sensor(model, link=pad)
     sim = scene.build()
-    return sim._shapes.table((body,), "band").rows[body.index]
+    return sim._compiler._shapes.table((body,), "band").rows[body.index]
 
 
 def test_normals_are_those_of_the_surface():

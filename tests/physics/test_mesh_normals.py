@@ -39,7 +39,7 @@ def table_of(mesh, dtype):
     body = scene.add_body(tt.Mesh(source=mesh), name="tool")
     pad = scene.add_body(name="pad")
     scene.add_sensor(tt.ContactDepthProbe(probe_local_pos=[[0, 0, 0]], probe_radius=1e-3), link=pad)
-    return scene.build(dtype=dtype)._shapes.table((body,)), body.index
+    return scene.build(dtype=dtype)._compiler._shapes.table((body,)), body.index
 
 
 @pytest.fixture(autouse=True)
