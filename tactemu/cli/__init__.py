@@ -1,6 +1,6 @@
-"""The command line. Each command imports what it runs; the help and the list of devices do without the parser.
+"""The command line. Each command imports what it runs; the help and the list of devices need no parser.
 
-``python tests/test_readme.py --write`` writes the files that they are read from, and a test holds these true.
+``python tests/test_readme.py --write`` writes the files with the help and the list; a test compares them.
 """
 
 from __future__ import annotations
@@ -12,20 +12,20 @@ from contextlib import nullcontext
 
 HELP = os.path.join(os.path.dirname(__file__), "help.txt")
 HELP_COLUMNS = 80
-"""From this width of the terminal on the help is as the file has it."""
+"""Minimum width of a terminal for the help of the file; on a narrower one the parser wraps it."""
 INTERRUPTED = 130
-"""What a shell gives a command that Ctrl-C has ended: 128 + SIGINT."""
+"""The exit code of a command that Ctrl-C has ended: 128 + SIGINT."""
 OUTPUT_CLOSED = 141
-"""What a shell gives a command whose output nobody reads any more: 128 + SIGPIPE."""
+"""The exit code of a command whose output is closed: 128 + SIGPIPE."""
 EXEC_FAILED = 125
-"""What ``tactemu exec`` ends with when something of its own fails."""
+"""The exit code of ``tactemu exec`` when tactemu itself fails."""
 
 
 def main() -> None:
-    """Entry point of ``tactemu``. A mistake of the user's is one message on stderr and exit code 2."""
+    """Run the command line ``tactemu``. An error of the user is one message on stderr and exit code 2."""
     try:
         try:
-            if _answered(sys.argv[1:]):
+            if _answer_without_parser(sys.argv[1:]):
                 return
             if sys.argv[1:2] in (["run"], ["exec"]):
                 from tactemu.base.gc_tuning import leave_quickly
@@ -39,21 +39,21 @@ def main() -> None:
                 _run()
         finally:
             sys.stdout.flush()
-    except BrokenPipeError:  # whoever read the output has gone, as `head` does
+    except BrokenPipeError:  # the reader of the output has ended, as `head` does
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(OUTPUT_CLOSED)
-    except OSError as error:  # of the machine: a full disk, a folder that is not there, no permission
+    except OSError as error:  # such as a full disk, a missing folder, no permission
         where = f"{error.filename}: " if error.filename else ""
         print(f"tactemu: {where}{error.strerror or error}", file=sys.stderr)
         if error.filename is None:  # the output itself
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(EXEC_FAILED if sys.argv[1:2] == ["exec"] else 2)
-    except KeyboardInterrupt:  # while things are imported, or compiled; a loop that runs takes it as its end
+    except KeyboardInterrupt:  # during imports or compilation; a running loop handles it as its end
         sys.exit(INTERRUPTED)
 
 
 def _run() -> None:
-    """Do the command."""
+    """Parse the command line and run its command."""
     from tactemu.base.errors import TactemuError
     from tactemu.cli.app import app
 
@@ -66,13 +66,13 @@ def _run() -> None:
 
 
 def _split(words: list[str]) -> tuple[list[str], list[str]]:
-    """What is for the parser, and the command that ``tactemu exec`` or ``judge`` shall run."""
+    """Return the words for the parser, and the command that ``tactemu exec`` or ``judge`` runs."""
     at = words.index("--") if words[:1] in (["exec"], ["judge"]) and "--" in words else len(words)
     return words[:at], words[at + 1 :]
 
 
-def _answered(words: list[str]) -> bool:
-    """What is asked most often, and takes less time than the parser takes to be imported."""
+def _answer_without_parser(words: list[str]) -> bool:
+    """Answer the help and the list of devices without importing the parser, and return True if it was one of them."""
     if words in (["--help"], ["-h"]) and shutil.get_terminal_size().columns >= HELP_COLUMNS:
         with open(HELP, encoding="utf-8") as file:
             print(file.read(), end="")

@@ -1,4 +1,4 @@
-"""The command line: `tactemu --help`, and where its commands are. What each does is imported when it runs."""
+"""The application of the command line and its groups of commands. Each command imports what it runs."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from tactemu.version import __version__
 app = typer.Typer(
     name="tactemu",
     help="""
-A simulated tactile skin on the far end of the wire: real sensors' bytes and CAN frames, for unmodified drivers.
+A simulated tactile skin at the far end of a wire: the bytes and CAN frames of real sensors, for unmodified drivers.
 
 \b
-  tactemu devices                      what can be emulated
-  tactemu run anyskin                  a port, a press, a picture
-  tactemu exec anyskin -- ./driver     the driver finds it as /dev/ttyACM0
-  tactemu judge anyskin -- ./driver    what the driver does when the wire goes wrong
-  tactemu explain anyskin              frames, taxels, and what is simulated and why
-  tactemu new hand.toml                a scene file to start from
-  tactemu poke press --depth 1mm       what runs already is pressed, moved, broken
-  tactemu see                          ... and looked at, on a live page
-  tactemu tune hand.toml --rate 500    the most accurate setting that keeps a rate here
-  tactemu dataset hand.toml --envs 512 --steps 2000 --out presses   what many feel, as Parquet
-  tactemu fit rest.csv --device anyskin --out my_skin.toml   parameters from a recording
-  tactemu check my_sensor.py:MySensor  what is wrong with a device of your own
+  tactemu devices                      list the devices
+  tactemu run anyskin                  emulate one on a port, with a live picture
+  tactemu exec anyskin -- ./driver     run a driver that finds it as /dev/ttyACM0
+  tactemu judge anyskin -- ./driver    test a driver against faults on the wire
+  tactemu explain anyskin              show frames, taxels and the simulated stages
+  tactemu new hand.toml                write a scene file to start from
+  tactemu poke press --depth 1mm       press, move or break a running emulator
+  tactemu see                          watch a running emulator on a live page
+  tactemu tune hand.toml --rate 500    find the most accurate setting for a rate
+  tactemu dataset hand.toml --steps 2000 --out presses   write readings as Parquet
+  tactemu fit rest.csv --device anyskin --out my.toml    fit parameters to a recording
+  tactemu check my_sensor.py:MySensor  check a device file of your own
 """,
     no_args_is_help=True,
     rich_markup_mode=None,

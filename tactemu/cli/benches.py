@@ -1,4 +1,4 @@
-"""`tactemu bench`: one command per benchmark, each imported when it runs."""
+"""`tactemu bench`: a command for each benchmark, imported when it runs."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ bench = typer.Typer(
     no_args_is_help=True,
     rich_markup_mode=None,
     help="""
-Measure speed on this machine. Figures are medians; compare those of one run.
+Measure speed and accuracy on this machine. Figures are medians; compare those of one run.
 
 \b
-  tactemu bench physics    cost of a step, of a read and of a start, per sensor
-  tactemu bench trade      error against truth and cost of every level of fidelity
-  tactemu bench realism    how well the laws of real sensors predict recordings that were left out
-  tactemu bench wire       cost of a frame between device and port
+  tactemu bench physics    time of a step, a read and a start, for each sensor
+  tactemu bench trade      error and cost of every level of fidelity
+  tactemu bench realism    error of the laws of real sensors on recordings left out
+  tactemu bench wire       time of a frame between device and port
 """,
 )
 
@@ -35,14 +35,14 @@ def save(figures: object, out: Path | None) -> None:
 @bench.command()
 def physics(
     device: Annotated[str, typer.Option("--device", metavar="DEVICE", help="cpu, or cuda:0.")] = "cpu",
-    starts: Annotated[bool, typer.Option(help="Also starts with an empty and a filled kernel cache.")] = True,
-    only: Annotated[str, typer.Option(metavar="TEXT", help="Only figures whose name contains this.")] = "",
-    largest: Annotated[bool, typer.Option(help="Also the largest batch that fits on a GPU.")] = False,
-    loops: Annotated[bool, typer.Option(help="Also loops: poses in, a step, readings out, resets.")] = False,
-    page: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the tables as a page.")] = None,
+    starts: Annotated[bool, typer.Option(help="Also measure starts with an empty and a filled kernel cache.")] = True,
+    only: Annotated[str, typer.Option(metavar="TEXT", help="Measure only figures whose name contains this.")] = "",
+    largest: Annotated[bool, typer.Option(help="Also find the largest batch that fits on a GPU.")] = False,
+    loops: Annotated[bool, typer.Option(help="Also measure loops: poses in, a step, readings out, resets.")] = False,
+    page: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the tables as a Markdown page.")] = None,
     out: Out = None,
 ) -> None:
-    """Step and read per sensor, beside the figures aimed at and Genesis's in its own scene; whole loops."""
+    """Measure a step and a read of each sensor, beside their targets and the figures of Genesis in its own scene."""
     from tactemu.base.kernels import start_quietly
     from tactemu.tune.speed.physics import markdown_page, run
 
@@ -55,9 +55,9 @@ def physics(
 
 @bench.command()
 def wire(
-    repeats: Annotated[int, typer.Option(metavar="N", min=1, help="Runs of each stage.")] = 7, out: Out = None
+    repeats: Annotated[int, typer.Option(metavar="N", min=1, help="Number of runs of each stage.")] = 7, out: Out = None
 ) -> None:
-    """What a frame costs from the device to the port, and how many a core can send."""
+    """Measure the time of a frame from device to port, and how many a core can send."""
     from tactemu.tune.speed.wire import run
 
     save(run(typer.echo, repeats=repeats), out)
@@ -66,15 +66,17 @@ def wire(
 @bench.command()
 def trade(
     scene: Annotated[
-        str | None, typer.Argument(metavar="SCENE", help="A scene file or device: measure its contacts instead.")
+        str | None, typer.Argument(metavar="SCENE", help="A scene file or device, to measure its contacts instead.")
     ] = None,
-    out: Annotated[Path, typer.Option("--out", metavar="FOLDER", help="Figures, table, picture.")] = Path("trade"),
-    quick: Annotated[bool, typer.Option("--quick", help="A coarser truth and ten cases: a minute.")] = False,
+    out: Annotated[Path, typer.Option("--out", metavar="FOLDER", help="Folder for figures, table and picture.")] = Path(
+        "trade"
+    ),
+    quick: Annotated[bool, typer.Option("--quick", help="Use a coarser truth and ten cases: a minute.")] = False,
     device: Annotated[str, typer.Option("--device", metavar="DEVICE", help="cpu, or cuda:0.")] = "cpu",
-    only: Annotated[str, typer.Option(metavar="TEXT", help="Only settings whose name contains this.")] = "",
-    fresh: Annotated[bool, typer.Option("--fresh", help="Measure all again instead of going on.")] = False,
+    only: Annotated[str, typer.Option(metavar="TEXT", help="Measure only settings whose name contains this.")] = "",
+    fresh: Annotated[bool, typer.Option("--fresh", help="Measure all again instead of continuing.")] = False,
 ) -> None:
-    """Error against truth and cost of every setting, with a table and a picture. A stopped run goes on where it was."""
+    """Measure error and cost of every setting, and draw them. The same command continues a stopped run."""
     from tactemu.cli.progress import show_progress
     from tactemu.tune.trade.trade import run_trade
 
@@ -84,16 +86,16 @@ def trade(
 @bench.command()
 def realism(
     data: Annotated[
-        Path | None, typer.Argument(metavar="[DATA]", help="Folder of recordings, one folder for each set.")
+        Path | None, typer.Argument(metavar="[DATA]", help="Folder of recordings, with a folder for each set.")
     ] = None,
     held: Annotated[
-        Path | None, typer.Option(metavar="FOLDER", help="Other recordings, predicted with what was fitted.")
+        Path | None, typer.Option(metavar="FOLDER", help="Other recordings, to predict with the fitted parameters.")
     ] = None,
-    page: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the table as a page.")] = None,
-    parameters: Annotated[Path | None, typer.Option(metavar="FILE", help="Write what was fitted as JSON.")] = None,
+    page: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the table as a Markdown page.")] = None,
+    parameters: Annotated[Path | None, typer.Option(metavar="FILE", help="Write fitted parameters as JSON.")] = None,
     out: Out = None,
 ) -> None:
-    """Fit the laws of real sensors to recordings, leave each out in turn, and say how well it is predicted."""
+    """Fit the laws of real sensors to recordings, and measure how well they predict each one left out."""
     from tactemu.fit.realism import run
 
     save(run(typer.echo, data=data, held=held, page=page, parameters=parameters), out)

@@ -1,4 +1,4 @@
-"""``tactemu check-host``: what this machine can do, each tried and not guessed, and the command that helps."""
+"""``tactemu check-host``: tests of what this machine can do, with the command that helps if one fails."""
 
 from __future__ import annotations
 
@@ -17,33 +17,34 @@ from tactemu.base.errors import TactemuError
 from tactemu.base.priority import can_enable_realtime_priority
 from tactemu.base.statistics import Lateness
 
-_LOOPS, _PERIOD_NS = 1000, 1_000_000
-_LATE_MS = 5.0
-"""A loop that is later than this once in a hundred times keeps no sensor's pace."""
+_LOOPS = 1000
+_PERIOD_NS = 1_000_000
+_MAX_LATENESS_P99_MS = 5.0
+"""Maximum 99th percentile of a loop's lateness; a later one cannot keep a sensor's rate."""
 NEEDED = ("ports", "view", "preload", "can", "loop")
-"""What the exit status is about when nothing is named."""
+"""The checks that decide the exit status if the user names none."""
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing that a machine may have."""
+    """The result of a check."""
 
     name: str
     there: bool
     says: str
-    """What was found, or why it is not there."""
+    """The facility found, or why it is missing."""
     helps: str = ""
-    """The command that gives it, or what to do."""
+    """The command that installs it, or another remedy."""
 
 
 def check_host(wanted: Sequence[str], *, json: bool = False) -> bool:
-    """Try everything and print it; whether all that is wanted is there.
+    """Run all checks, print their results, and return True if all wanted ones pass.
 
     Raises:
-        TactemuError: there is nothing of a name.
+        TactemuError: there is no check of a name.
     """
     if unknown := [name for name in wanted if name not in CHECKS]:
-        raise TactemuError(f"check-host knows no {unknown[0]!r}; it knows: {', '.join(CHECKS)}")
+        raise TactemuError(f"check-host has no check {unknown[0]!r}; expected one of {', '.join(CHECKS)}")
     found = []
     for name, check in CHECKS.items():
         try:
@@ -154,7 +155,12 @@ def _loop(name: str) -> Finding:
         if can_enable_realtime_priority()
         else "or allow `tactemu run --preempt` (which says how)"
     )
-    return Finding(name, p99 < _LATE_MS, says, "" if p99 < _LATE_MS else f"stop what keeps the machine busy, {preempt}")
+    return Finding(
+        name,
+        p99 < _MAX_LATENESS_P99_MS,
+        says,
+        "" if p99 < _MAX_LATENESS_P99_MS else f"stop what keeps the machine busy, {preempt}",
+    )
 
 
 CHECKS: dict[str, Callable[[str], Finding]] = {

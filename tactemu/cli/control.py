@@ -1,4 +1,4 @@
-"""``tactemu poke``: commands to a running emulator. The sub-commands are made of the table of verbs."""
+"""``tactemu poke``: commands to a running emulator. The sub-commands come from the table of control commands."""
 
 from __future__ import annotations
 
@@ -18,33 +18,33 @@ from tactemu.control.control_commands import CONTROL_COMMANDS
 from tactemu.control.endpoints import running
 
 HELP = """
-Press, move, break, or look at what runs.
+Press, move, break or read a running emulator.
 
 \b
-  tactemu poke                                         who runs, and the verbs
+  tactemu poke                                         list emulators and commands
   tactemu poke press --depth 1mm --for 2s
-  tactemu poke press index_tip --depth 1mm --taxel 7   of one of several skins
+  tactemu poke press index_tip --depth 1mm --taxel 7   one of several skins
   tactemu poke fault 'drop 5% for 1s'
   tactemu poke unplug --for 500ms
-  tactemu poke set noise=0.01 --taxels 1:4             of `run --adjustable noise`
+  tactemu poke set noise=0.01 --taxels 1:4             with `run --adjustable noise`
   tactemu poke pose ball 0 0 25mm
   tactemu poke sample --json
-  tactemu poke step 10                                 of `run --clock lockstep`
+  tactemu poke step 10                                 with `run --clock lockstep`
 
-Numbers may have a unit: 1mm, 2s, 50mm/s; without one they are SI. One emulator that runs is taken; of several say which
-with --name. Exit code 2 when the command cannot be done, or nobody or several run.
+Numbers may have a unit: 1mm, 2s, 50mm/s; without one they are SI. If several emulators run, choose one with --name.
+Exit code 2 if the command cannot be done, or no emulator or several run.
 """
-NAME = typer.Option("--name", metavar="NAME", help="Of the emulator; default: the only one that runs.")
+NAME = typer.Option("--name", metavar="NAME", help="Name of the emulator; default: the only one that runs.")
 JSON = typer.Option("--json", help="Print the answer as JSON.")
 WORDS = {"seconds": "for"}
-"""Names of arguments as they are on the command line, where they differ."""
+"""The names of arguments that differ on the command line."""
 
 
 def main(words: Sequence[str]) -> None:
     """Run the sub-command in ``words``.
 
     Raises:
-        TactemuError: it cannot be done.
+        TactemuError: the command cannot be done.
     """
     app = typer.Typer(
         help=HELP, rich_markup_mode=None, pretty_exceptions_enable=False, add_completion=False,
@@ -64,7 +64,7 @@ def main(words: Sequence[str]) -> None:
 def _list(
     context: typer.Context, name: Annotated[str | None, NAME] = None, json: Annotated[bool, JSON] = False
 ) -> None:
-    """Who runs, and what may be done."""
+    """List the running emulators and the commands."""
     context.obj = name, json
     if context.invoked_subcommand is not None:
         return
@@ -81,7 +81,7 @@ def _list(
 
 
 def _help(verb: ControlCommand) -> str:
-    """What it does, and how it is called."""
+    """Return the help of a command: its sentence and an example."""
     words = [_placeholder(argument) for argument in _arguments(verb) if argument.name in verb.words]
     needed = [each for each in verb.arguments.values() if each.needed and each.name not in verb.words]
     words += [f"--{_word(argument.name)} {argument.type.word}" for argument in needed]
@@ -89,7 +89,7 @@ def _help(verb: ControlCommand) -> str:
 
 
 def _placeholder(argument: Argument) -> str:
-    """What stands for an argument that has no name on the command line."""
+    """Return the placeholder of an argument without a name on the command line."""
     return argument.type.word if argument.type.words != 1 else argument.name.upper()
 
 
@@ -102,7 +102,7 @@ def _arguments(verb: ControlCommand) -> list[Argument]:
 
 
 def _command(verb: ControlCommand) -> Any:
-    """Return a function with the signature that the command line needs; every argument is text, read by its kind."""
+    """Return a function with the signature that the command line needs; every argument is text, read by its type."""
     parameters = [_parameter(verb, argument) for argument in _arguments(verb)]
     parameters += [
         inspect.Parameter("name", inspect.Parameter.KEYWORD_ONLY, default=None, annotation=Annotated[str | None, NAME]),
@@ -113,7 +113,7 @@ def _command(verb: ControlCommand) -> Any:
     parameters.append(inspect.Parameter("context", inspect.Parameter.KEYWORD_ONLY, annotation=typer.Context))
 
     def run(context: typer.Context, **given: Any) -> None:
-        name, json = context.obj  # given before the verb
+        name, json = context.obj  # options before the command's name
         _run(verb, **given | {"name": given["name"] or name, "json": given["json"] or json})
 
     run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
@@ -142,14 +142,14 @@ def _parameter(verb: ControlCommand, argument: Argument) -> inspect.Parameter:
 
 
 def _read(kind: ArgumentType, text: Any) -> Any:
-    """What was typed as its kind reads it; ``None``: nothing was."""
+    """Return a typed text as its argument's type reads it, or None if nothing was typed."""
     if isinstance(text, bool) or not text:
         return text if text is not None and text != [] else None
     return kind.read(text if isinstance(text, str) else list(text))  # type: ignore[arg-type]
 
 
 def _run(verb: ControlCommand, *, name: str | None, json: bool, **given: Any) -> None:
-    """Read the arguments, have it done, print what it gives."""
+    """Read the arguments, send the command, and print its result."""
     arguments = {each.name: _read(each.type, given[each.name]) for each in _arguments(verb)}
     if verb.name == "happen":
         event = arguments["event"]
@@ -168,12 +168,12 @@ def _refuse(text: str) -> NoReturn:
 
 
 def _print(verb: str, result: Any) -> None:
-    """An answer in words."""
+    """Print a result as text."""
     if verb == "step":
         print(f"{result:.9g} s")
     elif verb == "sample":
         _print_sample(result)
-    elif "skins" not in result:  # of a recording that is played
+    elif "skins" not in result:  # the answer of a replayed recording
         print(json_module.dumps(result))
     elif verb == "stats":
         from tactemu.cli.reports import sentence

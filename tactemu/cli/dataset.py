@@ -1,4 +1,4 @@
-"""``tactemu dataset``: say what it takes, make it, say how far it is."""
+"""``tactemu dataset``: print the estimate, make the dataset, and show progress."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from tactemu.datasets.spec import DatasetSpec
 
 
 def make_dataset(spec: DatasetSpec, folder: Path, cluster: str | None) -> int:
-    """Make a dataset, with a bar on stderr; returns the exit code.
+    """Make a dataset with a progress bar on stderr, and return the exit code.
 
     Raises:
-        TactemuError: something asked for cannot be had.
+        TactemuError: the request is invalid, or the folder cannot be written.
     """
     try:
         estimate = begin(spec, folder)
@@ -35,11 +35,11 @@ def make_dataset(spec: DatasetSpec, folder: Path, cluster: str | None) -> int:
             for more in make(spec, folder, cluster):
                 progress.advance(task, more)
     except KeyboardInterrupt:
-        typer.echo("stopped; the same command goes on from here", err=True)
+        typer.echo("stopped; the same command continues from here", err=True)
         return INTERRUPTED
     except OSError as error:
         raise TactemuError(f"{folder}: {error.strerror or error}") from None
-    typer.echo(f"{folder}: done; README.md says what is in it")
+    typer.echo(f"{folder}: done; README.md describes the files")
     return 0
 
 

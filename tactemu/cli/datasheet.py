@@ -1,4 +1,4 @@
-"""``tactemu devices NAME``: the datasheet of one device, printed from its declarations."""
+"""``tactemu devices NAME``: the datasheet of a device, from its declarations."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ from tactemu.session.heatmap import flattened
 from tactemu.wire.line_models import line_model_for
 
 MAX_LISTED = 100
-"""Taxels that are listed one by one; of more than these, patches are."""
+"""Maximum number of taxels listed one by one; of more, the patches are listed."""
 MAX_PITCHES = 40
-"""A picture of a free layout is no wider than this many taxels."""
+"""Maximum width of the picture of a free layout [taxels]."""
 
 
 def ports_of(device: Device) -> list[str]:
-    """``serial 115200 8N1``, ``fingers: USB serial ...``; those that are not in use by default are marked."""
+    """Return ``serial 115200 8N1``, ``fingers: USB serial ...``; ports not in use by default are marked."""
     lines = []
     for k, connector in enumerate(device.ports):
         text = line_model_for(connector).describe()
@@ -41,20 +41,20 @@ def ports_of(device: Device) -> list[str]:
     return lines
 
 
-def rates_of(device: Device, wish: float | Mapping[str, float] | None = None) -> str:
-    """``100 Hz``, or the rate of each stream by name; ``wish`` is the user's."""
+def rates_of(device: Device, requested: float | Mapping[str, float] | None = None) -> str:
+    """Return ``100 Hz``, or the rate of each stream by name; ``requested`` is the user's."""
     own = {stream: 1e9 / period if period else 0.0 for stream, period in device.periods.items()}
-    wanted = wish if isinstance(wish, Mapping) else dict.fromkeys(own, wish) if wish else {}
+    wanted = requested if isinstance(requested, Mapping) else dict.fromkeys(own, requested) if requested else {}
     rates = {stream: wanted.get(stream) or hz for stream, hz in own.items()}
     said = {stream: f"{hz:g} Hz" if hz else "when asked" for stream, hz in rates.items()}
     return ", ".join(f"{stream} {text}".strip() for stream, text in said.items())
 
 
 def options_of(words: Sequence[str]) -> dict[str, str]:
-    """``["axes=6"]`` as a table.
+    """Return ``["axes=6"]`` as a dictionary.
 
     Raises:
-        DeviceError: a word that is no ``NAME=VALUE``.
+        DeviceError: a word is no ``NAME=VALUE``.
     """
     try:
         return from_words(words)
@@ -63,7 +63,7 @@ def options_of(words: Sequence[str]) -> dict[str, str]:
 
 
 def print_datasheet(name: str, options: Mapping[str, Any] | None = None, *, json: bool = False) -> None:
-    """Ports, frames, commands, taxel map, sources and assumptions of one device.
+    """Print ports, frames, commands, taxel map, sources and assumptions of a device.
 
     Raises:
         DeviceError: no such device, or an option that it does not take.
@@ -84,14 +84,14 @@ def print_datasheet(name: str, options: Mapping[str, Any] | None = None, *, json
 
 
 def row_of(name: str, device: Device) -> dict[str, Any]:
-    """What a table of devices says of this one.
+    """Return the row of a device in the table of devices.
 
     Raises:
-        DeviceError: its class does not say what it is.
+        DeviceError: its class lacks title, evidence or sources.
     """
     missing = [each for each in ("title", "evidence", "sources") if not hasattr(device, each)]
     if missing:
-        raise DeviceError(f"its class does not say its {', '.join(missing)}")
+        raise DeviceError(f"its class lacks {', '.join(missing)}")
     return {
         "name": name,
         "title": device.title,
@@ -121,7 +121,7 @@ def datasheet(name: str, device: Device) -> list[str]:
 
 
 def _facts(device: Device) -> list[str]:
-    """How far each part may be trusted, then every fact."""
+    """Return the number of facts of each part by their basis, then every fact."""
     facts = device.facts
     bases = typing.get_args(Basis)
     lines = ["", "Beside the byte tables", f"  {'':<14}" + "".join(f"{basis:>10}" for basis in bases)]
@@ -151,12 +151,12 @@ def _column(column: Column) -> str:
 
 
 def frame_page(device: Device) -> list[str]:
-    """What the file of a device says of its frames, with the evidence for it."""
+    """Return the docstring of a device's file: its frames, and the evidence for them."""
     return (inspect.getdoc(sys.modules[type(device).__module__]) or "").splitlines()
 
 
 def _tables(device: Device) -> list[str]:
-    """Return the frame and register tables that the device declares, as it states them."""
+    """Return the frame and register tables that the device declares."""
     return [line for table in held(type(device), (Frame, RegisterMap)) for line in ("", *str(table).splitlines())]
 
 
@@ -171,23 +171,24 @@ def _commands(device: Device) -> list[str]:
     lines = ["", "Commands"]
     for command in device.commands:
         port = f" [{command.port}]" if command.port else ""
-        lines.append(f"  {command.name + port:<24} {shown(frame_of(command.request)):<40} {command.about}".rstrip())
+        lines.append(
+            f"  {command.name + port:<24} {short_frame(frame_of(command.request)):<40} {command.about}".rstrip()
+        )
     return lines
 
 
-def shown(frame: Any) -> str:
-    """Return a frame in hex, or in candump notation; long ones cut."""
-    whole = frame.hex(" ") if isinstance(frame, bytes) else str(frame)
-    return whole if len(whole) <= 40 else whole[:39] + "…"
+def short_frame(frame: Any) -> str:
+    """Return a frame in hex, or in candump notation; long ones are cut."""
+    text = frame.hex(" ") if isinstance(frame, bytes) else str(frame)
+    return text if len(text) <= 40 else text[:39] + "…"
 
 
 # -- taxels ------------------------------------------------------------------------------------------------------------
 
 
 def taxel_map(layout: Layout) -> list[str]:
-    """Return every patch as a picture of taxel numbers, then the table of positions; of many taxels a line for each
-    patch.
-    """
+    """Return every patch as a picture of taxel numbers and the table of positions; of many taxels, one line for each
+    patch."""
     if len(layout) > MAX_LISTED:
         return _patches(layout)
     lines = [""]

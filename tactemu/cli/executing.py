@@ -14,16 +14,15 @@ from tactemu.base.errors import TactemuError, TransportError
 from tactemu.base.gc_tuning import no_full_collections
 from tactemu.cli.datasheet import options_of
 from tactemu.cli.forwarding import Forwarding
-from tactemu.cli.reports import nobody_came, not_understood
-from tactemu.cli.running import ports_of, rate_of
-from tactemu.cli.socket import control_socket
+from tactemu.cli.reports import not_understood, unreached_hint
+from tactemu.cli.running import control_socket, ports_of, rate_of
 from tactemu.exec.enter import FAILED, NOT_EXECUTABLE, NOT_FOUND
 from tactemu.exec.environment import ExecEnvironment, exec_environment
 from tactemu.exec.reach import out_of_reach
 from tactemu.session.serving import Served, serve
 
-_LOOK_S = 0.1
-"""How often the emulator is looked after while the driver runs."""
+_POLL_S = 0.1
+"""The interval of checks of the emulator while the driver runs."""
 
 
 def run_command(
@@ -46,15 +45,15 @@ def run_command(
     measured: bool = False,
     signals: Forwarding,
 ) -> int:
-    """Run ``command`` with ``target`` plugged in; returns the exit status, 128 + n after signal n.
+    """Run ``command`` with ``target`` plugged in, and return its exit status, 128 + n after signal n.
 
     Raises:
-        TactemuError: own failures.
+        TactemuError: tactemu itself fails.
     """
     if way == "guest":
         _go_into_guest()
     if not command:
-        raise TactemuError(f"which program? name it after --, as in `tactemu exec {target} -- python driver.py`")
+        raise TactemuError(f"name the program after --, as in `tactemu exec {target} -- python driver.py`")
     if status := _unfit(command[0]):
         return status
     dev = serve(
@@ -79,29 +78,29 @@ def run_command(
 
 
 _RUNNERS = tuple(Path(__file__).parents[up] / "scripts" / "vcan-run" for up in (1, 2))
-"""What brings up a kernel with CAN: in the installed package, and in a source tree."""
+"""The script that boots a kernel with CAN, in the installed package and in a source tree."""
 
 
 def _go_into_guest() -> None:
-    """Start again in a kernel that has CAN, emulator and driver; does not return.
+    """Restart this command, emulator and driver, in a kernel with CAN; it does not return.
 
     Raises:
-        TactemuError: there is no way in.
+        TactemuError: the script that boots the kernel is missing.
     """
     runner = next((path for path in _RUNNERS if path.exists()), None)
     if runner is None:
-        raise TactemuError(f"--way guest needs a program that this installation has lost: {_RUNNERS[0]}")
+        raise TactemuError(f"--way guest needs {_RUNNERS[0]}, which is missing; install tactemu again")
     at = next(k for k, word in enumerate(sys.argv) if word in ("--way", "--way=guest"))
-    rest = [*sys.argv[1:at], "--way", "native", *sys.argv[at + (1 if sys.argv[at] == "--way=guest" else 2) :]]
-    os.execvp("bash", ["bash", str(runner), "-u", "--", sys.executable, "-m", "tactemu", *rest])
+    words = [*sys.argv[1:at], "--way", "native", *sys.argv[at + (1 if sys.argv[at] == "--way=guest" else 2) :]]
+    os.execvp("bash", ["bash", str(runner), "-u", "--", sys.executable, "-m", "tactemu", *words])
 
 
 def _watch(driver: subprocess.Popen[bytes], dev: Served, env: ExecEnvironment) -> BaseException | None:
-    """Until the driver has ended. An emulator that fails meanwhile is unplugged; returns what went wrong in it."""
+    """Wait until the driver has ended; unplug the emulator if it fails meanwhile, and return its error, or None."""
     failure = None
     while True:
         try:
-            driver.wait(_LOOK_S)
+            driver.wait(_POLL_S)
             return failure
         except subprocess.TimeoutExpired:
             if failure is None and not dev.running:
@@ -113,7 +112,7 @@ def _watch(driver: subprocess.Popen[bytes], dev: Served, env: ExecEnvironment) -
 
 
 def _unfit(program: str) -> int:
-    """Exit status for a program that cannot be started, before anything is built; 0 where there is nothing to say."""
+    """Return the exit status of a program that cannot be started, or 0; it is checked before anything is built."""
     if shutil.which(program):
         return 0
     if os.sep in program and Path(program).exists():
@@ -130,17 +129,17 @@ def _announce(env: ExecEnvironment, program: str) -> None:
         _say(env.network)
     missed = "modem lines, break, parity, low latency and udev's events"
     if env.missing:
-        _say(f"{env.missing}. Names, sysfs, reading and writing work; nobody answers {missed}")
+        _say(f"{env.missing}. Names, sysfs, reading and writing work; there are no {missed}")
     elif why := out_of_reach(program):
-        _say(f"{why}: it finds the ports, reads and writes; what it does not get are {missed}")
+        _say(f"{why}: it finds the ports, reads and writes, but has no {missed}")
 
 
 def _sum_up(dev: Served) -> None:
-    """Say what was not understood, and who was not found."""
+    """Print what devices did not understand, and which of them no driver has reached."""
     for channel, entry in zip(dev.emulator.channels, dev.emulator.summary()):
         if text := not_understood(entry):
             _say(f"{channel.name} did not understand all that it was sent: {text}")
-        if text := nobody_came(channel):
+        if text := unreached_hint(channel):
             _say(f"{channel.name}: {text}")
 
 
@@ -149,25 +148,25 @@ def _say(text: str) -> None:
 
 
 def _network_ports(words: Sequence[str]) -> str | dict[str, str] | None:
-    """Return the ports asked for with ``--port``, as for `tactemu run`.
+    """Return the ports of ``--port``, as for `tactemu run`.
 
     Raises:
-        TransportError: one that is not on the network: it has a node.
+        TransportError: a port is not on the network; such a device has a node.
     """
     ports = ports_of(words)
     for port in ports.values() if isinstance(ports, dict) else filter(None, [ports]):
         if port.partition(":")[0] not in ("tcp", "udp", "ws", "dds"):
             raise TransportError(
-                f"--port {port}: here it is for tcp:, udp:, ws: and dds:; a serial port or a CAN bus has a node, --node"
+                f"--port {port}: only tcp:, udp:, ws: and dds: are possible; name a serial port or CAN bus with --node"
             )
     return ports
 
 
 def nodes_of(words: Sequence[str]) -> str | dict[str, str]:
-    """``["ttyUSB0"]`` as it is, ``["thumb=ttyUSB0", "palm=ttyUSB1"]`` by skin or ``SKIN/CONNECTOR``.
+    """Return ``["ttyUSB0"]`` as one name, ``["thumb=ttyUSB0", "palm=ttyUSB1"]`` by skin or ``SKIN/CONNECTOR``.
 
     Raises:
-        TransportError: several nodes of which one does not say whose it is.
+        TransportError: one of several nodes has no skin.
     """
     if len(words) == 1 and "=" not in words[0]:
         return words[0]
@@ -175,6 +174,6 @@ def nodes_of(words: Sequence[str]) -> str | dict[str, str]:
     for word in words:
         owner, given, node = word.partition("=")
         if not given:
-            raise TransportError(f"--node {word}: of several nodes each needs its skin, --node SKIN={word}")
+            raise TransportError(f"--node {word}: with several nodes, name the skin of each: --node SKIN={word}")
         nodes[owner] = node
     return nodes

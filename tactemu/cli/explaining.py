@@ -1,4 +1,4 @@
-"""``tactemu explain``: what a scene models, why, and what each stage costs."""
+"""``tactemu explain``: the content of a scene, and the stages of its simulation with reasons and times."""
 
 from __future__ import annotations
 
@@ -10,10 +10,11 @@ from tactemu.cli.datasheet import frame_page, ports_of, rates_of, taxel_map
 from tactemu.scene import file
 
 MAX_MAP_LINES = 60
+"""Maximum number of lines of a skin's taxel map."""
 
 
 def print_schema() -> None:
-    """The JSON schema of scene files."""
+    """Print the JSON schema of scene files."""
     print(json.dumps(file.json_schema(), indent=2))
 
 
@@ -21,7 +22,7 @@ def explain_target(target: str, *, compute: str | None, cost: bool, code: bool =
     """Print bodies, skins, frames, taxels and the plan of a device's scene or a scene file.
 
     Raises:
-        TactemuError: the scene is wrong, or names Python files and ``code`` is false.
+        TactemuError: the scene is invalid, or it names Python files and ``code`` is False.
     """
     from tactemu.emulator.scenario import laws_needed
     from tactemu.scene.building import build_scene, make_devices
@@ -44,7 +45,7 @@ def explain_target(target: str, *, compute: str | None, cost: bool, code: bool =
     simulation.step()
     if cost:
         simulation.plan.time_stages(time.perf_counter_ns)
-    print("Plan: the stages that this scene needs, with cost per step here")
+    print("Plan: the stages that this scene needs, with their time per step on this machine")
     print(simulation.plan)
 
 

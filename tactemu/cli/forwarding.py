@@ -1,4 +1,4 @@
-"""Signals for a program that runs in front of us: it gets them, we do not."""
+"""Forwarding of signals to the program that this process runs."""
 
 from __future__ import annotations
 
@@ -16,43 +16,43 @@ if TYPE_CHECKING:
     import subprocess
 
 _TAKEN = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT, signal.SIGUSR1, signal.SIGUSR2)
-_LOOK_S = 0.05
+_POLL_S = 0.05
 _FROM_THE_KERNEL = 0x80
-"""Origin of a signal that a terminal sends: to all who run on it, the program too."""
+"""The code of a signal from a terminal, which sends it to all its processes, the program included."""
 
 
 FORWARDING: list[Forwarding] = []
-"""The forwarding of this program's signals, if it does that."""
+"""The active forwarding of this process, if any."""
 
 
 class Forwarding:
-    """Where signals go: to ``program`` once there is one; before that they end the start."""
+    """The forwarding of signals to ``program`` once it runs; before that, signals end the start."""
 
     def __init__(self):
         self.program: subprocess.Popen[bytes] | None = None
         self._sent: dict[int, str] = {}
-        """Who sent the signals that the program was given."""
+        """The origin of each signal that was forwarded."""
         self._lock = threading.Lock()
         self._end = threading.Event()
         self._ignored = {number for number in _TAKEN if handler_before(number) is signal.SIG_IGN}
-        """Those that whoever started us wants ignored, as ``nohup`` does; the program ignores them too."""
+        """The signals that were ignored when this process started, as by ``nohup``; the program ignores them, too."""
 
     def start(self, program: Callable[[], subprocess.Popen[bytes]]) -> subprocess.Popen[bytes]:
-        """Start the program. A signal comes before it, and there will be none, or goes to it."""
+        """Start the program, unless a signal has come before; later signals go to it."""
         with self._lock:
             if not any(start.number for start in STARTING):
                 for start in STARTING:
-                    start.over()
+                    start.finish()
                 self.program = program()
                 return self.program
-        while True:  # until the exception comes that the signal has raised in this thread
-            time.sleep(_LOOK_S)
+        while True:  # wait for the exception that the signal raises in this thread
+            time.sleep(_POLL_S)
 
     def run(self) -> None:
-        """Take signals until :meth:`stop`.
+        """Forward signals until :meth:`stop`.
 
-        Not by ``sigtimedwait``: interrupted when its time is over, Python's gives a signal that never came, with what
-        was in memory for its number and its sender.
+        It does not use ``sigtimedwait``: interrupted at its timeout, Python's version returns a signal that never came,
+        with random memory as its number and its sender.
         """
         while True:
             got = signal.sigwaitinfo(_TAKEN)
@@ -66,30 +66,33 @@ class Forwarding:
                     self.program.send_signal(got.si_signo)
                 elif self.program is None and not self._is_ignored(got.si_signo, from_kernel):
                     for start in STARTING:
-                        start.came(got.si_signo, origin)
+                        start.receive(got.si_signo, origin)
 
     def stop(self, thread: threading.Thread) -> None:
-        """Take no more in the thread that runs this."""
+        """End :meth:`run` in its thread."""
         self._end.set()
         assert thread.ident is not None
         signal.pthread_kill(thread.ident, signal.SIGUSR2)  # wakes it
         thread.join()
 
     def say_what_ended(self, status: int) -> None:
-        """Tell a user of the signal that was passed on to a program and that it died of."""
+        """Print which forwarded signal has ended the program, if one has."""
         if origin := self._sent.get(-status):
             sys.stderr.write(f"tactemu: {signal.Signals(-status).name}{origin} has ended the program\n")
 
     def _is_ignored(self, number: int, from_kernel: bool) -> bool:
-        """Whether a signal is nothing to us. Shells have what runs behind ignore Ctrl-C; `kill -INT` is meant."""
+        """Return True for a signal that was ignored at the start.
+
+        Shells make background processes ignore Ctrl-C; but a ``kill -INT`` is intended, and counts.
+        """
         return number in self._ignored and (from_kernel or number not in ENDING)
 
 
 @contextmanager
 def forwarded_signals() -> Iterator[Forwarding]:
-    """Take signals in a thread of their own, which sees who sent them.
+    """Forward signals in a thread of their own, which sees the sender of each.
 
-    Enter it before anything that makes threads is imported: NumPy does.
+    Enter it before you import a module that starts threads, such as NumPy.
     """
     before = signal.pthread_sigmask(signal.SIG_BLOCK, _TAKEN)
     forwarding = Forwarding()

@@ -26,16 +26,20 @@ from tactemu.judge.report import Report, written
 from tactemu.judge.trial_runner import Judge, JudgeOptions
 from tactemu.judge.verdicts import judge_record
 
-FAILED, NOT_JUDGED, INTERRUPTED = 1, 3, 130
-"""Exit codes: something fails; there was nothing to judge; Ctrl-C."""
+FAILED = 1
+"""The exit code if a trial fails."""
+NOT_JUDGED = 3
+"""The exit code if there was nothing to judge."""
+INTERRUPTED = 130
+"""The exit code after Ctrl-C."""
 _BUDGET = re.compile(r"(\d+(?:\.\d+)?)\s*(s|m|h|)")
 
 
 def budget_of(text: str | None) -> float | None:
-    """``5m``, ``90s`` or ``90`` in seconds.
+    """Return ``5m``, ``90s`` or ``90`` in seconds.
 
     Raises:
-        TactemuError: it is none.
+        TactemuError: the text is no time.
     """
     if text is None:
         return None
@@ -46,7 +50,7 @@ def budget_of(text: str | None) -> float | None:
 
 
 def kinds_of(words: Sequence[str]) -> tuple[str, ...]:
-    """Kinds of finding that fail a run.
+    """Return the kinds of finding that fail a run.
 
     Raises:
         TactemuError: there is no such kind.
@@ -69,7 +73,7 @@ def judge_driver(
     options: Sequence[str],
     ports: Sequence[str],
     budget: str | None,
-    rest: float,
+    no_contact_s: float,
     seed: int | None,
     only: Sequence[str],
     fail_on: Sequence[str],
@@ -83,24 +87,24 @@ def judge_driver(
     replay: Path | None,
     patience: float,
 ) -> int:
-    """Judge a driver; returns the exit code.
+    """Judge a driver, print and write the report, and return the exit code.
 
     Raises:
-        TactemuError: something asked for cannot be had.
+        TactemuError: the request is invalid, or cannot be met on this machine.
     """
     from tactemu.cli.running import ports_of
 
     if bool(command) == bool(reads):
         raise TactemuError(
-            f"which driver? its command after --, as in `tactemu judge {target} -- python driver.py {{port}}`, "
-            "or --reads package.module:function"
+            f"name the driver's command after --, as in `tactemu judge {target} -- python driver.py {{port}}`, "
+            "or give --reads package.module:function"
         )
     command = (
         reading_command(reads) if reads else [sys.executable if command[0] == "python" else command[0], *command[1:]]
     )
     began, limit = time.monotonic() - age_s(), budget_of(budget)  # imports count: on a busy machine they take seconds
     chosen = JudgeOptions(
-        no_contact_s=rest, seed=seed or 0, budget_s=began + limit - time.monotonic() if limit else None,
+        no_contact_s=no_contact_s, seed=seed or 0, budget_s=began + limit - time.monotonic() if limit else None,
         every=(limit or 0.0) >= EVERY_POSITION_BUDGET_S, only=tuple(only), fail_on=kinds_of(fail_on),
         columns=columns, record=record, device_options=options_of(options), port=ports_of(ports), patience_s=patience,
     )  # fmt: skip
@@ -121,7 +125,7 @@ def judge_driver(
                     _print_outcome(console, report, outcome)
             except KeyboardInterrupt:
                 interrupted = True
-                console.print("interrupted: the rest was not tried")
+                console.print("interrupted: the other trials were not run")
             judge.end()
             report.left_behind = judge.left_behind
     report.seconds = time.monotonic() - began
@@ -137,7 +141,7 @@ def _interrupt() -> None:
 
 
 def _replayed(judge: Judge, case: dict):
-    """The clean run, and the case."""
+    """Yield the outcomes of the clean run and of the case."""
     yield judge.clean()
     if judge.columns.values:
         yield judge_record(judge.run_trial(smallest_case.trial_of(case)))
@@ -146,7 +150,7 @@ def _replayed(judge: Judge, case: dict):
 def _print_columns(console: Console, report: Report) -> None:
     if not report.columns:
         return
-    table = Table(title="What the driver's columns hold", box=None, title_justify="left", show_header=False)
+    table = Table(title="Meaning of the driver's columns", box=None, title_justify="left", show_header=False)
     for name, holds in report.columns[:40]:
         table.add_row(escape(name), escape(holds))
     if len(report.columns) > 40:
@@ -175,7 +179,7 @@ def _print_end(console: Console, report: Report) -> None:
         console.print(f"\n[bold]{case['trial']}, smallest case[/]")
         console.print(smallest_case.in_words(case), markup=False, highlight=False)
     if report.left_behind:
-        console.print(f"{report.left_behind} processes of the driver had left its session; they were ended")
+        console.print(f"{report.left_behind} processes of the driver had left its session; tactemu ended them")
     failed = len(report.failed)
     words = f"[red]{failed} of {len(report.outcomes)} trials fail[/]" if failed else "[green]nothing fails[/]"
     tried = sum(not outcome.skipped for outcome in report.outcomes)
@@ -213,7 +217,7 @@ def run_proxy(
     """Pass bytes between a real sensor and its driver until Ctrl-C.
 
     Raises:
-        TactemuError: something asked for cannot be had, or the sensor's port is lost.
+        TactemuError: the request is invalid or cannot be met on this machine, or the sensor's port is lost.
     """
     from contextlib import ExitStack
 

@@ -1,4 +1,4 @@
-"""Commands about drivers: what they do when the wire goes wrong, here or beside the real sensor."""
+"""Commands that test drivers: judge, sweep and proxy."""
 
 from __future__ import annotations
 
@@ -20,65 +20,71 @@ def judge(
     reads: Annotated[
         str | None,
         typer.Option(
-            "--reads", metavar="MODULE:FUNCTION", help="A Python reader in place of a command, called in a loop."
+            "--reads", metavar="MODULE:FUNCTION", help="Python function to call in a loop instead of a command."
         ),
     ] = None,
     port: Ports = None,
     budget: Annotated[
         str | None,
-        typer.Option(metavar="T", help="How long, such as 30s or 5m; from two minutes on every byte is tried."),
+        typer.Option(metavar="T", help="Time for all trials, such as 30s or 5m; with 2m or more every byte is tried."),
     ] = None,
     only: Annotated[
-        list[str] | None, typer.Option("--only", metavar="TRIAL", help="Only trials of this name; repeatable.")
+        list[str] | None, typer.Option("--only", metavar="TRIAL", help="Run only trials of this name; repeatable.")
     ] = None,
     fail_on: Annotated[
         list[str] | None,
         typer.Option(
             "--fail-on",
             metavar="KIND",
-            help="What fails the run, such as wrong,stale,late; all or none. Default: wrong values, stale, lost sync, "
-            "died, and what cannot be judged.",
+            help="Findings that fail the run, such as wrong,stale,late; all or none. Default: wrong values, stale, "
+            "lost sync, died, and not judged.",
         ),
     ] = None,
     html: Annotated[Path | None, typer.Option("--html", metavar="FILE", help="Write the report as one page.")] = None,
-    junit: Annotated[Path | None, typer.Option("--junit", metavar="FILE", help="Write it for a CI system.")] = None,
+    junit: Annotated[
+        Path | None, typer.Option("--junit", metavar="FILE", help="Write the report for a CI system.")
+    ] = None,
     json: Annotated[
-        Path | None, typer.Option("--json", metavar="FILE", help="Write it as data; a --baseline for later runs.")
+        Path | None,
+        typer.Option("--json", metavar="FILE", help="Write the report as JSON, for --baseline of later runs."),
     ] = None,
     baseline: Annotated[
-        Path | None, typer.Option("--baseline", metavar="FILE", help="An earlier --json: only what is new fails.")
+        Path | None, typer.Option("--baseline", metavar="FILE", help="An earlier --json: only new findings fail.")
     ] = None,
     columns: Annotated[
         Path | None,
         typer.Option(
-            "--columns", metavar="FILE", help="What the driver's columns hold: read, or written if not there."
+            "--columns", metavar="FILE", help="Meaning of the driver's columns: read, or written if it does not exist."
         ),
     ] = None,
     cases: Annotated[
         Path | None, typer.Option("--cases", metavar="FOLDER", help="Write the smallest case of each finding here.")
     ] = None,
-    replay: Annotated[Path | None, typer.Option("--replay", metavar="FILE", help="Try this case alone.")] = None,
+    replay: Annotated[Path | None, typer.Option("--replay", metavar="FILE", help="Run this case only.")] = None,
     record: Annotated[
-        Path | None, typer.Option("--record", metavar="FOLDER", help="Keep all that each trial saw, as JSON lines.")
+        Path | None,
+        typer.Option("--record", metavar="FOLDER", help="Write the record of each trial here, as JSON lines."),
     ] = None,
-    rest: Annotated[
+    no_contact: Annotated[
         float,
-        typer.Option(metavar="S", min=0.0, max=600.0, help="How long the skin rests after the driver's first row."),
+        typer.Option(
+            "--rest", metavar="S", min=0.0, max=600.0, help="Time without touch after the driver's first row."
+        ),
     ] = 1.0,
     patience: Annotated[
-        float, typer.Option(metavar="S", min=0.1, max=600.0, help="How long it may take to be well again.")
+        float, typer.Option(metavar="S", min=0.1, max=600.0, help="Time in which the driver must recover from a fault.")
     ] = 1.5,
     seed: Seed = None,
     success: Annotated[
         Path | None,
         typer.Option(
-            "--success", metavar="SCRIPT", help="Judge a whole task: its success(dev) says whether that succeeded."
+            "--success", metavar="SCRIPT", help="Judge a complete task: success(dev) of this script returns the result."
         ),
     ] = None,
 ) -> None:
-    """Judge a driver: what it does when the wire goes wrong.
+    """Test a driver against faults on the wire.
 
-    Bytes are lost, the sensor restarts, the port goes away, and more.
+    Bytes are lost or damaged, the sensor restarts, the port disappears, and more.
 
     \b
       tactemu judge paxini_px6ax -- python my_driver.py {port}
@@ -87,13 +93,13 @@ def judge(
       tactemu judge optoforce --replay cases/flipped.json -- ./reader {port}
       tactemu judge hand.toml --success held.py -- python grasp.py {port}
 
-    The driver prints a line for each reading, JSON or numbers, on its standard output. Which column holds what is
-    learned from a run without faults; then each way to go wrong is tried, and every reading compared with what was
-    sent.
-    With --success nothing is read from the command: lost, damaged and late frames and dead taxels (--only drop, flip,
-    late, dead) grow, and the result is how often its task succeeds; --port, --budget, --seed and --json go with it.
-    Exit code 0 when nothing fails, 1 when something does, 2 for a mistake in the command, 3 when there was nothing to
-    judge. See docs/judge.md.
+    Your driver must print a line for each reading, JSON or numbers, on its standard output. A run without faults shows
+    the meaning of its columns; then each fault is tried, and every reading is compared with what was sent.
+    With --success the output of the command is not read: lost, damaged and late frames and dead taxels (--only drop,
+    flip, late, dead) increase, and the result is how often the task succeeds; you can add --port, --budget, --seed and
+    --json.
+    Exit code 0 if nothing fails, 1 if something fails, 2 for an error in the command, 3 if there was nothing to judge.
+    See docs/judge.md.
     """
     from tactemu.cli.judging import budget_of, judge_driver
 
@@ -114,8 +120,9 @@ def judge(
         )
     status = judge_driver(
         target, context.obj or (), reads=reads, options=options or (), ports=tuple(port or ()), budget=budget,
-        rest=rest, seed=seed, only=tuple(only or ()), fail_on=tuple(fail_on or ()), columns=columns, record=record,
-        html=html, junit_file=junit, json_file=json, baseline=baseline, cases=cases, replay=replay, patience=patience,
+        no_contact_s=no_contact, seed=seed, only=tuple(only or ()), fail_on=tuple(fail_on or ()), columns=columns,
+        record=record, html=html, junit_file=junit, json_file=json, baseline=baseline, cases=cases, replay=replay,
+        patience=patience,
     )  # fmt: skip
     raise typer.Exit(status)
 
@@ -124,18 +131,19 @@ def judge(
 def sweep(
     plan: Annotated[Path, typer.Argument(help="A TOML file: [[driver]] tables with name, devices, command, seeds.")],
     results: Annotated[
-        Path, typer.Option("--results", metavar="FILE", help="Where the verdicts go, as Parquet; a journal beside it.")
+        Path, typer.Option("--results", metavar="FILE", help="Parquet file for the verdicts; a journal is beside it.")
     ] = Path("judged.parquet"),
     at_once: Annotated[
-        int | None, typer.Option("--at-once", metavar="N", min=1, help="Runs side by side; default: one for each core.")
+        int | None,
+        typer.Option("--at-once", metavar="N", min=1, help="Number of parallel runs; default: one for each core."),
     ] = None,
     cluster: Annotated[
         str | None, typer.Option("--cluster", metavar="ADDRESS", help="A Dask scheduler, such as tcp://10.0.0.1:8786.")
     ] = None,
 ) -> None:
-    """Judge many drivers, here or on a cluster.
+    """Test many drivers, here or on a cluster.
 
-    Each at many devices and seeds.
+    Each driver is judged with many devices and seeds.
 
     \b
       tactemu sweep plan.toml
@@ -149,8 +157,8 @@ def sweep(
       seeds = "0-9"
       options = ["--budget", "30s"]
 
-    What is interrupted goes on where it was. Workers of a cluster should run one task at a time
-    (`dask worker --nthreads 1`), and have the driver. Exit code 1 when something fails.
+    The same command continues an interrupted sweep. Workers of a cluster should run one task at a time
+    (`dask worker --nthreads 1`), and have the driver installed. Exit code 1 if something fails.
     """
     from tactemu.judge.sweep import read_plan
     from tactemu.judge.sweep import sweep as run_sweep
@@ -163,36 +171,37 @@ def sweep(
 @commands.command()
 def proxy(
     real: Annotated[
-        str, typer.Argument(metavar="REAL_PORT", help="/dev/ttyUSB0, a pyserial URL, or can:INTERFACE:CHANNEL.")
+        str,
+        typer.Argument(metavar="REAL_PORT", help="The sensor: /dev/ttyUSB0, a pyserial URL, or can:INTERFACE:CHANNEL."),
     ],
     port: Annotated[
-        str, typer.Option("--port", metavar="PORT", help="Where the driver comes: pty:PATH, rfc2217:HOST:PORT ...")
+        str, typer.Option("--port", metavar="PORT", help="Port for the driver: pty:PATH, rfc2217:HOST:PORT ...")
     ] = "pty:",
     device: Annotated[
-        str | None, typer.Option("--device", metavar="NAME", help="Which sensor it is, so that frames are decoded.")
+        str | None, typer.Option("--device", metavar="NAME", help="Model of the sensor, to decode its frames.")
     ] = None,
     option: Annotated[
-        list[str] | None, typer.Option("--option", metavar="NAME=VALUE", help="Of the device; repeatable.")
+        list[str] | None, typer.Option("--option", metavar="NAME=VALUE", help="Option of the device; repeatable.")
     ] = None,
-    baud: Annotated[int | None, typer.Option(metavar="N", min=1, help="Speed until the driver sets one.")] = None,
+    baud: Annotated[int | None, typer.Option(metavar="N", min=1, help="Baud rate until the driver sets one.")] = None,
     fault: Faults = None,
     truth: TruthFile = None,
     record: Annotated[
-        Path | None, typer.Option("--record", metavar="FILE", help="Record what passes, for `tactemu replay`.")
+        Path | None, typer.Option("--record", metavar="FILE", help="Record the bytes or frames, for `tactemu replay`.")
     ] = None,
     seed: Seed = None,
     seconds: Seconds = None,
 ) -> None:
     """Inject faults between a real sensor and its driver.
 
-    It passes bytes on, and writes truth and a recording.
+    It passes bytes on, and can write a truth log and a recording.
 
     \b
       tactemu proxy /dev/ttyACM0 --device anyskin --port pty:/tmp/skin
       tactemu proxy /dev/ttyUSB0 --device optoforce --fault 'flip 1%' --truth truth.mcap --record real.mcap
       tactemu proxy can:socketcan:can0 --port can:socketcan:vcan0 --fault 'drop 1%'
 
-    Speed, parity and modem lines that the driver sets are passed on. Ctrl-C ends it.
+    Baud rate, parity and modem lines that the driver sets are passed on, too. Ctrl-C ends it.
     """
     from tactemu.cli.judging import run_proxy
 

@@ -1,4 +1,4 @@
-"""``tactemu licences``: what is installed because of tactemu, and under which licence each says that it is."""
+"""``tactemu licences``: the installed packages that tactemu needs, each with the licence of its metadata."""
 
 from __future__ import annotations
 
@@ -11,26 +11,26 @@ from tactemu.base.errors import TactemuError
 
 _REQUIREMENT = re.compile(r"\s*(?P<name>[A-Za-z0-9._-]+)\s*(?:\[(?P<extras>[^\]]*)\])?")
 _EXTRA = re.compile(r"""extra\s*==\s*['"]([^'"]+)['"]""")
-_LONGEST = 60
-"""Characters of a licence's name; a field that holds a whole text is cut to its first line."""
+_MAX_LICENCE_CHARACTERS = 60
+"""Maximum length of a licence's name; of a field with the full text, the first line is used."""
 
 _FOR_DEVELOPERS = ("dev", "docs", "drivers")
-"""Extras for work on tactemu, of which no user has anything."""
+"""The extras for work on tactemu, which users do not need."""
 
 
 class Row(NamedTuple):
-    """One package."""
+    """A package."""
 
     package: str
     version: str
     licence: str
-    """As its metadata say; ``"?"`` where they say nothing."""
+    """The licence by its metadata, or ``"?"``."""
     needed_by: str
-    """``tactemu``, ``tactemu[mujoco]``, or the package that brings it."""
+    """``tactemu``, ``tactemu[mujoco]``, or the package that requires it."""
 
 
 def print_licences(*, json: bool = False) -> None:
-    """Print tactemu, what it needs, and what of its extras is installed."""
+    """Print tactemu, its requirements, and the installed requirements of its extras."""
     found = rows()
     if json:
         print(json_module.dumps([row._asdict() for row in found]))
@@ -41,7 +41,7 @@ def print_licences(*, json: bool = False) -> None:
 
 
 def rows(root: str = "tactemu") -> list[Row]:
-    """``root``, then what it needs, then what of its extras is installed; each package once, nearest first.
+    """Return ``root``, its requirements, and the installed requirements of its extras; each once, nearest first.
 
     Raises:
         TactemuError: ``root`` is not installed.
@@ -53,16 +53,16 @@ def rows(root: str = "tactemu") -> list[Row]:
     extras = [name for name in own.metadata.get_all("Provides-Extra") or () if name not in _FOR_DEVELOPERS]
     waiting = [(root, frozenset[str](), ""), *((root, frozenset({name}), f"{root}[{name}]") for name in extras)]
     found: dict[str, Row] = {}
-    looked_at: set[tuple[str, frozenset[str]]] = set()
+    visited: set[tuple[str, frozenset[str]]] = set()
     for name, wanted, needed_by in waiting:  # grows
         key = _plain(name)
-        if (key, wanted) in looked_at:
+        if (key, wanted) in visited:
             continue
-        looked_at.add((key, wanted))
+        visited.add((key, wanted))
         try:
             found_one = distribution(name)
         except PackageNotFoundError:
-            continue  # of an extra that is not installed, or for another platform
+            continue  # part of an extra that is not installed, or for another platform
         spelled = found_one.metadata["Name"]
         found.setdefault(key, Row(spelled, found_one.version, _licence(found_one), needed_by))
         waiting += [
@@ -72,7 +72,7 @@ def rows(root: str = "tactemu") -> list[Row]:
 
 
 def _needs(package: Distribution, extras: frozenset[str]) -> list[tuple[str, frozenset[str]]]:
-    """Return names and extras of what a package requires: without extras always, with them for these alone."""
+    """Return names and extras of the requirements of a package: those of ``extras``, or, without any, the others."""
     found = []
     for line in package.requires or ():
         requirement, _, marker = line.partition(";")
@@ -86,14 +86,15 @@ def _needs(package: Distribution, extras: frozenset[str]) -> list[tuple[str, fro
 
 
 def _licence(package: Distribution) -> str:
-    """Return the expression; else one line; else the classifiers; else how the text that somebody put there begins."""
+    """Return the licence expression, else the licence field if it is one line, else the classifiers, else the first
+    line of the licence field."""
     expressions, texts, classifiers = (
         package.metadata.get_all(key) or [] for key in ("License-Expression", "License", "Classifier")
     )
     said = [line for text in texts for line in text.strip().splitlines()]
     classified = [line.rpartition(" :: ")[2] for line in classifiers if line.startswith("License ::")]
     found = [*expressions, *(said if len(said) == 1 else ()), *classified, *said]
-    return next((line.strip()[:_LONGEST] for line in found if line.strip() not in ("", "UNKNOWN")), "?")
+    return next((line.strip()[:_MAX_LICENCE_CHARACTERS] for line in found if line.strip() not in ("", "UNKNOWN")), "?")
 
 
 def _plain(name: str) -> str:

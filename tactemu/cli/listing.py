@@ -1,7 +1,7 @@
-"""``tactemu devices``: every device in a table. Those of this package are read from a file, so that none is imported.
+"""``tactemu devices``: the table of all devices. Rows of this package come from a file, so that none is imported.
 
-``devices.json`` beside this module has their rows; ``python tests/test_readme.py --write`` writes it, a test holds it
-true. What it lacks is imported: devices of other packages, and one that was registered a minute ago.
+``devices.json`` beside this module has these rows; ``python tests/test_readme.py --write`` writes it, and a test
+compares it. Other devices are imported: those of other packages, and those registered since it was written.
 """
 
 from __future__ import annotations
@@ -29,29 +29,27 @@ KINDS = {
     "": "Others",
 }
 PIPE_WIDTH = 160
-"""Of the table [characters] where the output is no terminal."""
-LEAST_WIDTH = 80
+"""Width of the table if the output is no terminal [characters]."""
+MIN_WIDTH = 80
 
 
 def print_table(*, json: bool = False) -> None:
-    """Name, ports, taxels, rate, evidence and judge of every device; one that cannot be made stands with its error."""
+    """Print name, ports, taxels, rate, evidence and judge of every device, or the error of one that cannot be made."""
     if json:
         print(json_module.dumps(rows()))
         return
     width = shutil.get_terminal_size().columns if sys.stdout.isatty() else PIPE_WIDTH
-    print("\n".join(table(rows(), max(width, LEAST_WIDTH))))
+    print("\n".join(table(rows(), max(width, MIN_WIDTH))))
 
 
 def rows() -> list[dict[str, Any]]:
-    """What is said of every device, as ``tactemu devices --json`` prints it; of a broken one name and error."""
+    """Return the row of every device, as ``tactemu devices --json`` prints it; for a broken one, name and error."""
     written = {row["name"]: row for row in json_module.loads(FILE.read_text())}
     return [written[name] if name in DEVICES and name in written else row_or_error(name) for name in names()]
 
 
 def row_or_error(name: str) -> dict[str, Any]:
-    """Return the row of a device, made. One of somebody else's may fail in any way; the others are listed all the
-    same.
-    """
+    """Make a device and return its row. A device of another package may fail in any way; then the row has its error."""
     try:
         from tactemu.cli.datasheet import make_device, row_of
 
@@ -61,7 +59,7 @@ def row_or_error(name: str) -> dict[str, Any]:
 
 
 def by_kind(rows: Sequence[dict[str, Any]]) -> Iterator[tuple[str, list[dict[str, Any]]]]:
-    """The headings that have rows, with these; broken devices are among the others."""
+    """Yield each heading that has rows, with its rows; broken devices are among the others."""
     for kind, heading in KINDS.items():
         if found := [row for row in rows if row.get("kind", "") == kind]:
             yield heading, found
@@ -71,8 +69,14 @@ def table(rows: Sequence[dict[str, Any]], width: int) -> list[str]:
     """Return the lines of the table, at most ``width`` characters each unless words are longer."""
     name_width = max(len(row["name"]) for row in rows)
     shares = (0.28, 0.28, 0, 0, 0.18, 0.26)  # of what name, taxels and rate leave
-    rest = width - name_width - 6 - 12 - 2 * 6
-    widths = [name_width, *(int(rest * share) for share in shares[:2]), 6, 12, *(int(rest * s) for s in shares[4:])]
+    remaining = width - name_width - 6 - 12 - 2 * 6
+    widths = [
+        name_width,
+        *(int(remaining * share) for share in shares[:2]),
+        6,
+        12,
+        *(int(remaining * s) for s in shares[4:]),
+    ]
     lines = list(_cells(("name", "what", "ports", "taxels", "rate", "evidence", "read by"), widths))
     for heading, found in by_kind(rows):
         lines += ["", heading]
@@ -87,7 +91,7 @@ def table(rows: Sequence[dict[str, Any]], width: int) -> list[str]:
 
 
 def _cells(texts: Sequence[str], widths: Sequence[int]) -> Iterator[str]:
-    """One row: as many lines as its longest text needs."""
+    """Yield the lines of a row, as many as its longest text needs."""
     columns = [textwrap.wrap(text, width, break_on_hyphens=False) for text, width in zip(texts, widths, strict=True)]
     for k in range(max(map(len, columns))):
         parts = (column[k] if k < len(column) else "" for column in columns)

@@ -1,4 +1,4 @@
-"""Commands for truth logs and recordings: read, drawn, converted, made and played."""
+"""Commands for truth logs and recordings: summarise, convert, draw, record and replay them."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ commands = typer.Typer(rich_markup_mode=None)
 
 @commands.command()
 def truth(
-    file: Annotated[Path, typer.Argument(help="Written by `tactemu run --truth FILE`.")],
-    json: Annotated[bool, typer.Option("--json", help="Machine-readable.")] = False,
+    file: Annotated[Path, typer.Argument(help="The truth log that `tactemu run --truth FILE` wrote.")],
+    json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
     to: Annotated[
         str | None,
         typer.Option(
             "--to",
             metavar="FORMAT",
-            help="Convert: foxglove.mcap, ros2.mcap, rrd, parquet, csv; CAN frames: log, asc, blf; its own: mcap, "
-            "jsonl. Or a file's name that ends in one.",
+            help="Convert the log to foxglove.mcap, ros2.mcap, rrd, parquet or csv; its CAN frames to log, asc or "
+            "blf; or to another truth log, mcap or jsonl. Give a format, or a file name that ends in one.",
         ),
     ] = None,
-    export: Annotated[Path | None, typer.Option(metavar="FILE", hidden=True, help="As --to FILE.")] = None,
-    skin: Annotated[str | None, typer.Option(metavar="NAME", help="Whose, for --to.")] = None,
-    sense: Annotated[str | None, typer.Option(metavar="NAME", help="Which of its senses, for --to.")] = None,
+    export: Annotated[Path | None, typer.Option(metavar="FILE", hidden=True, help="The same as --to FILE.")] = None,
+    skin: Annotated[str | None, typer.Option(metavar="NAME", help="Convert this skin only.")] = None,
+    sense: Annotated[str | None, typer.Option(metavar="NAME", help="Convert this sense of it only.")] = None,
 ) -> None:
     """Summarise a truth log, or convert it for other tools.
 
@@ -38,7 +38,8 @@ def truth(
       tactemu truth truth.mcap --to thumb.csv --skin thumb
       tactemu truth truth.mcap --to bus.log
 
-    Samples, frames, drops and injected faults of each device; --to writes a file beside the log, or the one named.
+    The summary counts samples, frames, drops and injected faults of each device. --to writes a file beside the log, or
+    the file that you name.
     """
     from tactemu.cli.truths import convert_log, print_summary
 
@@ -50,17 +51,19 @@ def truth(
 
 @commands.command()
 def plot(
-    file: Annotated[Path, typer.Argument(help="A truth log.")],
+    file: Annotated[Path, typer.Argument(help="The truth log to draw.")],
     to: Annotated[
         Path | None,
-        typer.Option("--to", metavar="FILE", help="What to write: .png, .svg or .html; default: beside it."),
+        typer.Option(
+            "--to", metavar="FILE", help="The picture to write: .png, .svg or .html; default: beside the log."
+        ),
     ] = None,
-    skin: Annotated[str | None, typer.Option(metavar="NAME", help="Which skin; default: the first.")] = None,
-    sense: Annotated[str | None, typer.Option(metavar="NAME", help="Which of its senses; default: the first.")] = None,
+    skin: Annotated[str | None, typer.Option(metavar="NAME", help="The skin to draw; default: the first.")] = None,
+    sense: Annotated[str | None, typer.Option(metavar="NAME", help="The sense to draw; default: the first.")] = None,
 ) -> None:
     """Draw a truth log.
 
-    Curves, contact patch, hysteresis, time to the wire, spectrum.
+    The pictures show curves, contact patch, hysteresis, delay to the wire and the spectrum of the error.
 
     \b
       tactemu run anyskin --clock virtual --port memory: --seconds 10 --truth truth.mcap
@@ -74,16 +77,23 @@ def plot(
 
 @commands.command()
 def record(
-    file: Annotated[Path, typer.Argument(help="What to write: .mcap or .jsonl; for CAN also .log, .asc or .blf.")],
+    file: Annotated[
+        Path, typer.Argument(help="The recording to write: .mcap or .jsonl; for CAN also .log, .asc or .blf.")
+    ],
     source: Annotated[
-        str, typer.Option("--from", metavar="SOURCE", help="/dev/ttyUSB0, a pyserial URL, or can:INTERFACE:CHANNEL.")
+        str,
+        typer.Option(
+            "--from", metavar="SOURCE", help="The sensor: /dev/ttyUSB0, a pyserial URL, or can:INTERFACE:CHANNEL."
+        ),
     ],
     baud: Annotated[
-        int | None, typer.Option(metavar="N", min=1, help="Speed of a serial port [bit/s]; default: 115200.")
+        int | None, typer.Option(metavar="N", min=1, help="Baud rate of a serial port; default: 115200.")
     ] = None,
     seconds: Seconds = None,
 ) -> None:
-    """Record what a sensor sends, with its timing, until Ctrl-C.
+    """Record the bytes or frames of a real sensor, until Ctrl-C.
+
+    The recording keeps the time of each; `tactemu replay` plays it to a driver.
 
     \b
       tactemu record anyskin.mcap --from /dev/ttyACM0
@@ -96,21 +106,28 @@ def record(
 
 @commands.command()
 def replay(
-    file: Annotated[Path, typer.Argument(help="A recording, or a truth log.")],
+    file: Annotated[Path, typer.Argument(help="The recording or truth log to play.")],
     port: Annotated[
-        str, typer.Option("--port", metavar="PORT", help="pty:PATH, can:INTERFACE:CHANNEL, tcp:HOST:PORT ...")
+        str,
+        typer.Option(
+            "--port", metavar="PORT", help="The port for the driver: pty:PATH, can:INTERFACE:CHANNEL, tcp:HOST:PORT ..."
+        ),
     ],
     skin: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Whose frames, where a truth log has several skins.")
+        str | None, typer.Option(metavar="NAME", help="The skin to play, if a truth log has several.")
     ] = None,
-    speed: Annotated[float, typer.Option(metavar="X", help="2 is twice as fast; inf as fast as it goes.")] = 1.0,
+    speed: Annotated[
+        float, typer.Option(metavar="X", help="Speed: 2 is twice as fast, inf as fast as possible.")
+    ] = 1.0,
     step: Annotated[bool, typer.Option("--step", help="Send one frame for every line on stdin.")] = False,
     loop: Annotated[bool, typer.Option("--loop", help="Start again at the end.")] = False,
     fault: Faults = None,
     seconds: Seconds = None,
     name: RunName = None,
 ) -> None:
-    """Play a recording to a driver. A serial one starts when the driver opens the port.
+    """Play a recording to a driver.
+
+    A serial recording starts when the driver opens the port.
 
     \b
       tactemu replay anyskin.mcap --port pty:/tmp/skin --speed 2

@@ -1,4 +1,4 @@
-"""Commands that say what there is: devices, this machine, faults, licences."""
+"""Commands that print information: devices, check, check-host, faults and licences."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ commands = typer.Typer(rich_markup_mode=None)
 
 @commands.command()
 def devices(
-    name: Annotated[str | None, typer.Argument(help="Print this device's datasheet.")] = None,
+    name: Annotated[str | None, typer.Argument(help="The device whose datasheet is printed.")] = None,
     options: Options = None,
     json: Annotated[bool, typer.Option("--json", help="Machine-readable.")] = False,
 ) -> None:
@@ -38,45 +38,54 @@ def devices(
 def check(
     target: Annotated[str, typer.Argument(metavar="DEVICE", help="A device's name, or path/to/device.py:Class.")],
     options: Options = None,
-    fuzz: Annotated[int, typer.Option(metavar="N", min=0, help="How many spoiled requests are tried.")] = 1000,
+    fuzz: Annotated[int, typer.Option(metavar="N", min=0, help="Number of corrupted requests to try.")] = 1000,
     json: Annotated[bool, typer.Option("--json", help="Machine-readable.")] = False,
 ) -> None:
     """Check a device file of your own.
 
-    By its declarations, its worked examples, and by using it.
+    It checks the declarations and the worked examples, and uses the device.
 
     \b
       tactemu check anyskin
       tactemu check path/to/my_sensor.py:MySensor
       tactemu check optoforce axes=6
 
-    A line for each fault, with method, bytes, file and line; then the declared facts that no example pins.
-    Exit code 0 without a fault, 1 with one, 2 when there is no such device or option.
+    It prints a line for each error with method, bytes, file and line; then the declared facts that no example covers.
+    Exit code 0 without an error, 1 with one, 2 if there is no such device or option.
     """
-    from tactemu.cli.checking import check_device
+    import json as json_module
 
-    if not check_device(target, options or (), fuzz=fuzz, json=json).ok:
+    from firmware_protocols.check import check as check_contract
+    from firmware_protocols.options import from_words
+    from tactemu.base.errors import DeviceError
+
+    try:
+        report = check_contract(target, from_words(options or ()), fuzz=fuzz)
+    except (LookupError, ValueError) as error:
+        raise DeviceError(str(error)) from None
+    typer.echo(json_module.dumps(report.as_dict()) if json else "\n".join(report.lines()))
+    if not report.ok:
         raise typer.Exit(1)
 
 
 @commands.command("check-host")
 def check_host(
     wanted: Annotated[
-        list[str] | None, typer.Argument(metavar="[WHAT]...", help="What the exit code is about, such as can.")
+        list[str] | None, typer.Argument(metavar="[WHAT]...", help="The checks that decide the exit code, such as can.")
     ] = None,
     json: Annotated[bool, typer.Option("--json", help="Machine-readable.")] = False,
 ) -> None:
-    """Say what this machine can do, and what helps.
+    """Check what this machine can do, and how to improve it.
 
-    Ports, namespaces, CAN, GPU, how late the loop is.
+    The checks cover ports, namespaces, CAN, GPU and the lateness of a loop.
 
     \b
       tactemu check-host
       tactemu check-host can || sudo modprobe vcan
       tactemu check-host --json
 
-    Everything is tried, which takes some seconds. Exit code 0 when what is named is there (default: all but vcan, the
-    guest and a GPU), 1 when it is not, 2 when there is nothing of that name.
+    Everything is tried, which takes some seconds. Exit code 0 if the named checks pass (default: all but vcan, guest
+    and gpu), 1 if one does not, 2 if there is no check of that name.
     """
     from tactemu.cli.check_host import check_host
 
@@ -86,9 +95,9 @@ def check_host(
 
 @commands.command()
 def faults() -> None:
-    """List what can go wrong on a wire.
+    """List the faults that can be injected on a wire.
 
-    With the words for `run --fault` and for scene files.
+    The list has the words for `run --fault` and for scene files.
 
     \b
       tactemu faults
@@ -104,7 +113,7 @@ def faults() -> None:
 def licences(json: Annotated[bool, typer.Option("--json", help="Machine-readable.")] = False) -> None:
     """List the licences of tactemu and its dependencies.
 
-    Package, version, licence, and what needs it.
+    Each line has the package, its version, its licence, and the package that needs it.
 
     \b
       tactemu licences

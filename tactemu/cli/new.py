@@ -1,4 +1,4 @@
-"""``tactemu new`` and ``tactemu examples``: something to start from."""
+"""``tactemu new`` and ``tactemu examples``: files to start from."""
 
 from __future__ import annotations
 
@@ -10,23 +10,23 @@ from tactemu.base.files import writing
 
 START = Path(__file__).parents[1] / "scene" / "start.toml"
 EXAMPLES = (Path(__file__).parents[1] / "examples", Path(__file__).parents[2] / "examples")
-"""In the installed package, and in a source tree."""
+"""The folder of the examples in the installed package, and in a source tree."""
 
 
 def new_scene(file: Path) -> None:
     """Write a scene with comments.
 
     Raises:
-        TactemuError: the file is there, is no scene's by its name, or cannot be written.
+        TactemuError: the file exists, its name does not end in .toml, or it cannot be written.
     """
     if file.suffix != ".toml":
-        raise TactemuError(f"{file}: a scene file ends in .toml")
+        raise TactemuError(f"{file}: the name of a scene file must end in .toml")
     _write(file, START.read_text(encoding="utf-8"))
     print(f"{file} is written; `tactemu run {file}` runs it")
 
 
 def list_examples() -> None:
-    """Print the examples with what each shows."""
+    """Print the examples, each with its first sentence."""
     found = _examples()
     width = max(len(path.name) for path in found)
     for path in found:
@@ -35,10 +35,10 @@ def list_examples() -> None:
 
 
 def copy_examples(folder: Path) -> None:
-    """Copy the examples into a folder, which is made.
+    """Copy the examples into a folder, and create it if needed.
 
     Raises:
-        TactemuError: one of them is there already, or cannot be written.
+        TactemuError: one of the files exists already, or cannot be written.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -55,7 +55,7 @@ def _examples() -> list[Path]:
 
 
 def _about(path: Path) -> str:
-    """Return the first sentence of its comment or docstring."""
+    """Return the first sentence of an example's comment or docstring."""
     text = path.read_text(encoding="utf-8")
     about = ast.get_docstring(ast.parse(text)) if path.suffix == ".py" else text.split("\n\n")[0].replace("#", " ")
     return " ".join((about or "").split()).partition(". ")[0].rstrip(".")
@@ -64,7 +64,7 @@ def _about(path: Path) -> str:
 def _write(path: Path, text: str) -> None:
     try:
         if path.exists():
-            raise TactemuError(f"{path} is there already; name another file")
+            raise TactemuError(f"{path} exists already; name another file")
         with writing(path) as file:
             file.write(text.encode())
     except OSError as error:

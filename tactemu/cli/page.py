@@ -1,4 +1,4 @@
-"""``tactemu see``: a live page of what runs. ``python -m tactemu.cli.page FD NAME`` is that of ``run --web``."""
+"""``tactemu see``: the live page. ``python -m tactemu.cli.page FD NAME`` is the process of ``run --web``."""
 
 from __future__ import annotations
 
@@ -22,42 +22,45 @@ if TYPE_CHECKING:
     from tactemu.view.page.feed import PageSkin
     from tactemu.view.page.page import Page
 
-_LOOK_AGAIN_S = 0.5
+_RETRY_S = 0.5
+"""The time after which the page looks for the next run of its name."""
 _NICE = 5
-"""Drawing waits for whatever else wants the processor."""
+"""The nice value of the page's process, so that drawing delays no emulator."""
 
 
 def see_emulator(name: str | None, *, host: str | None, port: int | None) -> None:
-    """Show the emulator of that name, or the only one, until Ctrl-C; when it ends, the next one of its name.
+    """Show the emulator of that name, or the only one, until Ctrl-C; after its end, the next one of that name.
 
     Raises:
-        TactemuError: none runs, or several; viser is missing; the port is taken.
+        TactemuError: no emulator runs, or several do; viser is missing; the port is taken.
     """
     place = chosen(name)
-    opened = open_listener(host, port)
+    listener = open_listener(host, port)
     if text := warning(host):
         print(f"tactemu: {text}", file=sys.stderr)
-    print(f"see {place.stem}: {opened.url}", flush=True)
+    print(f"see {place.stem}: {listener.url}", flush=True)
     ended = threading.Event()
     with ended_by_signals(ended.set):
-        page = _page(opened, place.stem)
+        page = _page(listener, place.stem)
         threading.Thread(target=_show_all, args=(page, place.stem, ended), daemon=True).start()
         ended.wait()
         page.close()
 
 
 def _show_all(page: Page, name: str, ended: threading.Event) -> None:
-    """One run of that name after the other."""
+    """Show one run of that name after the other."""
     while not ended.is_set():
         with contextlib.suppress(TactemuError):
             page.show(lambda: connect(name))
-        ended.wait(_LOOK_AGAIN_S)
+        ended.wait(_RETRY_S)
 
 
-def _page(opened: PageListener, name: str) -> Page:
-    os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))  # a run with --preempt hands its own on
+def _page(listener: PageListener, name: str) -> Page:
+    os.sched_setscheduler(
+        0, os.SCHED_OTHER, os.sched_param(0)
+    )  # undo the real-time priority inherited from a run with --preempt
     os.nice(_NICE)
-    out, sys.stdout = sys.stdout, open(os.devnull, "w", encoding="utf-8")  # viser's own words
+    out, sys.stdout = sys.stdout, open(os.devnull, "w", encoding="utf-8")  # viser prints to it
     from tactemu.view.page.guard import Gate
     from tactemu.view.page.page import Page
 
@@ -65,7 +68,7 @@ def _page(opened: PageListener, name: str) -> Page:
         print(f"tactemu see: {text}", file=sys.stderr, flush=True)
 
     try:
-        gate = Gate(opened.listener, opened.hosts, opened.token, f"tactemu {name}", say)
+        gate = Gate(listener.listener, listener.hosts, listener.token, f"tactemu {name}", say)
         return Page(gate, f"tactemu {name}", _datasheet)
     except BaseException:
         sys.stdout = out
@@ -73,25 +76,25 @@ def _page(opened: PageListener, name: str) -> Page:
 
 
 def _datasheet(skin: PageSkin) -> Sequence[str]:
-    """Of a skin's device, as it is made there."""
+    """Return the datasheet of a skin's device, made with the options of the run."""
     target = skin.about.get("target")
     try:
         if target is None:
-            raise TactemuError("nobody says which")
+            raise TactemuError("the emulator does not name it")
         return datasheet(skin.device, make_device(target, dict(skin.about.get("options", {}))))
     except (TactemuError, OSError) as error:
         return [skin.title, "", f"its device cannot be made here: {error}"]
 
 
 def main() -> int:
-    """Show the run that has started this process, until it ends."""
+    """Show the run that has started this process until it ends, and return the exit code."""
     number, name = int(sys.argv[1]), sys.argv[2]
-    opened = inherited_listener(number, sys.stdin.read())
+    listener = inherited_listener(number, sys.stdin.read())
     try:
         with ended_by_signals():
-            page = _page(opened, name)
+            page = _page(listener, name)
             page.show(lambda: connect(name))
-            time.sleep(_LOOK_AGAIN_S)
+            time.sleep(_RETRY_S)
             page.close()
     except TactemuError as error:
         print(f"tactemu: the page: {error}", file=sys.stderr)

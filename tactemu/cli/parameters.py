@@ -1,4 +1,4 @@
-"""Arguments and options that several commands take."""
+"""The arguments and options of several commands."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import typer
 
 
 def _targets(incomplete: str) -> list[str]:
-    """What a shell offers for a target: devices, and scene files here."""
+    """Return the completions of a target: devices, and scene files in this folder."""
     from firmware_protocols import names
 
     found = [*names(), *map(str, Path().glob("*.toml"))]
@@ -20,21 +20,21 @@ Target = Annotated[
     str,
     typer.Argument(
         metavar="DEVICE_OR_SCENE",
-        help="A device's name, path/to/device.py:Class, or scene.toml.",
+        help="A name of `tactemu devices`, path/to/device.py:Class, or scene.toml.",
         autocompletion=_targets,
     ),
 ]
 Options = Annotated[
     list[str] | None,
-    typer.Argument(metavar="[OPTION=VALUE]...", help="Options of a device; `tactemu devices NAME` lists them."),
+    typer.Argument(metavar="[OPTION=VALUE]...", help="Options of the device; `tactemu devices NAME` lists them."),
 ]
 Ports = Annotated[
     list[str] | None,
     typer.Option(
         "--port",
         metavar="PORT",
-        help="pty:PATH, can:INTERFACE:CHANNEL, HOST:PORT behind tcp:, rfc2217:, udp: or ws:, dds:DOMAIN or memory:; "
-        "of several skins SKIN=PORT, repeatable.",
+        help="Port for the driver: pty:PATH, can:INTERFACE:CHANNEL, HOST:PORT after tcp:, rfc2217:, udp: or ws:, "
+        "dds:DOMAIN or memory:. With several skins give SKIN=PORT for each; repeatable.",
     ),
 ]
 Rates = Annotated[
@@ -42,7 +42,7 @@ Rates = Annotated[
     typer.Option(
         "--rate",
         metavar="HZ",
-        help="Sampling rate; default: the device's own. Of a device with several streams --rate STREAM=HZ; repeatable.",
+        help="Sampling rate; default: the device's own. With several streams give --rate STREAM=HZ; repeatable.",
     ),
 ]
 
@@ -63,21 +63,21 @@ def _save_at(text: str) -> float:
 
 
 Seconds = Annotated[float | None, typer.Option("--seconds", metavar="S", parser=_seconds, help="Stop after this long.")]
-Seed = Annotated[int | None, typer.Option(metavar="N", help="Root of all random numbers; same seed, same bytes.")]
+Seed = Annotated[int | None, typer.Option(metavar="N", help="Seed of all random numbers; same seed, same bytes.")]
 Compute = Annotated[str | None, typer.Option("--device", metavar="DEV", help="Where kernels run: cpu or cuda:0.")]
 Faults = Annotated[
     list[str] | None,
-    typer.Option("--fault", metavar="FAULT", help="What goes wrong on the wire; repeatable. See `tactemu faults`."),
+    typer.Option("--fault", metavar="FAULT", help="A fault on the wire; repeatable. `tactemu faults` lists them."),
 ]
 
 Measured = Annotated[
     bool,
-    typer.Option("--measured", help="Noise, clock and so on as of real ones, where such were measured."),
+    typer.Option("--measured", help="Use the noise, clock and other imperfections measured on real devices, if any."),
 ]
 TruthFile = Annotated[
     Path | None,
     typer.Option(
-        "--truth", metavar="FILE", help="Write what was felt, sent and injected: .mcap, or .jsonl for JSON lines."
+        "--truth", metavar="FILE", help="Write a log of readings, frames and faults: .mcap, or .jsonl for JSON lines."
     ),
 ]
 TruthKeep = Annotated[
@@ -89,15 +89,21 @@ TruthKeep = Annotated[
 
 RunName = Annotated[
     str | None,
-    typer.Option("--name", metavar="NAME", help="For `tactemu poke --name`; default: the target's."),
+    typer.Option("--name", metavar="NAME", help="Name of the run for `tactemu poke` and `see`; default: the target's."),
 ]
 
 WebPort = Annotated[
     int | None,
-    typer.Option("--web-port", metavar="N", min=0, max=65535, help="Of the live page; default: 8080, if it is free."),
+    typer.Option(
+        "--web-port", metavar="N", min=0, max=65535, help="Port of the live page; default: 8080, or any free one."
+    ),
 ]
 WebHost = Annotated[
     str | None,
-    typer.Option("--web-host", metavar="ADDRESS", help="Let others reach the live page; default: only this machine."),
+    typer.Option(
+        "--web-host", metavar="ADDRESS", help="Address of the live page, to let others reach it; default: this machine."
+    ),
 ]
-SaveAt = Annotated[float | None, typer.Option(metavar="S", parser=_save_at, help="When to save it instead [s], once.")]
+SaveAt = Annotated[
+    float | None, typer.Option(metavar="S", parser=_save_at, help="Save the state at this time [s] instead of the end.")
+]

@@ -1,4 +1,4 @@
-"""How far a long command is, and how long it will take."""
+"""Progress bars of long commands."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Item = TypeVar("Item")
 
 
 def show_progress(items: Iterable[Item], title: str, total: int) -> Iterator[Item]:
-    """Iterate, with a bar on stderr that says what is done, what is left, and about how long that takes."""
+    """Iterate with a bar on stderr that shows progress and the estimated remaining time."""
     columns = (TextColumn("{task.description:>8}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     left = (TextColumn("left"), TimeRemainingColumn())
     with Progress(*columns, *left, console=Console(stderr=True), transient=True) as progress:
@@ -28,7 +28,7 @@ def show_progress(items: Iterable[Item], title: str, total: int) -> Iterator[Ite
 
 
 def show_count(items: Iterable[Item]) -> Iterator[Item]:
-    """Iterate, with a count on stderr, where nobody knows how many there will be."""
+    """Iterate with a count on stderr, for items of unknown number."""
     columns = (SpinnerColumn(), TextColumn("{task.completed:,} entries"), TimeElapsedColumn())
     with Progress(*columns, console=Console(stderr=True), transient=True, refresh_per_second=4) as progress:
         task = progress.add_task("")

@@ -12,7 +12,7 @@ from tactemu.wire.faults import DIRECTIONS, KINDS
 
 
 def print_faults() -> None:
-    """The kinds of fault, what they do, and where they can be had."""
+    """Print the kinds of fault with their effects, wires and options."""
     width, everywhere = max(map(len, KINDS)), set().union(*(kind.wires for kind in KINDS.values()))
     for name, kind in KINDS.items():
         values = {"by": " T", "as": " NAME", "hex=": "aa07"}
@@ -29,7 +29,7 @@ def record_stream(source: str, file: Path, *, baud: int | None, seconds: float |
     """Record until Ctrl-C or for ``seconds``.
 
     Raises:
-        TactemuError: the source or the file cannot be had.
+        TactemuError: the source or the file cannot be opened.
     """
     from tactemu.base.clock import RealClock
     from tactemu.emulator.replay import DEFAULT_BAUD, line_note, record
@@ -65,11 +65,11 @@ def replay_file(
     """Play a recording until its end, Ctrl-C, or for ``seconds``.
 
     Raises:
-        TactemuError: the recording or the port cannot be had.
+        TactemuError: the recording or the port cannot be opened.
     """
     from tactemu.base.clock import RealClock
     from tactemu.base.errors import TransportError
-    from tactemu.cli.socket import control_socket
+    from tactemu.cli.running import control_socket
     from tactemu.control.replay_control import ReplayControl
     from tactemu.emulator.replay import Replay, connector_for
     from tactemu.transports import create
@@ -96,7 +96,7 @@ def replay_file(
 
 
 def _play_stepwise(player, interrupted: Callable[[], bool]) -> None:
-    """A frame for every line on stdin."""
+    """Play a frame for every line on stdin."""
     for _ in sys.stdin:
         now = player.clock.now_ns()
         player.wire.receive(now)

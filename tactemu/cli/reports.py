@@ -1,4 +1,4 @@
-"""What ``tactemu run`` says: per device and moment, as JSON or in words, and advice when the rate is missed."""
+"""The output of ``tactemu run``: events as JSON or text, and advice if samples are missed."""
 
 from __future__ import annotations
 
@@ -17,25 +17,25 @@ from tactemu.emulator.channel import Channel
 from tactemu.emulator.emulator import Emulator, Simulated
 
 Say = Callable[..., None]
-"""``say(event, skin=..., **entry)``."""
+"""A callable that prints an event: ``say(event, skin=..., **entry)``."""
 
 MISSED_SHARE = 0.01
-"""Of its samples that a device may miss before the report says what to do."""
+"""Share of samples that a device may miss before the report gives advice."""
 BUSY_SHARE = 0.5
-"""Of the time between samples: from here on the simulation is called the reason."""
+"""Share of the time between samples above which the simulation is named as the reason."""
 
-LONG_S = 2.0
-"""Processor time from which on a user is told what takes so long [s]; wall time would depend on the machine's load."""
+SLOW_START_S = 2.0
+"""Processor time after which a slow task is reported; wall time would depend on other processes."""
 
 
 @contextmanager
-def told_if_long(text: str) -> Iterator[None]:
-    """Write one line to stderr if what runs inside takes more than :data:`LONG_S`."""
+def report_if_slow(text: str) -> Iterator[None]:
+    """Write one line to stderr if what runs inside takes more than :data:`SLOW_START_S`."""
     done, begun_s = threading.Event(), time.process_time()
 
     def watch() -> None:
         while not done.wait(0.1):
-            if time.process_time() - begun_s > LONG_S:
+            if time.process_time() - begun_s > SLOW_START_S:
                 print(f"tactemu: {text}", file=sys.stderr, flush=True)
                 return
 
@@ -49,12 +49,12 @@ def told_if_long(text: str) -> Iterator[None]:
 
 
 def say_json(event: str, **entry: Any) -> None:
-    """One JSON object a line."""
+    """Print an event as a line of JSON."""
     print(json.dumps({"event": event, **entry}), flush=True)
 
 
-def say_in_words(console: Console) -> Say:
-    """Return one sentence a line."""
+def say_text(console: Console) -> Say:
+    """Return a callable that prints an event as a line of text."""
 
     def say(event: str, **entry: Any) -> None:
         skin = entry.pop("skin")
@@ -74,14 +74,14 @@ def say_in_words(console: Console) -> Say:
 
 
 def _listed(value: Any) -> str:
-    """Return a number, a name, or those of several ports or streams."""
+    """Return a number or a name as text, or those of several ports or streams."""
     if isinstance(value, dict):
         return ", ".join(f"{name} {_listed(each)}" for name, each in value.items())
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def sentence(entry: dict[str, Any]) -> str:
-    """``300 samples at 100 Hz, late p50/p99/max 40/90/210 us; wire: sent 299, unheard 1``."""
+    """Return ``300 samples at 100 Hz, late p50/p99/max 40/90/210 us; wire: sent 299, unheard 1``."""
     late = "/".join(f"{entry[f'lateness_{which}_us']:.0f}" for which in ("p50", "p99", "max"))
     text = f"{entry['samples']} samples at {entry['rate_hz']:.1f} Hz, late p50/p99/max {late} us"
     odd = [f"{entry[name]} {name}" for name in ("missed", "stretched", "silent") if entry[name]]
@@ -93,32 +93,32 @@ def sentence(entry: dict[str, Any]) -> str:
 
 
 HARMLESS = ("requests", "unplugged")
-"""Counters of a device that say nothing of what it has not understood."""
+"""The counters of a device that do not count errors."""
 _OF_THE_WIRE = ("misheard", "overrun", "overflow", "collision")
 _LOOPBACK = ("127.0.0.1", "::1", "localhost")
 
 
 def not_understood(entry: Mapping[str, Any]) -> str:
-    """What a device made nothing of, of its summary, such as ``unknown command 3, refused 1``; empty: all was sound."""
+    """Return the counters of input that a device did not understand, as ``unknown command 3, refused 1``; or ``""``."""
     counts = {name: count for name, count in entry["device"].items() if name not in HARMLESS}
     counts |= {name: entry["wire"][name] for name in _OF_THE_WIRE if name in entry["wire"]}
     return ", ".join(f"{name.replace('_', ' ')} {count}" for name, count in counts.items() if count)
 
 
-def nobody_came(channel: Channel) -> str:
-    """What to try when nobody has reached a device on the network that listens on loopback; else empty."""
+def unreached_hint(channel: Channel) -> str:
+    """Return the hint for a network device on loopback that no driver has reached, or ``""``."""
     for wire in channel.wires.values():
         port, host = wire.transport, getattr(wire.transport, "host", "")
         if host in _LOOPBACK and not (wire.was_opened or wire.counters["received"]):
             return (
-                f"nobody came to {port.address}; a driver that connects to another address of this machine, or from "
-                f"elsewhere, needs --port {port.scheme}:0.0.0.0:{getattr(port, 'port', 0)}"
+                f"no driver connected to {port.address}; a driver that connects to another address of this machine, or "
+                f"from another machine, needs --port {port.scheme}:0.0.0.0:{getattr(port, 'port', 0)}"
             )
     return ""
 
 
 def advice(emulator: Emulator, channel: Channel) -> str:
-    """What to change when a device misses samples; empty when it does not."""
+    """Return what to change if a device misses samples, or ``""``."""
     statistics = channel.statistics
     late = statistics.missed + statistics.stretched
     if late <= MISSED_SHARE * max(statistics.samples, 1):
@@ -145,7 +145,7 @@ def advice(emulator: Emulator, channel: Channel) -> str:
 
 
 def _step_us(simulation: Simulated, repeats: int = 50) -> float:
-    """Return median time of a step [us]."""
+    """Return the median time of a step [us]."""
     times = []
     for _ in range(repeats):
         start = time.perf_counter_ns()

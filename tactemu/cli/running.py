@@ -1,11 +1,11 @@
-"""``tactemu run``: build, open, say where, run, sum up."""
+"""``tactemu run``: build an emulator, open its ports, run it, and print a summary."""
 
 from __future__ import annotations
 
 import re
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import AbstractContextManager, closing, contextmanager, nullcontext
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -19,7 +19,7 @@ from tactemu.base.gc_tuning import no_full_collections
 from tactemu.base.kernels import start_quietly
 from tactemu.base.statistics import Lateness
 from tactemu.cli.datasheet import options_of
-from tactemu.cli.reports import Say, advice, nobody_came, say_in_words, say_json, told_if_long
+from tactemu.cli.reports import Say, advice, report_if_slow, say_json, say_text, unreached_hint
 from tactemu.cli.signals import ended_by_signals
 from tactemu.control.state import statistics_of
 from tactemu.emulator.channel import Channel
@@ -27,16 +27,17 @@ from tactemu.emulator.emulator import Emulator
 from tactemu.truth import Truth
 
 if TYPE_CHECKING:
-    from tactemu.control.server import Server
+    from tactemu.control.server import Driven, Server
     from tactemu.view.page.opening import PageListener
 
 _OWNER = re.compile(r"[^:=]+=")
-"""In front of a port: a skin's name, or its connector's."""
+"""The name of a skin or a connector in front of a port."""
 REPORT_PERIOD_NS = 1_000_000_000
+"""The time between two log lines of a run."""
 MANY_BODIES = 1000
-"""Number of bodies from which on a scene takes long to build."""
+"""Number of bodies from which on the build of a scene may be slow."""
 INCOMPLETE = 4
-"""Exit code of a run that happened, but for which a file that was asked for is not whole."""
+"""The exit code of a run with an incomplete truth log or saved state."""
 
 
 def run_target(
@@ -64,14 +65,14 @@ def run_target(
     save_at: float | None = None,
     measured: bool = False,
 ) -> None:
-    """Run a device or a scene; ``style`` is auto, plain or json, ``rerun`` whether or where it is shown, ``web`` where
-    its page is.
+    """Run a device or a scene.
+
+    ``style`` is auto, plain or json; ``rerun`` is True, or the address of a viewer; ``web`` is the address of the page.
 
     Raises:
         TactemuError: the request cannot be met; nothing is left behind.
     """
     from tactemu.base.clock import LockstepClock, RealClock, VirtualClock
-    from tactemu.cli.socket import control_socket
     from tactemu.control.command_replay import replay_commands
     from tactemu.control.control import Control
     from tactemu.emulator.assembly import RunOptions, assemble, truth_of
@@ -82,9 +83,9 @@ def run_target(
     if clock not in clocks:
         raise SceneError(f"--clock {clock}: expected {', '.join(clocks)}{nearest(clock, clocks)}")
     if clock == "virtual" and seconds is None:
-        raise SceneError("--clock virtual runs as fast as it can and would never end; say how long with --seconds")
+        raise SceneError("--clock virtual runs as fast as possible and would never end; add --seconds")
     if save_at is not None and save is None:
-        raise SceneError("--save-at says when: say with --save where to")
+        raise SceneError("--save-at needs the file: add --save FILE")
     if save is not None:
         check_writable(save, "the state")
     page = None if web is None else _page_listener(web)
@@ -92,7 +93,7 @@ def run_target(
         from tactemu.base.priority import enable_realtime_priority
 
         if clock != "real":
-            raise SceneError(f"--preempt: is for real time, not for --clock {clock}, which nothing makes late")
+            raise SceneError(f"--preempt is for --clock real only; --clock {clock} is never late")
         enable_realtime_priority()
     run_options = RunOptions(
         port=ports_of(ports), rate_hz=rate_of(rates), faults=faults, seed=seed, compute=compute, adjustable=adjustable,
@@ -103,7 +104,7 @@ def run_target(
     start_quietly()
     log = truth_of(loaded, truth, keep)
     try:
-        with told_if_long(f"building {n_bodies:,} bodies") if n_bodies >= MANY_BODIES else nullcontext():
+        with report_if_slow(f"building {n_bodies:,} bodies") if n_bodies >= MANY_BODIES else nullcontext():
             control = Control(assemble(loaded, run_options, clock=clocks[clock](), truth=log))
         if restore is not None:
             control.emulator.restore(restore)
@@ -112,10 +113,10 @@ def run_target(
         if save is not None and save_at is not None:
             control.emulator.call(partial(control.emulator.save, save), round(save_at * 1e9))
         at_end = save if save_at is None else None
-        with _shown(log, rerun) if rerun else nullcontext():
+        with _rerun_viewer(log, rerun) if rerun else nullcontext():
             listen = partial(control_socket, control, name, target, yield_to_loop=clock == "real")
             if page is not None:
-                listen = partial(_seen, listen, page)
+                listen = partial(_with_page, listen, page)
             run_emulator(control.emulator, seconds=seconds, style=style, listen=listen, save=at_end)
     finally:
         log.close()
@@ -125,7 +126,7 @@ def run_target(
 
 @dataclass(frozen=True)
 class Web:
-    """Where a page shall be."""
+    """The address of the page; None: the default."""
 
     host: str | None = None
     port: int | None = None
@@ -140,34 +141,55 @@ def _page_listener(web: Web) -> PageListener:
 
 
 @contextmanager
-def _seen(listen: Callable[[], AbstractContextManager[Server | None]], page: PageListener) -> Iterator[None]:
-    """Listen, with a page beside it."""
+def _with_page(listen: Callable[[], AbstractContextManager[Server | None]], page: PageListener) -> Iterator[None]:
+    """Serve the control socket and the web page."""
     from tactemu.view.page.opening import page_process
 
     link = page.url
     with listen() as server:
         if server is None:
-            raise TransportError("--web: there is no control socket, which the page needs")
+            raise TransportError("--web: the page needs the control socket, which could not be opened")
         with page_process(page, server.place.name) as over:
             print(f"see {link}", file=sys.stderr, flush=True)
             try:
                 yield
             finally:
                 over.set()
-                server.close()  # which the page takes for the end
+                server.close()  # the page takes this as the end of the run
 
 
-def _shown(log: Truth, where: str | bool) -> AbstractContextManager[None]:
+def _rerun_viewer(log: Truth, where: str | bool) -> AbstractContextManager[None]:
     from tactemu.view.conversions.live import rerun_viewer
 
     return rerun_viewer(log, where if isinstance(where, str) else None)
 
 
-def rate_of(words: Sequence[str]) -> float | dict[str, float] | None:
-    """``["200"]`` as a number, ``["touch=200", "imu=1000"]`` as a table by stream.
+def control_socket(
+    driven: Driven, name: str | None, target: str, *, yield_to_loop: bool = True
+) -> AbstractContextManager[Server | None]:
+    """Serve commands under a name, default the target's; without a ``name``, a failure is only printed.
 
     Raises:
-        SceneError: a word that is no rate, or several of which one does not say of which stream it is.
+        TactemuError: the socket of the given name cannot be opened.
+    """
+    from tactemu.control.endpoints import Endpoint
+    from tactemu.control.server import Server
+
+    place = Endpoint(name or Path(target.rpartition(":")[2]).stem, target, exactly=name is not None)
+    try:
+        return closing(Server(place, driven, yield_to_loop=yield_to_loop))
+    except TransportError as error:
+        if name is not None:
+            raise
+        print(f"tactemu: `tactemu poke` will not find this run: {error}", file=sys.stderr)
+        return nullcontext()
+
+
+def rate_of(words: Sequence[str]) -> float | dict[str, float] | None:
+    """Return ``["200"]`` as a number, ``["touch=200", "imu=1000"]`` as a dictionary by stream.
+
+    Raises:
+        SceneError: a word is no rate, or one of several has no stream.
     """
     rates: dict[str, float] = {}
     for word in words:
@@ -177,15 +199,15 @@ def rate_of(words: Sequence[str]) -> float | dict[str, float] | None:
         except ValueError:
             raise SceneError(f"--rate {word}: expected HZ, or STREAM=HZ") from None
     if len(words) > 1 and "" in rates:
-        raise SceneError(f"--rate: of several rates each needs its stream, --rate STREAM={rates['']:g}")
+        raise SceneError(f"--rate: with several rates, name the stream of each: --rate STREAM={rates['']:g}")
     return rates.get("", rates or None)
 
 
 def ports_of(words: Sequence[str]) -> str | dict[str, str] | None:
-    """``["pty:/tmp/skin"]`` as it is, ``["thumb=pty:/tmp/a", "palm=pty:/tmp/b"]`` by skin or connector.
+    """Return ``["pty:/tmp/skin"]`` as one port, ``["thumb=pty:/tmp/a", "palm=pty:/tmp/b"]`` by skin or connector.
 
     Raises:
-        TransportError: several ports of which one does not say whose it is.
+        TransportError: one of several ports has no skin, or a skin has two.
     """
     if len(words) == 1 and not _OWNER.match(words[0]):
         return words[0]
@@ -193,7 +215,7 @@ def ports_of(words: Sequence[str]) -> str | dict[str, str] | None:
     for word in words:
         owner, given, port = word.partition("=")
         if not given or not _OWNER.match(word):
-            raise TransportError(f"--port {word}: of several ports each needs its skin, --port SKIN={word}")
+            raise TransportError(f"--port {word}: with several ports, name the skin of each: --port SKIN={word}")
         if owner in ports:
             raise TransportError(f"--port {word}: {owner!r} has a port already, {ports[owner]}")
         ports[owner] = port
@@ -211,8 +233,8 @@ def run_emulator(
     """Run an assembled emulator with a picture, log lines or JSON lines, until it is told to stop."""
     console = Console(highlight=False)
     live = style == "auto" and console.is_terminal and not console.is_dumb_terminal
-    say = say_json if style == "json" else say_in_words(console)
-    view = _view(emulator, console) if live else nullcontext()
+    say = say_json if style == "json" else say_text(console)
+    view = _live_view(emulator, console) if live else nullcontext()
     _warm_up(console)
     with ended_by_signals(emulator.stop), no_full_collections(), listen(), emulator:
         for channel in emulator.channels:
@@ -224,23 +246,23 @@ def run_emulator(
             _report_regularly(emulator, say)
         with view:
             emulator.run(seconds)
-        unsaved = save is not None and _unsaved(emulator, save)
+        save_failed = save is not None and _save_failed(emulator, save)
         summaries = emulator.summary()
     for entry in summaries:
         say("summary", **entry)
     for channel in emulator.channels:
         if text := advice(emulator, channel):
             say("advice", skin=channel.name, text=text)
-        if text := nobody_came(channel):
+        if text := unreached_hint(channel):
             say("advice", skin=channel.name, text=text)
     if lost := emulator.truth.lost:
         say("advice", skin="truth log", text=f"{lost} entries are missing: the disk was full, or too slow")
-    if lost or unsaved:
+    if lost or save_failed:
         raise SystemExit(INCOMPLETE)
 
 
-def _unsaved(emulator: Emulator, save: Path) -> bool:
-    """Save the state at the end of a run that has happened already; returns whether that failed, which is said."""
+def _save_failed(emulator: Emulator, save: Path) -> bool:
+    """Save the state at the end of a run; after an error, print it and return True."""
     try:
         emulator.save(save)
     except StateError as error:
@@ -255,7 +277,7 @@ def _addresses(channel: Channel) -> str | dict[str, str]:
 
 
 def _rates(channel: Channel) -> dict[str, object]:
-    """Return the rate in force, and the firmware's own belief where the user's wish overrides it."""
+    """Return the sampling rates in force, and those of the firmware."""
     own = {stream: 1e9 / period if period else 0.0 for stream, period in channel.device.periods.items()}
     rates = {"rate_hz": channel.rates_hz(), "firmware_rate_hz": own}
     rounded = {what: {stream: round(hz, 3) for stream, hz in each.items()} for what, each in rates.items()}
@@ -263,7 +285,7 @@ def _rates(channel: Channel) -> dict[str, object]:
 
 
 def _warm_up(console: Console) -> None:
-    """What is slow the first time is done before a port opens: a print, a percentile."""
+    """Print and compute a percentile once before a port opens, because the first time is slow."""
     with console.capture():
         console.print("")
     lateness = Lateness(keep=1)
@@ -281,7 +303,7 @@ def _report_regularly(emulator: Emulator, say: Say) -> None:
     emulator.call(report, emulator.clock.now_ns() + REPORT_PERIOD_NS)
 
 
-def _view(emulator: Emulator, console: Console):
+def _live_view(emulator: Emulator, console: Console):
     from tactemu.session.live_view import LiveView
 
     view = LiveView(emulator, console)

@@ -1,4 +1,4 @@
-"""Commands for what runs: on a port, in a view of the machine, driven and seen."""
+"""Commands that run an emulator or talk to a running one: run, poke, see and exec."""
 
 from __future__ import annotations
 
@@ -41,48 +41,50 @@ def run(
     measured: Measured = False,
     truth: TruthFile = None,
     truth_keep: TruthKeep = None,
-    rerun: Annotated[bool, typer.Option("--rerun", help="Show it in Rerun's viewer, too.")] = False,
+    rerun: Annotated[bool, typer.Option("--rerun", help="Also show the run in Rerun's viewer.")] = False,
     rerun_to: Annotated[
         str | None,
-        typer.Option(metavar="URL", help="The same in one that listens: rerun+http://127.0.0.1:9876/proxy."),
+        typer.Option(metavar="URL", help="... in a viewer that listens there: rerun+http://127.0.0.1:9876/proxy."),
     ] = None,
-    web: Annotated[bool, typer.Option("--web", help="Show it on a live page, too: see `tactemu see`.")] = False,
+    web: Annotated[
+        bool, typer.Option("--web", help="Also show the run on a live page, as `tactemu see` does.")
+    ] = False,
     web_port: WebPort = None,
     web_host: WebHost = None,
     json: Annotated[bool, typer.Option("--json", help="Print JSON lines instead of the picture.")] = False,
     plain: Annotated[
-        bool, typer.Option("--plain", help="Log lines instead of the picture, on a terminal too.")
+        bool, typer.Option("--plain", help="Print log lines instead of the picture, even on a terminal.")
     ] = False,
     clock: Annotated[
         str,
         typer.Option(
             metavar="CLOCK",
-            help="real; virtual: as fast as it can, needs --seconds; lockstep: time advances only by `poke step`.",
+            help="real; virtual: as fast as possible, needs --seconds; lockstep: time advances only by `poke step`.",
         ),
     ] = "real",
     virtual: Annotated[bool, typer.Option("--virtual", hidden=True)] = False,
     preempt: Annotated[
-        bool, typer.Option("--preempt", help="Go before other programs, so that a busy machine makes no frame late.")
+        bool, typer.Option("--preempt", help="Run with real-time priority, so that other programs delay no frame.")
     ] = False,
     name: RunName = None,
     adjustable: Annotated[
         list[str] | None,
-        typer.Option(metavar="OPTION", help="An imperfection that `poke set` shall switch on, or `dead`; repeatable."),
+        typer.Option(metavar="OPTION", help="An imperfection, or `dead`, that `poke set` can then change; repeatable."),
     ] = None,
     again: Annotated[
         Path | None,
         typer.Option(
             metavar="LOG",
-            help="Do again what was done live in the run of this truth log; on memory: also what its driver said.",
+            help="Repeat the live commands of the run in this truth log; on memory: also the bytes of its driver.",
         ),
     ] = None,
     restore: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Go on from a state that was saved of such a run.")
+        Path | None, typer.Option(metavar="FILE", help="Continue from the saved state of such a run.")
     ] = None,
-    save: Annotated[Path | None, typer.Option(metavar="FILE", help="Save the whole state at the end.")] = None,
+    save: Annotated[Path | None, typer.Option(metavar="FILE", help="Save the complete state at the end.")] = None,
     save_at: SaveAt = None,
 ) -> None:
-    """Put a device on a port and run it until Ctrl-C.
+    """Emulate a device on a port, until Ctrl-C.
 
     \b
       tactemu run anyskin
@@ -90,23 +92,23 @@ def run(
       tactemu run optoforce axes=6
       tactemu run hand.toml --port fingertip=pty:/tmp/a --port palm=pty:/tmp/b
       tactemu run linker_hand_l6 --port can:socketcan:vcan0
-      tactemu run anyskin --measured                            # noise and steps of a real one
+      tactemu run anyskin --measured                            # with the noise of a real one
       tactemu run hand.toml --fault 'unplug at 3s for 0.5s' --truth truth.mcap
       tactemu run my_sensor.py:MySensor --port tcp:127.0.0.1:5000
       tactemu run anyskin --port memory: --clock virtual --seconds 10 --json
-      tactemu run hand.toml --name hand --adjustable noise      # and then `tactemu poke --help`
-      tactemu run hand.toml --web                               # a page to look at it, and to touch it
-      tactemu run hand.toml --save pressed.npz --seconds 3      # and then --restore pressed.npz
+      tactemu run hand.toml --name hand --adjustable noise      # then see `tactemu poke --help`
+      tactemu run hand.toml --web                               # with a page to watch and touch it
+      tactemu run hand.toml --save pressed.npz --seconds 3      # then use --restore pressed.npz
 
-    One line says where the port is; then a live picture, or log lines when the output is no terminal.
-    Exit code 0 after Ctrl-C, SIGTERM or --seconds; 128 + n after signal n before the port is there; 2 when something
-    in the request is wrong; 4 when it ran, but a file that was asked for is not whole.
+    The first line names the port; then you see a live picture, or log lines if the output is no terminal.
+    Exit code 0 after Ctrl-C, SIGTERM or --seconds; 128 + n after signal n before the port is open; 2 for an error in
+    the request; 4 if it ran, but a file that you asked for is incomplete.
     """
     from tactemu.base.errors import SceneError
     from tactemu.cli.running import Web, run_target
 
     if virtual:
-        raise SceneError("--virtual is now --clock virtual")
+        raise SceneError("--virtual is gone; write --clock virtual")
     run_target(
         target, options=options or (), ports=tuple(port or ()), rates=tuple(rate or ()), seed=seed, seconds=seconds,
         compute=device, faults=tuple(fault or ()), truth=truth, keep=truth_keep,
@@ -121,7 +123,7 @@ def run(
     context_settings={"allow_extra_args": True, "ignore_unknown_options": True, "help_option_names": []},
 )
 def poke(context: typer.Context) -> None:
-    """Press, move, break, or look at what runs."""
+    """Press, move, break or read a running emulator."""
     from tactemu.cli.control import main
 
     main(context.args)
@@ -129,21 +131,21 @@ def poke(context: typer.Context) -> None:
 
 @commands.command()
 def see(
-    name: Annotated[str | None, typer.Argument(help="Of the emulator; default: the only one that runs.")] = None,
+    name: Annotated[str | None, typer.Argument(help="Name of the emulator; default: the only one that runs.")] = None,
     port: WebPort = None,
     host: WebHost = None,
 ) -> None:
-    """Show what runs on a live page.
+    """Show a running emulator on a live page.
 
-    Bodies, taxels, curves, the wire; drag, press, unplug.
+    The page draws bodies, taxels, curves and the wire; you can drag bodies, press taxels and unplug the device.
 
     \b
       tactemu run hand.toml               # in one terminal; or a test, `tactemu exec`, `tactemu replay`
-      tactemu see                         # in another: a link for a browser on this machine
+      tactemu see                         # in another: prints a link for a browser on this machine
       tactemu see hand --web-port 9000
-      tactemu see --web-host 0.0.0.0      # others may look and touch, who have the link
+      tactemu see --web-host 0.0.0.0      # other machines with the link may watch and touch, too
 
-    Until Ctrl-C. When the emulator ends, the page keeps its last picture, and shows the next run of that name.
+    Ctrl-C ends it. When the emulator ends, the page keeps the last picture, and shows the next run of that name.
     """
     from tactemu.cli.page import see_emulator
 
@@ -160,8 +162,8 @@ def execute(
         typer.Option(
             "--node",
             metavar="NODE",
-            help="Name of the port, such as ttyUSB0; default: as the kernel would name it. Of several skins SKIN=NODE, "
-            "repeatable.",
+            help="Name of the port, such as ttyUSB0; default: as the kernel would name it. With several skins give "
+            "SKIN=NODE for each; repeatable.",
         ),
     ] = None,
     port: Annotated[
@@ -169,7 +171,7 @@ def execute(
         typer.Option(
             "--port",
             metavar="PORT",
-            help="Where a device on the network is: tcp:6000, ws:0, as for `tactemu run`; default: its usual port.",
+            help="Address of a device on the network: tcp:6000, ws:0, as for `tactemu run`; default: its usual port.",
         ),
     ] = None,
     rate: Rates = None,
@@ -184,8 +186,8 @@ def execute(
         typer.Option(
             "--way",
             metavar="WAY",
-            help="How CAN buses are made: native (vcan); preload, where the kernel has none; guest, in a kernel of "
-            "their own; default: native or preload, as it can be.",
+            help="How CAN buses are provided: native (vcan); preload, for a kernel without CAN; guest, in a kernel of "
+            "their own. Default: native if the kernel can, else preload.",
         ),
     ] = "",
     expose: Annotated[
@@ -193,29 +195,29 @@ def execute(
         typer.Option(
             "--expose",
             metavar="tcp:PORT",
-            help="With a CAN bus: a port that leads from the view to the machine's server there, or else from the "
-            "machine to the view's; repeatable.",
+            help="With a CAN bus: forward this port from the view to the machine's server, or, if the machine has "
+            "none, from the machine to the view's server; repeatable.",
         ),
     ] = None,
     name: RunName = None,
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Do not say which port is whose.")] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Do not print which port is which skin.")] = False,
 ) -> None:
     """Run a driver that finds the device as hardware.
 
-    As /dev/ttyUSB0 with its USB ids, modem lines and unplugging, or as can0.
+    The driver sees /dev/ttyUSB0 with its USB ids, modem lines and unplugging, or can0.
 
     \b
       tactemu exec robotiq_tsf85 -- python quick_start.py
       tactemu exec hand.toml --node ttyUSB0 -- ./reader
-      tactemu exec anyskin --fault 'unplug at 3s for 1s' -- ./reader     # or `tactemu poke unplug` from elsewhere
+      tactemu exec anyskin --fault 'unplug at 3s for 1s' -- ./reader     # or `tactemu poke unplug` meanwhile
       tactemu exec hand.toml --node thumb=ttyUSB0 --node palm=ttyACM0 -- bash
       tactemu exec linker_hand_l6 -- candump can0
 
-    The program, and what it starts, runs in a private view of this machine; the network stays, but where there is a
-    CAN bus, which takes a network of its own: loopback, the buses, and what --expose carries through. Terminal,
-    standard streams and signals are its own. When it ends, the emulator does.
-    Exit code: that of the program, 128 + n after signal n; 125 when something of tactemu's fails, 126 when the program
-    cannot be executed, 127 when there is none of that name. See docs/exec.md.
+    The program and its children run in a private view of this machine. They keep its network, unless there is a CAN
+    bus: then they have a network of their own with loopback, the buses and the ports of --expose. The program has the
+    terminal, the standard streams and the signals. When it ends, the emulator ends.
+    Exit code: that of the program, or 128 + n after signal n; 125 if tactemu fails, 126 if the program cannot be
+    executed, 127 if there is none of that name. See docs/exec.md.
     """
     from tactemu.base.errors import TactemuError
     from tactemu.cli.executing import run_command

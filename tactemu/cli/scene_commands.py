@@ -1,4 +1,4 @@
-"""Commands about scenes: explained, begun, tuned, fitted to recordings; and the examples."""
+"""Commands for scenes: explain, new, examples, tune, dataset and fit."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ commands = typer.Typer(rich_markup_mode=None)
 def explain(
     target: Annotated[str | None, typer.Argument(metavar="DEVICE_OR_SCENE")] = None,
     device: Compute = None,
-    cost: Annotated[bool, typer.Option(help="Measure what each stage costs here.")] = True,
-    code: Annotated[bool, typer.Option(help="Run the Python files that it names; --no-code refuses them.")] = True,
+    cost: Annotated[bool, typer.Option(help="Measure the time of each stage on this machine.")] = True,
+    code: Annotated[bool, typer.Option(help="Run the Python files that the scene names, or refuse them.")] = True,
     schema: Annotated[bool, typer.Option("--schema", help="Print the JSON schema of scene files.")] = False,
 ) -> None:
-    """Say what a scene models, and why.
+    """Show the stages that a scene simulates, and why.
 
-    Frames, taxels, and the plan with each stage's cost.
+    It prints bodies, skins, frames and taxels, and the plan of the simulation with the time of each stage.
 
     \b
       tactemu explain anyskin
       tactemu explain hand.toml --device cuda:0
-      tactemu explain somebodys.toml --no-code
+      tactemu explain downloaded.toml --no-code
       tactemu explain --schema > scene.schema.json
     """
     from tactemu.cli.explaining import explain_target, print_schema
@@ -44,7 +44,7 @@ def explain(
 def new(file: Annotated[Path, typer.Argument(help="The scene file to write, such as hand.toml.")]) -> None:
     """Write a scene file to start from.
 
-    A fingertip and a ball, with comments on every key.
+    The scene has a fingertip and a ball, and comments on every key.
 
     \b
       tactemu new hand.toml
@@ -57,7 +57,9 @@ def new(file: Annotated[Path, typer.Argument(help="The scene file to write, such
 
 @commands.command()
 def examples(
-    folder: Annotated[Path | None, typer.Argument(help="Copy them into this folder; it is made.")] = None,
+    folder: Annotated[
+        Path | None, typer.Argument(help="Copy the examples into this folder, and create it if needed.")
+    ] = None,
 ) -> None:
     """List the examples, or copy them into a folder.
 
@@ -76,24 +78,26 @@ def examples(
 @commands.command()
 def tune(
     target: Target,
-    rate: Annotated[float, typer.Option("--rate", metavar="HZ", help="Samples per second that every skin shall keep.")],
-    error: Annotated[str, typer.Option(metavar="METRIC", help="taxels, total or worst.")] = "taxels",
+    rate: Annotated[float, typer.Option("--rate", metavar="HZ", help="Samples per second that every skin must keep.")],
+    error: Annotated[
+        str, typer.Option(metavar="METRIC", help="Measure of the error: taxels (RMS), total (of the sum) or worst.")
+    ] = "taxels",
     seconds: Annotated[
-        float, typer.Option(metavar="S", min=0.01, max=1000, help="How much of the scene is looked at.")
+        float, typer.Option(metavar="S", min=0.01, max=1000, help="How much of the scene is simulated.")
     ] = 4.0,
     write: Annotated[bool, typer.Option(help="Write the choice into the scene file.")] = True,
     device: Compute = None,
-    json: Annotated[bool, typer.Option("--json", help="Machine-readable.")] = False,
+    json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """Choose the most accurate setting that keeps a rate.
 
-    It tries sensor models and their dials on this machine.
+    It tries the sensor models and their settings on this machine.
 
     \b
       tactemu tune hand.toml --rate 500
       tactemu tune anyskin --rate 100 --error total
 
-    Measures every setting on the scene, says what it costs and how wrong it is, and writes the choice into the file.
+    It measures the cost and the error of every setting on your scene, prints them, and writes the choice into the file.
     """
     from tactemu.base.kernels import start_quietly
     from tactemu.cli.progress import show_progress
@@ -114,38 +118,42 @@ def tune(
 @commands.command()
 def dataset(
     target: Target,
-    steps: Annotated[int, typer.Option(metavar="N", help="Steps of the simulation, in each environment.")],
-    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Where it goes; an empty folder, or a new one.")],
-    envs: Annotated[int, typer.Option(metavar="N", help="Environments side by side.")] = 64,
-    every: Annotated[int, typer.Option(metavar="N", help="A row only every N steps.")] = 1,
+    steps: Annotated[int, typer.Option(metavar="N", help="Steps of the simulation in each environment.")],
+    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder for the dataset, empty or new.")],
+    envs: Annotated[int, typer.Option(metavar="N", help="Number of parallel environments.")] = 64,
+    every: Annotated[int, typer.Option(metavar="N", help="Write a row every N steps.")] = 1,
     shift: Annotated[
-        tuple[float, float, float], typer.Option(metavar="X Y Z", help="Bodies start up to ± so far off [mm].")
+        tuple[float, float, float],
+        typer.Option(metavar="X Y Z", help="Shift bodies at the start by up to ± X, Y, Z, at random [mm]."),
     ] = (1.0, 1.0, 0.2),
-    turn: Annotated[float, typer.Option(metavar="DEG", help="... and turned about z by up to ± so much.")] = 0.0,
+    turn: Annotated[float, typer.Option(metavar="DEG", help="Turn them about z by up to ± DEG, at random.")] = 0.0,
     bytes_envs: Annotated[
-        int | None, typer.Option(metavar="K", help="The wire of the first K environments, too.  [default: 16]")
+        int | None,
+        typer.Option(metavar="K", help="Also write the bytes on the wire of the first K environments.  [default: 16]"),
     ] = None,
-    seed: Annotated[int | None, typer.Option(metavar="N", help="Root of all random numbers.")] = None,
+    seed: Annotated[int | None, typer.Option(metavar="N", help="Seed of all random numbers.")] = None,
     device: Compute = None,
     strands: Annotated[
-        int, typer.Option(metavar="N", help="Cut the environments in N parts, for memory or for a cluster.")
+        int, typer.Option(metavar="N", help="Simulate the environments in N parts, for memory or for a cluster.")
     ] = 1,
     cluster: Annotated[
-        str | None, typer.Option(metavar="ADDRESS", help="A scheduler of Dask, whose workers reach DIR.")
+        str | None, typer.Option(metavar="ADDRESS", help="A Dask scheduler; its workers must reach DIR.")
     ] = None,
-    compression: Annotated[str, typer.Option(metavar="HOW", help="Of the shards: lz4, zstd or none.")] = "lz4",
+    compression: Annotated[
+        str, typer.Option(metavar="HOW", help="Compression of the files: lz4, zstd or none.")
+    ] = "lz4",
 ) -> None:
     """Make a dataset of many environments, as Parquet.
 
-    It has what each skin feels, ideal and measured.
+    It has the readings of each skin, ideal and measured.
 
     \b
       tactemu dataset hand.toml --steps 2000 --out presses
       tactemu dataset hand.toml --envs 4096 --steps 2000 --device cuda:0 --out presses
       tactemu dataset hand.toml --envs 512 --steps 2000 --strands 8 --cluster tcp://host:8786 --out presses
 
-    Says what it takes before it begins. Stopped or killed, the same command goes on; the same seed makes the same
-    shards.
+    It prints the size before it begins. If it was stopped or killed, the same command continues it. The same seed gives
+    the same files.
     """
     import math
 
@@ -169,31 +177,40 @@ def fit_recordings(
     recordings: Annotated[
         list[Path], typer.Argument(metavar="RECORDING...", help=".csv, .csv.gz, .npz, .parquet, .mcap or .jsonl.")
     ],
-    device: Annotated[str, typer.Option("--device", metavar="DEVICE", help="What was recorded; `tactemu devices`.")],
-    out: Annotated[Path, typer.Option("--out", metavar="FILE", help="Scene file to write.")],
+    device: Annotated[
+        str, typer.Option("--device", metavar="DEVICE", help="The recorded device, a name of `tactemu devices`.")
+    ],
+    out: Annotated[Path, typer.Option("--out", metavar="FILE", help="The scene file to write.")],
     columns: Annotated[
         str | None,
-        typer.Option(metavar="ROLE=COLUMNS,...", help="t=t_s,z=z_mm,field=b0x:b4z; default: by their names."),
+        typer.Option(
+            metavar="ROLE=COLUMNS,...", help="Roles of the columns, t=t_s,z=z_mm,field=b0x:b4z; default: their names."
+        ),
     ] = None,
     unit: Annotated[
         list[str] | None,
-        typer.Option("--unit", metavar="ROLE=UNIT,...", help="z=mm,field=uT; default: SI; repeatable."),
+        typer.Option(
+            "--unit", metavar="ROLE=UNIT,...", help="Units of the roles, z=mm,field=uT; default: SI; repeatable."
+        ),
     ] = None,
     rate: Annotated[
-        float | None, typer.Option(metavar="HZ", min=0.001, max=1e6, help="Of the rows, where they have no times.")
+        float | None, typer.Option(metavar="HZ", min=0.001, max=1e6, help="Rate of the rows, if they have no times.")
     ] = None,
-    report: Annotated[Path | None, typer.Option(metavar="FILE", help="Report (HTML); default: beside --out.")] = None,
+    report: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="The report to write (HTML); default: beside --out.")
+    ] = None,
 ) -> None:
-    """Find a sensor's parameters in recordings of it.
+    """Fit a sensor's parameters to recordings of it.
 
-    It writes a scene file with them.
+    It writes a scene file with the parameters, and a report.
 
     \b
       tactemu fit rest.csv --device anyskin --columns t=t_s,field=b0x:b4z --unit field=uT --out my_skin.toml
       tactemu fit a.csv b.csv --device anyskin --columns t=t_s,force=f,field=b0x:b4z --unit field=uT --out my_skin.toml
 
-    Roles: t, z, depth, force, mass, temperature, untouched, and what it reads: field, counts, pressure, resistance,
-    capacitance or reading. What a recording does not tell is said, with what to record next. Needs scipy.
+    Roles are t, x, y, z, depth, force, mass, temperature, untouched, and one for the sensor's readings: field, counts,
+    pressure, resistance, capacitance or reading. For each parameter that the recordings do not determine, the output
+    names what to record next. Needs scipy.
     """
     from tactemu.cli.progress import show_progress
     from tactemu.fit.fitting import run_fit
@@ -206,7 +223,11 @@ def fit_recordings(
 
 
 def _pairs(option: str, text: str | None) -> dict[str, str] | None:
-    """``a=b,c=d`` as a table."""
+    """Return ``a=b,c=d`` as a dictionary.
+
+    Raises:
+        TactemuError: a part is no ``NAME=VALUE``.
+    """
     from tactemu.base.errors import TactemuError
 
     if text is None:

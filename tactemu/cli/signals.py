@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM end a loop, not the program. While a program starts they end it, whatever it is busy with."""
+"""Signal handling: SIGINT and SIGTERM end a running loop in order; during the start they end the program at once."""
 
 from __future__ import annotations
 
@@ -14,49 +14,49 @@ from typing import Any
 from tactemu.base.files import remove_leftovers
 
 ENDING = (signal.SIGINT, signal.SIGTERM)
-"""Signals that end a program, or its loop."""
+"""The signals that end a program, or its loop."""
 
 _NOTICED_S = 0.5
-"""A main thread that has not noticed a signal by then [s] is in native code, where kernels are compiled for minutes."""
+"""Time in which the main thread notices a signal, unless it is in native code, which compiles kernels for minutes."""
 _UNWOUND_S = 2.5
-"""Time for a start to take back what it has made [s], unless a library has lost the exception of the signal."""
+"""Time in which a start cleans up, unless a library has lost the exception of the signal."""
 
 
 class Starting:
-    """A program's start, from its first import until its loop runs, which SIGINT and SIGTERM end at any moment.
+    """The start of a program, from its first import until its loop runs; SIGINT and SIGTERM end it at any moment.
 
-    Python calls a signal's handler between two of its own instructions, and an exception that is raised there can be
-    lost in a library's callback. So a thread is told of the signal too, and ends the process when nothing came of it.
+    Python calls a signal's handler between two of its own instructions, and an exception raised there can be lost in a
+    library's callback. Therefore a thread receives the signal, too, and ends the process if the handler had no effect.
     """
 
     def __init__(self):
         self.number = 0
-        """The signal that came; 0 before one does."""
+        """The signal received, or 0."""
         self.origin = ""
-        """Who sent it, where that is known."""
+        """The sender of the signal, if known."""
         self._noticed, self._over = threading.Event(), threading.Event()
         self._told = -1
-        """The end of a pipe into which the interpreter writes each signal at once."""
+        """The end of a pipe into which the interpreter writes each signal immediately."""
         self.before: dict[int, Any] = {}
-        """The handlers that there were."""
+        """The former handlers."""
 
     def begin(self) -> None:
-        """Take signals from now on. Call in the main thread."""
+        """Install the handlers. Call it in the main thread."""
         told, self._told = os.pipe()
         os.set_blocking(self._told, False)
         signal.set_wakeup_fd(self._told, warn_on_full_buffer=False)
         self.before = {number: signal.signal(number, self._notice) for number in ENDING}
-        mask = signal.pthread_sigmask(signal.SIG_BLOCK, signal.valid_signals())  # none is for the thread
+        mask = signal.pthread_sigmask(signal.SIG_BLOCK, signal.valid_signals())  # the thread must receive none
         threading.Thread(target=self._watch, args=(told, os.getpid()), name="start", daemon=True).start()
         signal.pthread_sigmask(signal.SIG_SETMASK, mask)
 
-    def came(self, number: int, origin: str) -> None:
-        """End the start because of a signal that another thread has taken."""
+    def receive(self, number: int, origin: str) -> None:
+        """End the start because of a signal that another thread has received."""
         self.number, self.origin = self.number or number, self.origin or origin
         _thread.interrupt_main()
 
-    def over(self) -> bool:
-        """Leave signals to others: a loop is about to run. Returns whether one came, which ends that loop at once."""
+    def finish(self) -> bool:
+        """Stop handling signals because a loop begins, and return True if one came, which ends that loop at once."""
         if not self._over.is_set():
             self._over.set()
             signal.set_wakeup_fd(-1)
@@ -65,21 +65,21 @@ class Starting:
 
     @property
     def is_over(self) -> bool:
-        """Whether a loop has begun."""
+        """True if a loop has begun."""
         return self._over.is_set()
 
     def end(self) -> None:
-        """The program has ended, or failed to start: put the former handlers back."""
-        self.over()
+        """Restore the former handlers when the program has ended, or failed to start."""
+        self.finish()
         for number, handler in self.before.items():
             signal.signal(number, handler)
 
-    def said(self) -> str:
-        """Return the line that tells a user why nothing runs."""
+    def message(self) -> str:
+        """Return the line that names the signal that ended the start."""
         return f"tactemu: ended by {signal.Signals(self.number).name}{self.origin} before it had started\n"
 
     def _notice(self, number: int, _frame: object) -> None:
-        if self.is_over:  # a loop has run, and the program is ending: the next signal ends it at once
+        if self.is_over:  # the loop has ended and the program is ending: the next signal ends it at once
             signal.signal(number, signal.SIG_DFL)
             return
         self.number = self.number or number
@@ -96,13 +96,13 @@ class Starting:
                 if self._over.wait(_NOTICED_S) or (self._noticed.is_set() and self._over.wait(_UNWOUND_S)):
                     return
                 remove_leftovers()
-                sys.stderr.write(self.said())
+                sys.stderr.write(self.message())
                 sys.stderr.flush()
                 os._exit(128 + self.number)
 
 
 STARTING: list[Starting] = []
-"""The start that is going on, if any."""
+"""The present start, if any."""
 
 
 def handler_before(number: int) -> Any:
@@ -112,9 +112,9 @@ def handler_before(number: int) -> Any:
 
 @contextmanager
 def starting() -> Iterator[Starting]:
-    """Let SIGINT and SIGTERM end what runs inside, until a loop takes them (:func:`ended_by_signals`).
+    """Let SIGINT and SIGTERM end the context until a loop handles them (:func:`ended_by_signals`).
 
-    A program that was ended so says so, and exits with 128 + n after signal n.
+    A program that they end prints a line, and exits with 128 + n after signal n.
     """
     start = Starting()
     STARTING.append(start)
@@ -124,7 +124,7 @@ def starting() -> Iterator[Starting]:
     except (KeyboardInterrupt, SystemExit):
         if not start.number or start.is_over:
             raise
-        sys.stderr.write(start.said())
+        sys.stderr.write(start.message())
         exec("")  # Python would end by SIGINT, since an interrupt has left an `exec` of some library; it forgets that
         sys.exit(128 + start.number)
     finally:
@@ -134,9 +134,9 @@ def starting() -> Iterator[Starting]:
 
 @contextmanager
 def ended_by_signals(stop: Callable[[], None] | None = None) -> Iterator[Callable[[], bool]]:
-    """The first signal calls ``stop``, a second one ends the process; gives a function that says whether one came.
+    """Call ``stop`` at the first signal and end the process at the second; yield a callable that tells if one came.
 
-    SIGHUP, of a terminal that closes, is one of them, unless whoever started the program has it ignored, as ``nohup``.
+    SIGHUP, which a closing terminal sends, is one of them, unless it was ignored at the start, as by ``nohup``.
     """
     seen: list[int] = []
 
@@ -149,7 +149,7 @@ def ended_by_signals(stop: Callable[[], None] | None = None) -> Iterator[Callabl
     taken = [*ENDING, *([] if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN else [signal.SIGHUP])]
     before = {number: signal.signal(number, note) for number in taken}
     try:
-        if STARTING and STARTING[-1].over():
+        if STARTING and STARTING[-1].finish():
             note(STARTING[-1].number, None)
         yield lambda: bool(seen)
     finally:

@@ -1,4 +1,4 @@
-"""``tactemu judge --success``: how often a whole task succeeds, by the strength of what goes wrong."""
+"""``tactemu judge --success``: the success rate of a complete task, by the strength of the faults."""
 
 from __future__ import annotations
 
@@ -13,8 +13,10 @@ from tactemu.base.errors import TactemuError
 from tactemu.cli.signals import ended_by_signals
 from tactemu.judge.success import as_data, as_text, read_script, success_curve
 
-NOT_JUDGED, INTERRUPTED = 3, 130
-"""Exit codes: it never succeeds, not even without a fault; Ctrl-C."""
+NOT_JUDGED = 3
+"""The exit code if the task never succeeds without a fault."""
+INTERRUPTED = 130
+"""The exit code after Ctrl-C."""
 
 
 def judge_success(
@@ -28,15 +30,15 @@ def judge_success(
     seed: int | None,
     json_file: Path | None,
 ) -> int:
-    """Try a task under faults, and print the curve; returns the exit code.
+    """Try a task under faults, print the curve, and return the exit code.
 
     Raises:
-        TactemuError: something asked for cannot be had.
+        TactemuError: the request is invalid, or cannot be met on this machine.
     """
     from tactemu.cli.running import ports_of
 
     if not command:
-        raise TactemuError(f"which task? its command after --, as in `tactemu judge {target} --success ... -- COMMAND`")
+        raise TactemuError(f"name the task's command after --, as in `tactemu judge {target} --success ... -- COMMAND`")
     words = [sys.executable if command[0] == "python" else command[0], *command[1:]]
     points, interrupted = {}, False
     with ended_by_signals(_interrupt), Console(stderr=True).status("starting") as status:

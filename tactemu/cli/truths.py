@@ -1,4 +1,4 @@
-"""``tactemu truth FILE``: what a truth log holds, device by device; and its conversions."""
+"""``tactemu truth FILE``: the summary of a truth log, device by device, and its conversions."""
 
 from __future__ import annotations
 
@@ -15,13 +15,14 @@ from tactemu.truth.entries import End, Header
 from tactemu.truth.log_reader import records
 
 COUNTED = ("missed", "stretched", "silent", "wire", "device")
-"""What a run counts that the entries of its log do not say."""
+"""The counters of a run that cannot be found from the entries of its log."""
 
 
 def summarise(path: str | Path) -> dict[str, dict[str, Any]]:
-    """Per device: samples, rate, frames both ways, drops by reason, faults by name, events, largest reading; and what
-    the run itself counted: samples that were missed, what the wire and the firmware made of what they got. Under ""
-    what was done to the emulator live, if anything was.
+    """Return the summary of a log by device; under "" are the live commands, if any.
+
+    It has samples, rate, frames both ways, drops by reason, faults by name, events and largest reading, and the
+    counters of the run itself: missed samples, and those of the wire and the firmware.
 
     Raises:
         TactemuError: the file cannot be read, or is no truth log.
@@ -48,7 +49,7 @@ def summarise(path: str | Path) -> dict[str, dict[str, Any]]:
 
 
 def verb_of(command: PortEvent) -> str:
-    """Of a command in a log."""
+    """Return the name of a command in a log."""
     try:
         return str(json_module.loads(command.what.removeprefix(COMMAND))["verb"])
     except (ValueError, TypeError, KeyError, RecursionError):
@@ -56,7 +57,7 @@ def verb_of(command: PortEvent) -> str:
 
 
 class _Tally:
-    """The entries of one device, counted."""
+    """The counts of one device's entries."""
 
     def __init__(self):
         self.sense: str | None = None
@@ -82,7 +83,7 @@ class _Tally:
 
     def _add_sample(self, sample: Sample) -> None:
         self.sense = sample.sense if self.sense is None else self.sense
-        if sample.sense != self.sense:  # other senses have rates and units of their own
+        if sample.sense != self.sense:  # other senses have different rates and units
             return
         self.times.append(sample.t_ns)
         ideal, measured = np.asarray(sample.ideal, float), np.asarray(sample.measured, float)
@@ -124,15 +125,15 @@ def print_summary(path: Path, *, json: bool = False) -> None:
 
 
 def _printable(text: str) -> str:
-    """Return a text of the file's, without anything that a terminal would obey."""
+    """Return a text of the file without control characters."""
     return text if text.isprintable() else ascii(text)
 
 
 def convert_log(path: Path, to: str, *, skin: str | None, sense: str | None) -> None:
-    """Write what a log holds to a file of another format.
+    """Write a log to a file of another format.
 
     Raises:
-        TactemuError: no log, nothing of the kind in it, or a file that cannot be written.
+        TactemuError: there is no log or no such entry in it, or the file cannot be written.
     """
     from tactemu.cli.progress import show_count
     from tactemu.view.conversions import convert
@@ -145,7 +146,7 @@ def plot_log(path: Path, target: Path, *, skin: str | None, sense: str | None) -
     """Draw one skin of a log.
 
     Raises:
-        TactemuError: matplotlib is missing, no log, nothing of the kind in it, or a file that cannot be written.
+        TactemuError: matplotlib is missing, there is no log or no such entry in it, or the file cannot be written.
     """
     try:
         from tactemu.view.conversions.plots import plot

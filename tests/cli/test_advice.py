@@ -5,7 +5,7 @@ import time
 import pytest
 
 from tactemu.cli import reports
-from tactemu.cli.reports import advice, told_if_long
+from tactemu.cli.reports import advice, report_if_slow
 from tactemu.emulator.assembly import RunOptions, assemble
 from tactemu.scene.file import load
 
@@ -40,11 +40,11 @@ def test_a_busy_machine_is_told_from_a_dear_simulation(emulator, monkeypatch):
 
 
 def test_what_takes_long_is_told_in_one_line(monkeypatch, capsys):
-    with told_if_long("building"):
+    with report_if_slow("building"):
         pass
     assert capsys.readouterr().err == ""
-    monkeypatch.setattr(reports, "LONG_S", 0.0)
-    with told_if_long("building 20,000 bodies"):
+    monkeypatch.setattr(reports, "SLOW_START_S", 0.0)
+    with report_if_slow("building 20,000 bodies"):
         end = time.monotonic() + 20
         while not (told := capsys.readouterr().err) and time.monotonic() < end:
             time.sleep(0.01)

@@ -4,7 +4,7 @@ import pytest
 
 from tactemu.base.errors import TactemuError
 from tactemu.cli import new
-from tactemu.scene.default import REST_S
+from tactemu.scene.default import IDLE_S
 from tactemu.scene.file import load
 from tests.cli.command import ROOT
 
@@ -15,7 +15,7 @@ def test_a_new_scene_is_one_and_rests_at_first(tmp_path, capsys):
     assert f"tactemu run {file}" in capsys.readouterr().out
     loaded = load(file)
     assert [skin.device for skin in loaded.tables.skin] == ["anyskin"]
-    assert all(not motion.pose(REST_S - 0.01).position.any() for motion in loaded.motions.values())
+    assert all(not motion.pose(IDLE_S - 0.01).position.any() for motion in loaded.motions.values())
 
 
 def test_what_its_comments_offer_is_right(tmp_path):
@@ -33,7 +33,7 @@ def _is_toml(text: str) -> bool:
     return text.startswith("[") or text.partition(" ")[2].startswith("= ")
 
 
-WRONG = [("there.toml", "is there already"), ("hand.txt", "ends in .toml"), ("no/x.toml", "cannot write it")]
+WRONG = [("there.toml", "exists already"), ("hand.txt", "end in .toml"), ("no/x.toml", "cannot write it")]
 
 
 @pytest.mark.parametrize(("name", "says"), WRONG)
@@ -57,5 +57,5 @@ def test_examples_are_copied_once(tmp_path, capsys):
     copied = {path.name: path.read_text() for path in (tmp_path / "a" / "b").iterdir()}
     assert copied == {path.name: path.read_text() for path in (ROOT / "examples").iterdir() if path.name in copied}
     assert "hand.toml" in copied and len(copied) >= 5
-    with pytest.raises(TactemuError, match="is there already"):
+    with pytest.raises(TactemuError, match="exists already"):
         new.copy_examples(tmp_path / "a" / "b")

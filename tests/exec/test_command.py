@@ -181,7 +181,7 @@ else:
 def test_a_device_on_the_network_is_at_its_usual_port_and_it_is_said(words, place, answer):
     done = tactemu_command("exec", *words, "--", sys.executable, "-c", ASK, place)
     assert (done.returncode, done.stdout.strip()) == (0, answer), done.stderr
-    assert "nobody came" not in done.stderr
+    assert "no driver connected" not in done.stderr
     assert done.stderr.startswith("tactemu: ") and f" is {'socket://' * place[0].isdigit()}{place}\n" in done.stderr
 
 
@@ -190,7 +190,7 @@ def test_a_driver_that_looks_elsewhere_for_a_device_on_the_network_is_told_where
     first, last = done.stderr.splitlines()
     place = first.rpartition("/")[2]
     assert last.startswith(
-        f"tactemu: xela_server: nobody came to ws://{place}; a driver that connects to another address"
+        f"tactemu: xela_server: no driver connected to ws://{place}; a driver that connects to another address"
     )
     assert last.endswith(f"needs --port ws:0.0.0.0:{place.rpartition(':')[2]}")
 
@@ -353,7 +353,7 @@ def test_without_library_and_compiler_names_and_bytes_still_work(monkeypatch, ca
     env = exec_environment("flexitac")
     executing._announce(env, "true")
     said = capsys.readouterr().err
-    assert "preload library cannot be made" in said and "nobody answers modem lines" in said
+    assert "preload library cannot be made" in said and "there are no modem lines" in said
     script = (
         "import serial; from serial.tools import list_ports\n"
         "(found,) = list_ports.comports()\n"
