@@ -29,6 +29,7 @@ Measure this tree on this machine. Figures are medians; compare those of one run
   python -m benchmarks exec     cost of a driver's view of the machine, and 1000 times unplugged
   python -m benchmarks judge    trials of `tactemu judge` a minute, one and two at once
   python -m benchmarks bus      a whole robot's skin on CAN: how many boards are in time
+  python -m benchmarks same     what this tree and another commit transmit and measure, byte for byte
 """,
 )
 
@@ -48,6 +49,17 @@ def loop(
     if only not in ("", "open", "closed"):
         raise typer.BadParameter(f"expected open or closed, got {only!r}", param_hint="--only")
     save(run(typer.echo, seconds=seconds, repeats=repeats, questions=questions, only=only), out)
+
+
+@bench.command()
+def same(
+    commit: Annotated[str, typer.Argument(help="Commit to compare with; default: before the tree was tidied.")] = "",
+    replay: Annotated[bool, typer.Option(help="Replay the client recordings of that commit, too.")] = True,
+) -> None:
+    """Compare the bytes of every device and the readings of every sensor model with those of another commit."""
+    from benchmarks.same import BASE, run
+
+    raise typer.Exit(0 if run(typer.echo, commit or BASE, replay) else 1)
 
 
 @bench.command()
