@@ -6,12 +6,12 @@ import numpy as np
 import warp as wp
 
 from tactemu.sensors.layer import friction
-from tactemu.sensors.layer.convolution import Workspace, lanes_of
+from tactemu.sensors.layer.convolution import Workspace, lane_width
 from tactemu.sensors.layer.friction import friction_kernel
 from tactemu.sensors.layer.friction_state import FRICTION_WINDOWS, friction_state_type, friction_windows_type
 from tactemu.sensors.layer.pressure import NORMAL_WINDOWS, Windows, normal_kernel, windows_type
-from tactemu.sensors.layer.shared_memory import chip_numbers, fits
-from tactemu.sensors.layer.surface import reach_of, surface_kernel
+from tactemu.sensors.layer.shared_memory import fits, shared_numbers
+from tactemu.sensors.layer.surface import response_reach, surface_kernel
 from tactemu.sensors.layer.tables import LayerMaterial, LayerTables
 
 
@@ -24,8 +24,8 @@ class LayerRig:
     ):  # fmt: skip
         self.device = wp.get_device(device)
         self.real, self.pitch, self.n_envs = real, pitch, n_envs
-        lanes, slots = lanes or lanes_of(self.device), 1 if self.device.is_cpu else n_envs
-        chip = fits(cells, chip_numbers(*friction.ON_CHIP), real, lanes, self.device)
+        lanes, slots = lanes or lane_width(self.device), 1 if self.device.is_cpu else n_envs
+        is_shared = fits(cells, shared_numbers(*friction.SHARED_ARRAYS), real, lanes, self.device)
         self.material = LayerMaterial(young / (2 * (1 + nu)), nu, thickness)
         self.tables = LayerTables(self.material, cells, (pitch, pitch), tangential=True, real=real, device=self.device)
         self.workspace = Workspace(slots, self.tables.n_max, real, lanes, self.device, spectra=3)
@@ -51,14 +51,14 @@ class LayerRig:
         self.solved = wp.full(shape, real(math.nan), dtype=real, device=self.device)
         self.box, self.area, self.dirty = (zeros(wp.vec4i, n_envs) for _ in range(3))
         self.residual_array, self.iterations = zeros(wp.float64, n_envs), zeros(wp.int32, n_envs)
-        self.changed, self.rubbed = zeros(wp.int32, n_envs), zeros(wp.int32, n_envs)
+        self.changed, self.friction_changed = zeros(wp.int32, n_envs), zeros(wp.int32, n_envs)
         limit = wp.float64(tolerance)
         inputs = [self.tables.struct, real(1.0), iterations, limit]
         self.active = wp.full(n_envs, wp.vec4i(0, 0, *cells), dtype=wp.vec4i, device=self.device)
         inputs += [self.overlap, self.active, self.workspace.struct, self.windows.struct]
         outputs = [self.solved, self.pressure_array, self.box, self.residual_array, self.iterations, self.changed]
         outputs += [self.dirty]
-        self._normal = launch(normal_kernel(real, lanes, chip), inputs, outputs)
+        self._normal = launch(normal_kernel(real, lanes, is_shared), inputs, outputs)
 
         self.slide, self.body = zeros(wp.types.vector(2, real)), zeros(wp.int32)
         self.state = friction_state_type(real)()
@@ -70,18 +70,20 @@ class LayerRig:
         self._friction = None
         if mu > 0:
             struct = friction_windows_type(real)()
-            self.rubbing = Windows(struct, FRICTION_WINDOWS, slots, cells, real, lanes, self.device)
+            self.friction_windows = Windows(struct, FRICTION_WINDOWS, slots, cells, real, lanes, self.device)
             inputs = [self.tables.struct, real(mu), iterations, limit]
             inputs += [self.pressure_array, self.box, self.changed, self.slide, self.body]
-            inputs += [self.workspace.struct, self.rubbing.struct, self.state]
-            self._friction = launch(friction_kernel(real, lanes, coupled, chip), inputs, [self.rubbed])
+            inputs += [self.workspace.struct, self.friction_windows.struct, self.state]
+            self._friction = launch(
+                friction_kernel(real, lanes, coupled, is_shared), inputs, [self.friction_changed]
+            )
 
-        reach = wp.vec2i(*reach_of(self.tables.kernels))
+        reach = wp.vec2i(*response_reach(self.tables.kernels))
         self.surface_arrays = [zeros(real) for _ in range(3)]
         inputs = [self.tables.struct, reach, self.pressure_array, self.state, self.box]
-        inputs += [self.rubbed if mu > 0 else self.changed, self.workspace.struct, self.windows.struct]
+        inputs += [self.friction_changed if mu > 0 else self.changed, self.workspace.struct, self.windows.struct]
         self._surface = launch(
-            surface_kernel(real, lanes, mu > 0, chip), inputs, [self.area, self.dirty, *self.surface_arrays]
+            surface_kernel(real, lanes, mu > 0, is_shared), inputs, [self.area, self.dirty, *self.surface_arrays]
         )
 
     def _one(self, array):

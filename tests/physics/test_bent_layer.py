@@ -143,7 +143,7 @@ def test_forces_on_a_bent_pad_point_into_it_where_they_act():
 
 def test_what_is_bent_too_much_or_otherwise_is_refused():
     places, normals = pad(0.015)
-    with pytest.raises(SceneError, match=r"right from a radius of 5 thicknesses on"):
+    with pytest.raises(SceneError, match=r"a radius of 5 thicknesses or more"):
         pressed(places, normals, tt.Sphere(radius=5e-3), 4e-3)
     places, normals = pad(0.05)
     saddle = places + np.array([0, 0, 1.0]) * places[..., 1:2] ** 2

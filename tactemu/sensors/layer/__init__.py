@@ -1,1 +1,1 @@
-"""Level 4: ElasticLayerTaxel, a bonded elastic layer, solved."""
+"""The model of level 4: ElasticLayerTaxel, a bonded elastic layer whose contact is solved."""

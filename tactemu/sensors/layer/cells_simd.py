@@ -1,16 +1,16 @@
-"""The cells of a solver's windows eight at a time in a CPU's vector registers: what :mod:`.pressure_simd` and
-:mod:`.friction_simd` have in common."""
+"""Access to the cells of a solver's windows on a CPU, eight at a time in vector registers; :mod:`.pressure_simd` and
+:mod:`.friction_simd` use it."""
 
 from tactemu.geometry.simd import vector_prelude
 
 
 def over_cells(real, like: str, snippet: str) -> str:
-    """Return a snippet about the cells of the windows ``win`` of a ``slot``, of ``shape``.
+    """Return a C++ snippet that processes the cells of the windows ``win`` of a ``slot``, of ``shape``.
 
-    It calls ``all(visit)``, which calls ``visit(at)`` for each eight of them; it adds ``doubles(vector)`` up, and
-    ``sum`` makes one number of that.
+    ``snippet`` may use ``all(visit)``, which calls ``visit(at)`` for each eight cells; it sums up ``doubles(vector)``,
+    and ``sum`` reduces that to one number.
 
-    ``like``: one of the windows; the others have the same strides, and are whole registers wide.
+    ``like`` is one of the windows; the others have the same strides, which are multiples of a register.
     """
     return vector_prelude(real) + _CELLS.replace("LIKE", like) + snippet
 

@@ -1,9 +1,9 @@
-"""How the surface of an elastic layer answers to loads: its transfer functions, and the kernels sampled from them.
+"""The response of an elastic layer's surface to loads: its transfer functions, and the kernels sampled from them.
 
-The layer has thickness ``h``, shear modulus ``G`` and Poisson ratio ``nu``; it is bonded to a rigid base and is as wide
-as one likes. A load that varies as ``exp(i k.x)`` moves its surface by ``compliance * load``. With ``q = |k| h`` and
-``K = 3 - 4 nu`` the compliances follow from the Papkovich-Neuber solution of the layer (Johnson, *Contact Mechanics*,
-5.8; tabulated against 50-digit arithmetic and finite elements in the tests):
+The layer has thickness ``h``, shear modulus ``G`` and Poisson ratio ``nu``; it is bonded to a rigid base and has no
+edges. A load that varies as ``exp(i k.x)`` moves its surface by ``compliance * load``. With ``q = |k| h`` and ``K = 3 -
+4 nu`` the compliances follow from the Papkovich-Neuber solution of the layer (Johnson, *Contact Mechanics*, 5.8; the
+tests compare them with 50-digit arithmetic and finite elements):
 
 ====  ===========================================  ==================================================================
 name  moves                                        ``G k compliance``, with ``D = K cosh 2q + 2 q^2 + (1 + K^2) / 2``
@@ -17,7 +17,7 @@ nl    tangential, along k, by pressure (times i)   ``((1 - 2 nu) K (cosh 2q - 1)
 They are evaluated with ``exp(-2q)`` factored out, so that no thickness and no wave number overflows, and with a series
 where ``sinh 2q`` and ``2q`` would cancel. ``h = inf`` is the half-space.
 
-Sampled on a grid, a load is taken as band-limited: the kernel of offset ``x`` is the Fourier integral of the compliance
+Sampled on a grid, a load is taken as band-limited: the kernel at offset ``x`` is the Fourier integral of the compliance
 over the band ``|kx| <= pi/dx, |ky| <= pi/dy``. The integral is a quadrature, not a sum over a periodic box: the layer
 has no images of the load, whatever its thickness.
 """
@@ -29,11 +29,11 @@ from typing import NamedTuple
 import numpy as np
 
 SERIES_BELOW = 0.35
-"""Below this q the differences that cancel are taken from their Taylor series."""
+"""Value of q below which differences that cancel are computed from their Taylor series."""
 
 
 class Transfer(NamedTuple):
-    """``G k compliance`` of the four modes, dimensionless, finite for every q from 0 to infinity."""
+    """The products ``G k compliance`` of the four modes, dimensionless, finite for every q from 0 to infinity."""
 
     nn: np.ndarray
     ll: np.ndarray
@@ -69,7 +69,7 @@ def transfer(q, nu: float, dtype=np.float64) -> Transfer:
 
 
 def _sinh_minus_argument(x: np.ndarray, dtype) -> np.ndarray:
-    """``sinh x - x`` by five terms of its series, exact to rounding for x < 0.7."""
+    """Return ``sinh x - x`` by five terms of its series, exact to rounding for x < 0.7."""
     y = x * x
     total = np.ones_like(x)
     for divisor in (110, 72, 42, 20):
@@ -78,13 +78,13 @@ def _sinh_minus_argument(x: np.ndarray, dtype) -> np.ndarray:
 
 
 def thin_layer_modulus(young_modulus: float, nu: float) -> float:
-    """Modulus of a layer that cannot expand sideways [Pa]; infinite for nu = 0.5."""
+    """Return the modulus of a layer that cannot expand sideways [Pa]; infinite for nu = 0.5."""
     below = (1 + nu) * (1 - 2 * nu)
     return young_modulus * (1 - nu) / below if below > 0 else np.inf
 
 
 class Kernels(NamedTuple):
-    """Displacement of a cell per pressure on the cell ``(j, i)`` cells away [m/Pa], each of shape ``(ny, nx)``.
+    """The displacements of a cell per pressure on the cell ``(j, i)`` cells away [m/Pa], each of shape ``(ny, nx)``.
 
     Only offsets >= 0 are kept: ``nn``, ``xx`` and ``yy`` are even in both offsets, ``xy`` is odd in both, ``nx`` (the
     x displacement by pressure) is odd in x and even in y, ``ny`` the other way round.
@@ -104,9 +104,9 @@ def sample_kernels(shape: tuple[int, int], pitch: tuple[float, float], shear_mod
     Args:
         shape: number of offsets ``(ny, nx)``, from 0.
         pitch: distance of neighbours ``(dy, dx)`` [m].
-        shear_modulus: [Pa].
+        shear_modulus: shear modulus [Pa].
         nu: Poisson ratio, 0 to 0.5.
-        thickness: [m], > 0; ``inf`` for a half-space.
+        thickness: thickness [m], > 0; ``inf`` for a half-space.
     """
     (ny, nx), (dy, dx) = shape, pitch
     (ay, wy), (ax, wx) = _band_nodes(ny), _band_nodes(nx)
@@ -130,9 +130,9 @@ def sample_kernels(shape: tuple[int, int], pitch: tuple[float, float], shear_mod
 
 
 def _band_nodes(count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Gauss nodes and weights over (0, pi) for cosines up to ``count`` periods and a singularity 1/k at 0.
+    """Return the Gauss nodes and weights over (0, pi) for cosines up to ``count`` periods and a singularity 1/k at 0.
 
-    Uniform panels follow the oscillation; the first one is halved towards 0 until what is left is below 1e-9.
+    Uniform panels follow the oscillation; the first one is halved towards 0 until the remainder is below 1e-9.
     """
     panels = max(count // 2, 4)
     width = np.pi / panels
@@ -143,12 +143,12 @@ def _band_nodes(count: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def spectrum(kernel: np.ndarray, shape: tuple[int, int], odd: tuple[bool, bool]) -> np.ndarray:
-    """Factors that convolve with a kernel in the space of the Hartley transform of length ``shape``.
+    """Return the factors that convolve with a kernel in the space of the Hartley transform of length ``shape``.
 
     Args:
         kernel: values at offsets >= 0, at least half of ``shape`` of them along each axis.
         shape: lengths ``(n_rows, n_columns)`` of the transform, even. Offsets up to half of them are not wrapped.
-        odd: whether the kernel changes sign with the offset, along rows and along columns.
+        odd: True where the kernel changes sign with the offset, along rows and along columns.
     """
     index, sign = zip(*(_wrapped_offsets(n, is_odd) for n, is_odd in zip(shape, odd)))
     wrapped = kernel[np.ix_(*index)] * sign[0][:, None] * sign[1][None, :]
@@ -159,7 +159,7 @@ def spectrum(kernel: np.ndarray, shape: tuple[int, int], odd: tuple[bool, bool])
 
 
 def _wrapped_offsets(n: int, odd: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Which offset >= 0 stands at each place of a circular kernel of length ``n``, and its sign."""
+    """Return the offset >= 0 at each place of a circular kernel of length ``n``, and its sign."""
     place = np.arange(n)
     sign = np.where(place <= n // 2, 1.0, -1.0)
     if not odd:

@@ -1,14 +1,14 @@
-"""Convolution of a window of cells with a layer's kernels, by real Hartley transforms, inside a Warp kernel.
+"""Convolutions of a window of cells with a layer's kernels, by real Hartley transforms, inside a Warp kernel.
 
-One block of threads (a GPU) or one thread (a CPU) does a whole convolution, so that a solver can run to convergence
-within one launch. The kernels of a layer are even or odd along each axis; such a convolution is a product in the
-space of the *Hartley* transform ``H(k) = sum f(x) (cos kx + sin kx)``, which is real and its own inverse::
+One block of threads (a GPU) or one thread (a CPU) computes a complete convolution, so that a solver can run to
+convergence within one launch. The kernels of a layer are even or odd along each axis; such a convolution is a product
+in the space of the *Hartley* transform ``H(k) = sum f(x) (cos kx + sin kx)``, which is real and its own inverse::
 
     even kernel g:  H[g * f](k) = g_cos(k) H[f](k)          odd kernel:  H[g * f](k) = g_sin(k) H[f](-k)
 
-Two real columns make one complex column of a Stockham FFT of radix 4. Columns lie side by side in *lanes*: on a CPU
-they fill the vector registers (:mod:`.simd`), on a GPU ``lanes`` is 1 and the columns go to threads. Every pass
-transforms along the rows and writes its result transposed; two passes there and two back are a convolution.
+Two real columns form one complex column of a Stockham FFT of radix 4. Columns lie next to each other in *lanes*: on a
+CPU they fill the vector registers (:mod:`.simd`), on a GPU ``lanes`` is 1 and each thread takes columns. Every pass
+transforms along the rows and writes its result transposed; a convolution takes two passes forward and two back.
 """
 
 # pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
@@ -21,28 +21,28 @@ import numpy as np
 import warp as wp
 
 from tactemu.geometry.simd import WIDTH
-from tactemu.sensors.layer.shared_memory import short_hartley
-from tactemu.sensors.layer.simd import SCRATCH, wide_hartley, wide_scale
+from tactemu.sensors.layer.shared_memory import shared_hartley
+from tactemu.sensors.layer.simd import SCRATCH, simd_hartley, simd_scale
 
 SMALLEST_TRANSFORM = 32
 """Length of the shortest transform used; a window has at most half its length."""
 
 
-def lanes_of(device: wp.Device) -> int:
-    """Return numbers per lane on a device."""
+def lane_width(device: wp.Device) -> int:
+    """Return the number of lanes on a device."""
     return 1 if device.is_cuda else WIDTH
 
 
 class Block(NamedTuple):
-    """Threads that solve an environment together, on a GPU; on a CPU a block is one thread."""
+    """The block of threads that solve an environment together on a GPU; on a CPU a block is one thread."""
 
     threads: int
     resident: int
-    """How many blocks a multiprocessor shall hold at once: bounds the registers of a thread."""
+    """Number of blocks that a multiprocessor holds at once; it limits the registers of a thread."""
 
 
 BLOCK = Block(64, 8)
-"""Of solvers that work in the device's memory; those that work on the chip have their own."""
+"""Block of solvers that work in the device's global memory; those in shared memory have their own."""
 
 
 @wp.func_native("""
@@ -51,7 +51,7 @@ BLOCK = Block(64, 8)
 #endif
 """)
 def block_sync():
-    """Wait for the other threads of the block, and see what they wrote."""
+    """Wait for the other threads of the block, and make their writes visible."""
     ...
 
 
@@ -66,19 +66,20 @@ def block_sync():
 #endif
 """)
 def spread(columns: int, thread: int) -> wp.vec4i:
-    """How the threads of a block share a window: first row, step of rows, first column, step of columns; a thread too
-    many is idle. Compilers see that on a CPU one thread takes all, and leave out what others would need."""
+    """Return a thread's share of a window: first row, step of rows, first column, step of columns; a surplus thread is
+    idle. On a CPU compilers see that one thread takes all cells, and leave out the code for others."""
     ...
 
 
 @functools.cache
 def workspace_type(real):
-    """Scratch of the convolutions, one slot per block."""
+    """Return the Warp struct of the convolutions' scratch, one slot per block."""
 
     @wp.struct
     class Workspace:
         # On a GPU the ping-pong buffers of the FFT, real and imaginary part: (2 n_slots, n_max, n_max / 2). On a CPU
-        # what is between two transforms, (n_slots, n_max, n_max), and the buffers of a few columns, (n_slots, 1, ...).
+        # the values between two transforms, (n_slots, n_max, n_max), and the buffers of a few columns, (n_slots, 1,
+        # ...).
         re: wp.array3d(dtype=real)
         im: wp.array3d(dtype=real)
         # Three spectra: (n_slots, n_max, n_max).
@@ -92,16 +93,16 @@ def workspace_type(real):
 
 
 def padded_zeros(n: int, rows: int, columns: int, real, lanes: int, device) -> wp.array:
-    """``(n, rows, columns or more)``. On a CPU rows are of whole lanes, and one lane longer, lest strides that are
-    powers of two crowd one cache set."""
+    """Return zeros of shape ``(n, rows, columns or more)``. On a CPU rows fill complete lanes, and are one lane longer,
+    so that strides that are powers of two do not crowd one cache set."""
     padded = -(-columns // lanes) * lanes + (lanes if lanes > 1 else 0)
     return wp.zeros((n, rows, padded), dtype=real, device=device)
 
 
 class Workspace:
-    """Allocates the scratch for transforms of up to ``n_max`` and keeps it alive.
+    """The scratch for transforms of up to ``n_max``: it allocates the arrays and keeps them alive.
 
-    ``spectra``: how many of the three are needed; the others stand for the last of them.
+    ``spectra`` is the number of separate spectra needed; the others are aliases of the last of them.
     """
 
     def __init__(self, n_slots: int, n_max: int, real, lanes: int, device, *, spectra: int = 1):
@@ -118,29 +119,33 @@ class Workspace:
 
     @property
     def nbytes(self) -> int:
-        """Memory held [B]."""
+        """Size of the arrays [bytes]."""
         return sum(array.size * wp.types.type_size_in_bytes(array.dtype) for array in self._arrays)
 
 
 class ConvolutionFunctions(NamedTuple):
-    """Warp functions that all threads of a block call together. A transform of ``size = (n_rows, n_columns)``."""
+    """The Warp functions that all threads of a block call together, for transforms of ``size = (n_rows,
+    n_columns)``."""
 
     forward: Any
-    """``forward(ws, slot, field, shape, size, spectrum, thread)``: the spectrum of the window of ``field`` of
+    """``forward(ws, slot, field, shape, size, spectrum, thread)`` computes the spectrum of the window of ``field`` of
     ``shape = (rows, columns)``."""
     scale: Any
-    """``scale(spectrum, table, start, size, thread)``: multiplies a spectrum by an even kernel's."""
+    """``scale(spectrum, table, start, size, thread)`` multiplies a spectrum by an even kernel's."""
     inverse: Any
-    """``inverse(ws, slot, spectrum, first, shape, size, out, thread)``: the window of ``shape`` that starts at
-    ``first = (row, column)``, which may be negative, of the inverse transform into ``out``. The spectrum is lost."""
+    """``inverse(ws, slot, spectrum, first, shape, size, out, thread)`` writes the window of ``shape`` that starts at
+    ``first = (row, column)``, which may be negative, of the inverse transform into ``out``. It overwrites the
+    spectrum."""
     convolve: Any
-    """``convolve(ws, slot, field, table, start, shape, size, out, thread)``: all three; ``out`` is as the window."""
+    """``convolve(ws, slot, field, table, start, shape, size, out, thread)`` does all three; ``out`` has the window's
+    shape."""
 
 
 @functools.cache
-def convolution_functions(real, lanes: int, chip: bool) -> ConvolutionFunctions:
+def convolution_functions(real, lanes: int, is_shared: bool) -> ConvolutionFunctions:
     """Return the convolution for one float type and lane width. ``rows`` of an inverse and ``columns`` of a forward
-    transform must be multiples of ``2 * lanes``. ``chip``: for a workspace of :mod:`.on_chip`."""
+    transform must be multiples of ``2 * lanes``. ``is_shared``: the workspace is in shared memory
+    (:mod:`.shared_memory`)."""
     workspace = workspace_type(real)
     numbers = wp.array2d(dtype=real)
     turns_array = wp.array(dtype=wp.types.vector(2, real))
@@ -149,7 +154,7 @@ def convolution_functions(real, lanes: int, chip: bool) -> ConvolutionFunctions:
 
     @wp.func
     def unpack(zr: numbers, zi: numbers, n: int, half: int, first: int, rows_out: int, out: numbers, thread: int):
-        """Hartley coefficients of the two columns in each complex one; ``out[column, k - first]``."""
+        """Write the Hartley coefficients of the two columns in each complex one to ``out[column, k - first]``."""
         mine = spread(half, thread)
         for k in range(mine[0], n // 2 + 1, mine[1]):
             mirror = -k & (n - 1)
@@ -167,7 +172,7 @@ def convolution_functions(real, lanes: int, chip: bool) -> ConvolutionFunctions:
                     out[c, at_mirror] = xr + yr + xi - yi
                     out[c + half, at_mirror] = xi + yi - xr + yr
 
-    @wp.func(inline=False)  # one copy of it: a solver calls it dozens of times
+    @wp.func(inline=False)  # not inlined: a solver calls it dozens of times
     def long_hartley(
         re_parts: parts_array,
         im_parts: parts_array,
@@ -182,8 +187,8 @@ def convolution_functions(real, lanes: int, chip: bool) -> ConvolutionFunctions:
         out: numbers,
         thread: int,
     ):
-        """Twice the transform of length ``n`` along the rows of ``field``; ``out`` is ``(columns, rows_out)``;
-        it may be where ``field`` is."""
+        """Write twice the transform of length ``n`` along the rows of ``field`` to ``out``, ``(columns, rows_out)``,
+        which may be the same memory as ``field``."""
         half = columns // 2
         mine = spread(half, thread)
         n_max = twiddle.shape[0]
@@ -228,8 +233,8 @@ def convolution_functions(real, lanes: int, chip: bool) -> ConvolutionFunctions:
         unpack(re_parts[here], im_parts[here], n, half, first, rows_out, out, thread)
         block_sync()
 
-    in_turn = short_hartley(real) if chip else long_hartley
-    simd, scale_in_registers = wide_hartley(real), wide_scale(real)
+    in_turn = shared_hartley(real) if is_shared else long_hartley
+    simd, scale_simd = simd_hartley(real), simd_scale(real)
 
     @wp.func
     def hartley(
@@ -251,7 +256,7 @@ def convolution_functions(real, lanes: int, chip: bool) -> ConvolutionFunctions:
 
     @wp.func
     def between(ws: workspace, slot: int, spectrum: numbers):
-        """Where the first of two passes leaves its result."""
+        """Return the array into which the first of two passes writes its result."""
         if wp.static(lanes > 1):
             return ws.re[slot]
         else:
@@ -268,7 +273,7 @@ def convolution_functions(real, lanes: int, chip: bool) -> ConvolutionFunctions:
     @wp.func
     def scale(spectrum: numbers, table: wp.array(dtype=real), start: int, size: wp.vec2i, thread: int):
         if wp.static(lanes > 1):
-            scale_in_registers(spectrum, table, start, size[0], size[1])
+            scale_simd(spectrum, table, start, size[0], size[1])
         else:
             mine = spread(size[1], thread)
             for k in range(mine[0], size[0], mine[1]):
@@ -312,7 +317,8 @@ def convolution_functions(real, lanes: int, chip: bool) -> ConvolutionFunctions:
 
 
 def _fft_stages(numbers, turns_array):
-    """Stockham stages ``(x) -> (y)``: ``length`` is left to transform, ``stride`` columns of butterflies are done."""
+    """Return the Stockham stages ``(x) -> (y)``: a length of ``length`` remains to be transformed, ``stride`` columns
+    of butterflies are done."""
 
     @wp.func
     def radix_4(

@@ -1,21 +1,21 @@
 """Coulomb friction between a rigid object and an elastic layer: tractions, stick and slip, with their history.
 
-A cell that touches holds on to the object: where the object's surface has moved by ``s`` since the last step, the
-skin's surface wants to be at ``a + s``, with ``a`` where it was held (or, for a new contact, where it was). With the
-tangential compliance ``A`` and the displacement ``v`` by pressure alone, the tractions ``q`` are those of least energy
-``q.A q / 2 - q.(a + s - v)`` among all with ``|q| <= mu p``. Cells at the bound slip: they are dragged along, and are
-held from where they end up. ``q`` acts on the skin, so a sliding object drags the skin along.
+A touching cell is held by the object: where the object's surface has moved by ``s`` since the last step, the skin's
+surface is pulled to ``a + s``, with ``a`` where it was held (or, for a new contact, where it was). With the tangential
+compliance ``A`` and the displacement ``v`` by pressure alone, the tractions ``q`` are those of least energy ``q.A q / 2
+- q.(a + s - v)`` among all with ``|q| <= mu p``. Cells at the bound slip: they are dragged along, and are held from
+where they end up. ``q`` acts on the skin, so a sliding object drags the skin along.
 
-Solved by conjugate gradients on the circles ``|q| = mu p`` and the discs inside them: the gradient is taken along the
-circle where a cell slips, whose curvature adds the stiffness ``|gap| / (mu p)``. The layer's own inverse compliance,
-weighted by that stiffness, is the preconditioner. Lengths in pitches, tractions in the unit of the pressures.
+The solver uses conjugate gradients on the circles ``|q| = mu p`` and the discs inside them: where a cell slips, the
+gradient is taken along the circle, whose curvature adds the stiffness ``|gap| / (mu p)``. The layer's own inverse
+compliance, weighted by that stiffness, is the preconditioner. Lengths are in pitches, tractions in the unit of the
+pressures.
 """
 
 # pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
 # pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
 
 import functools
-from typing import Any
 
 import warp as wp
 
@@ -27,176 +27,45 @@ from tactemu.sensors.layer.convolution import (
     spread,
     workspace_type,
 )
-from tactemu.sensors.layer.friction_simd import FrictionCells, wide_friction_cells
+from tactemu.sensors.layer.friction_cells import friction_cells, square
 from tactemu.sensors.layer.friction_state import (
-    AT_BOUND,
-    FAR_OFF,
+    MAX_CLOSABLE_GAP,
     friction_state_type,
     friction_windows_type,
     memory_functions,
 )
-from tactemu.sensors.layer.shared_memory import chip_functions, chip_numbers
+from tactemu.sensors.layer.shared_memory import shared_functions, shared_numbers
 from tactemu.sensors.layer.tables import tables_type
 from tactemu.sensors.layer.tangential_compliance import tangential_functions
 from tactemu.sensors.layer.window import block_functions, publish_function, transform_level, transform_size
 
-CHIP_BLOCK = Block(256, 2)
-"""On the chip: 64, 128 and 256 threads take 6.6, 4.5 and 4.1 ms for 4096 environments of 32 x 32 on an H200."""
-ON_CHIP = (2, 14)
-"""Spectra and windows on the chip, where skins are solved there: all but ``OFF_CHIP``, some of them in one place."""
-
-
-@wp.func
-def square(a: Any, b: Any):
-    """Of the length of ``(a, b)``."""
-    return wp.float64(a) * wp.float64(a) + wp.float64(b) * wp.float64(b)
+SHARED_MEMORY_BLOCK = Block(256, 2)
+"""Block of threads for solving in shared memory: 64, 128 and 256 threads take 6.6, 4.5 and 4.1 ms for 4096 environments
+of 32 x 32 on an H200."""
+SHARED_ARRAYS = (2, 14)
+"""Numbers of spectra and of windows in shared memory: all but ``GLOBAL_WINDOWS``, some of which share one place."""
 
 
 @functools.cache
-def friction_cells(real, lanes: int) -> FrictionCells:
-    """What is done cell by cell between convolutions; on a CPU in its registers (:mod:`.friction_simd`)."""
-    if lanes > 1:
-        return wide_friction_cells(real)
-    windows, vec2 = friction_windows_type(real), wp.types.vector(2, real)
-    block_sum, _max = block_functions(lanes)
-
-    @wp.func
-    def norm(win: windows, slot: int, shape: wp.vec2i, mine: wp.vec4i):
-        """From displacement by traction to gap; returns the sum of squared displacements where cells touch."""
-        total = wp.float64(0.0)
-        for y in range(mine[0], shape[0], mine[1]):
-            for x in range(mine[2], shape[1], mine[3]):
-                ux = win.gap_x[slot, y, x] + win.by_pressure_x[slot, y, x]
-                uy = win.gap_y[slot, y, x] + win.by_pressure_y[slot, y, x]
-                if win.limit[slot, y, x] > real(0.0):
-                    total += square(ux, uy)
-                win.gap_x[slot, y, x] = ux - win.hold_x[slot, y, x]
-                win.gap_y[slot, y, x] = uy - win.hold_y[slot, y, x]
-        return block_sum(total)
-
-    @wp.func
-    def free_gap(win: windows, slot: int, shape: wp.vec2i, mine: wp.vec4i):
-        """The part of the gap that tractions can close, and the stiffness of the circles; returns its square."""
-        total = wp.float64(0.0)
-        for y in range(mine[0], shape[0], mine[1]):
-            for x in range(mine[2], shape[1], mine[3]):
-                limit = win.limit[slot, y, x]
-                g = vec2(real(0.0))
-                stiff = real(0.0)
-                if limit > real(0.0):
-                    g = vec2(win.gap_x[slot, y, x], win.gap_y[slot, y, x])
-                    q = vec2(win.x[slot, y, x], win.y[slot, y, x])
-                    outward = wp.dot(g, q) / limit
-                    if wp.length(q) >= real(AT_BOUND) * limit and outward < real(0.0):
-                        n = q / wp.length(q)
-                        g = g - wp.dot(g, n) * n
-                        stiff = -outward / limit
-                weight = real(1.0) / wp.sqrt(real(1.0) + stiff)
-                win.last_x[slot, y, x] = win.free_x[slot, y, x]
-                win.last_y[slot, y, x] = win.free_y[slot, y, x]
-                win.free_x[slot, y, x] = weight * g[0]
-                win.free_y[slot, y, x] = weight * g[1]
-                win.stiffness[slot, y, x] = stiff
-                total += square(weight * weight * g[0], weight * weight * g[1])
-        total = block_sum(total)
-        block_sync()
-        return total
-
-    @wp.func
-    def products(win: windows, slot: int, shape: wp.vec2i, mine: wp.vec4i):
-        """Of the preconditioned gap with the gap, and with its change since the last iteration."""
-        now = wp.float64(0.0)
-        change = wp.float64(0.0)
-        for y in range(mine[0], shape[0], mine[1]):
-            for x in range(mine[2], shape[1], mine[3]):
-                z = vec2(win.softened_x[slot, y, x], win.softened_y[slot, y, x])
-                m = vec2(win.free_x[slot, y, x], win.free_y[slot, y, x])
-                old = vec2(win.last_x[slot, y, x], win.last_y[slot, y, x])
-                now += wp.float64(wp.dot(m, z))
-                change += wp.float64(wp.dot(m - old, z))
-        return wp.vec2d(block_sum(now), block_sum(change))
-
-    @wp.func
-    def direct(win: windows, slot: int, beta: real, fresh: bool, shape: wp.vec2i, mine: wp.vec4i):
-        """The search direction, along the circles where cells slip, unless ``fresh`` with a part of the last; returns
-        the slope along it."""
-        slope = wp.float64(0.0)
-        for y in range(mine[0], shape[0], mine[1]):
-            for x in range(mine[2], shape[1], mine[3]):
-                d = vec2(real(0.0))
-                if win.limit[slot, y, x] > real(0.0):
-                    stiff = win.stiffness[slot, y, x]
-                    weight = real(1.0) / wp.sqrt(real(1.0) + stiff)
-                    d = -weight * vec2(win.softened_x[slot, y, x], win.softened_y[slot, y, x])
-                    if not fresh:
-                        d += beta * vec2(win.along_x[slot, y, x], win.along_y[slot, y, x])
-                    if stiff > real(0.0):
-                        n = wp.normalize(vec2(win.x[slot, y, x], win.y[slot, y, x]))
-                        d = d - wp.dot(d, n) * n
-                    m = vec2(win.free_x[slot, y, x], win.free_y[slot, y, x]) / weight
-                    slope += wp.float64(wp.dot(m, d))
-                win.along_x[slot, y, x] = d[0]
-                win.along_y[slot, y, x] = d[1]
-        slope = block_sum(slope)
-        block_sync()
-        return slope
-
-    @wp.func
-    def curvature(win: windows, slot: int, shape: wp.vec2i, mine: wp.vec4i):
-        total = wp.float64(0.0)
-        for y in range(mine[0], shape[0], mine[1]):
-            for x in range(mine[2], shape[1], mine[3]):
-                d = vec2(win.along_x[slot, y, x], win.along_y[slot, y, x])
-                a = vec2(win.answer_x[slot, y, x], win.answer_y[slot, y, x])
-                total += wp.float64(wp.dot(d, a + win.stiffness[slot, y, x] * d))
-        return block_sum(total)
-
-    @wp.func
-    def advance(win: windows, slot: int, step: real, shape: wp.vec2i, mine: wp.vec4i):
-        """Go along the direction, back to the discs; returns how many cells left them."""
-        cut = wp.float64(0.0)
-        for y in range(mine[0], shape[0], mine[1]):
-            for x in range(mine[2], shape[1], mine[3]):
-                limit = win.limit[slot, y, x]
-                if limit > real(0.0):
-                    d = vec2(win.along_x[slot, y, x], win.along_y[slot, y, x])
-                    q = vec2(win.x[slot, y, x], win.y[slot, y, x]) + step * d
-                    length = wp.length(q)
-                    if length > limit:
-                        q = q * (limit / length)
-                        if length > real(1.000001) * limit:
-                            cut += wp.float64(1.0)
-                    win.x[slot, y, x] = q[0]
-                    win.y[slot, y, x] = q[1]
-                win.gap_x[slot, y, x] = win.gap_x[slot, y, x] + step * win.answer_x[slot, y, x]
-                win.gap_y[slot, y, x] = win.gap_y[slot, y, x] + step * win.answer_y[slot, y, x]
-        cut = block_sum(cut)
-        block_sync()
-        return cut
-
-    return FrictionCells(norm, free_gap, products, direct, curvature, advance)
-
-
-@functools.cache
-def friction_kernel(real, lanes: int, coupled: bool, chip: bool):
-    """The kernel that solves every environment; ``coupled``: pressure moves the surface tangential_compliance too;
-    ``chip``: a block of threads does in its own memory what iterations need."""
+def friction_kernel(real, lanes: int, coupled: bool, is_shared: bool):
+    """Return the kernel that solves every environment; ``coupled``: pressure also moves the surface tangentially;
+    ``is_shared``: a block of threads iterates in its shared memory."""
     workspace, tables_struct = workspace_type(real), tables_type(real)
     windows, state_struct = friction_windows_type(real), friction_state_type(real)
-    functions = convolution_functions(real, lanes, chip)
+    functions = convolution_functions(real, lanes, is_shared)
     forward, inverse, convolve = functions.forward, functions.inverse, functions.convolve
-    tangential_compliance, publish = tangential_functions(real, lanes, chip), publish_function(real)
+    tangential_compliance, publish = tangential_functions(real, lanes, is_shared), publish_function(real)
     settle, mark = memory_functions(real)
     norm, free_gap, products, direct, curvature, advance = friction_cells(real, lanes)
     block_sum, _max = block_functions(lanes)
-    move_in, window = chip_functions(real, workspace, *ON_CHIP)
+    shared_workspace, window = shared_functions(real, workspace, *SHARED_ARRAYS)
     by_pressure, by_traction = tangential_compliance.by_pressure, tangential_compliance.by_traction
     vec2 = wp.types.vector(2, real)
     grid, vec_grid, int_grid = wp.array2d(dtype=real), wp.array2d(dtype=vec2), wp.array2d(dtype=wp.int32)
 
     @wp.func
-    def windows_in(win: windows, memory: wp.tile(dtype=real, shape=(chip_numbers(*ON_CHIP),))):
-        """Those of the iterations move in; the others stay where they are."""
+    def shared_windows(win: windows, memory: wp.tile(dtype=real, shape=(shared_numbers(*SHARED_ARRAYS),))):
+        """Return the windows with those of the iterations in shared memory; the others stay in global memory."""
         near = win
         near.limit = window(memory, 0)
         near.stiffness = window(memory, 1)
@@ -212,7 +81,7 @@ def friction_kernel(real, lanes: int, coupled: bool, chip: bool):
         near.along_y = window(memory, 11)
         near.answer_x = window(memory, 12)
         near.answer_y = window(memory, 13)
-        near.pressure = near.along_x  # needed one after the other, as the next
+        near.pressure = near.along_x  # used at different times, like the next two
         near.softened_x = near.answer_x
         near.softened_y = near.answer_y
         return near
@@ -230,7 +99,7 @@ def friction_kernel(real, lanes: int, coupled: bool, chip: bool):
         box: wp.vec4i,
         mine: wp.vec4i,
     ):
-        """Fetch the window; returns how far the object has slid over it [pitches squared]."""
+        """Fetch the window; return the sum of squared slides of the object over it [pitches squared]."""
         moved = wp.float64(0.0)
         for y in range(mine[0], box[2], mine[1]):
             for x in range(mine[2], box[3], mine[3]):
@@ -273,10 +142,10 @@ def friction_kernel(real, lanes: int, coupled: bool, chip: bool):
         mine: wp.vec4i,
         thread: int,
     ):
-        """Displacement by pressure alone."""
+        """Compute the displacement by pressure alone."""
         moved_x = win.by_pressure_x[slot]
         moved_y = win.by_pressure_y[slot]
-        if wp.static(chip):
+        if wp.static(is_shared):
             moved_x = win.answer_x[slot]
             moved_y = win.answer_y[slot]
         if wp.static(coupled):
@@ -288,7 +157,7 @@ def friction_kernel(real, lanes: int, coupled: bool, chip: bool):
             inverse(ws, slot, second, corner, shape, size, moved_x, thread)
             by_pressure(ws, slot, tables, 1, start, size, thread)
             inverse(ws, slot, second, corner, shape, size, moved_y, thread)
-        if wp.static(chip or not coupled):
+        if wp.static(is_shared or not coupled):
             for y in range(mine[0], shape[0], mine[1]):
                 for x in range(mine[2], shape[1], mine[3]):
                     moved = vec2(real(0.0))
@@ -310,7 +179,7 @@ def friction_kernel(real, lanes: int, coupled: bool, chip: bool):
         mine: wp.vec4i,
         thread: int,
     ):
-        """The gap of the tractions, afresh; returns the sum of squared displacements where cells touch."""
+        """Compute the gap of the tractions anew; return the sum of squared displacements where cells touch."""
         pull_x = win.x[slot]
         pull_y = win.y[slot]
         gap_x = win.gap_x[slot]
@@ -320,14 +189,14 @@ def friction_kernel(real, lanes: int, coupled: bool, chip: bool):
 
     @wp.func
     def drag(win: windows, slot: int, shape: wp.vec2i, mine: wp.vec4i):
-        """Let cells slip whose gap no traction could close, each straight along its gap; returns how many there are."""
+        """Let cells slip whose gap no traction could close, each straight along its gap; return their number."""
         far = wp.float64(0.0)
         for y in range(mine[0], shape[0], mine[1]):
             for x in range(mine[2], shape[1], mine[3]):
                 limit = win.limit[slot, y, x]
                 g = vec2(win.gap_x[slot, y, x], win.gap_y[slot, y, x])
                 size = wp.length(g)
-                if limit > real(0.0) and size > real(FAR_OFF) * limit:
+                if limit > real(0.0) and size > real(MAX_CLOSABLE_GAP) * limit:
                     win.x[slot, y, x] = -limit * g[0] / size
                     win.y[slot, y, x] = -limit * g[1] / size
                     far += wp.float64(1.0)
@@ -337,13 +206,13 @@ def friction_kernel(real, lanes: int, coupled: bool, chip: bool):
 
     @wp.func
     def turn(win: windows, slot: int, last: wp.float64, fresh: bool, shape: wp.vec2i, mine: wp.vec4i):
-        """The next search direction; returns slope and preconditioned square."""
+        """Compute the next search direction; return slope and preconditioned square."""
         square = products(win, slot, shape, mine)
         beta = real(0.0)
         if not fresh and last > wp.float64(0.0):
             beta = real(wp.max(square[1] / last, wp.float64(0.0)))
         slope = direct(win, slot, beta, fresh, shape, mine)
-        if slope >= wp.float64(0.0) and not fresh:  # uphill: without what the last direction adds
+        if slope >= wp.float64(0.0) and not fresh:  # uphill: restart without the last direction
             slope = direct(win, slot, beta, True, shape, mine)
         return slope, square[0]
 
@@ -362,7 +231,7 @@ def friction_kernel(real, lanes: int, coupled: bool, chip: bool):
         mine: wp.vec4i,
         thread: int,
     ):
-        """Conjugate gradients in one window; returns the residual and the iterations taken."""
+        """Run conjugate gradients in one window; return the residual and the number of iterations."""
         reference = wp.float64(0.0)
         residual = wp.float64(0.0)
         last = wp.float64(0.0)
@@ -401,7 +270,7 @@ def friction_kernel(real, lanes: int, coupled: bool, chip: bool):
             iteration += 1
         return residual, iteration
 
-    @wp.kernel(module="unique", enable_backward=False, launch_bounds=CHIP_BLOCK if chip else BLOCK)
+    @wp.kernel(module="unique", enable_backward=False, launch_bounds=SHARED_MEMORY_BLOCK if is_shared else BLOCK)
     def solve_friction(
         turns: wp.vec4i,  # first environment, end, first slot, slots that take turns
         # Layer:
@@ -424,10 +293,10 @@ def friction_kernel(real, lanes: int, coupled: bool, chip: bool):
     ):
         place, thread = wp.tid()
         slot = turns[2] + place
-        if wp.static(chip):
-            memory = wp.tile_empty(shape=(wp.static(chip_numbers(*ON_CHIP)),), dtype=real, storage="shared")
-            ws = move_in(ws, memory)
-            win = windows_in(win, memory)
+        if wp.static(is_shared):
+            memory = wp.tile_empty(shape=(wp.static(shared_numbers(*SHARED_ARRAYS)),), dtype=real, storage="shared")
+            ws = shared_workspace(ws, memory)
+            win = shared_windows(win, memory)
         for env in range(turns[0] + place, turns[1], turns[3]):
             box = boxes[env]
             old = state.box[env]
@@ -453,7 +322,8 @@ def friction_kernel(real, lanes: int, coupled: bool, chip: bool):
                     for y in range(mine[0], shape[0], mine[1]):
                         for x in range(mine[2], shape[1], mine[3]):
                             load += square(win.limit[slot, y, x], real(0.0))
-                    # A thousandth of what full slip would move a lone cell: less is not worth an iteration.
+                    # A thousandth of the displacement that full slip would give a single cell: less is not worth an
+                    # iteration.
                     floor = wp.float64(1.0e-6) * block_sum(load)
                     residual, iteration = solve(
                         ws, tables, win, slot, start, shape, size, cap, tolerance, floor, mine, thread

@@ -1,7 +1,7 @@
-"""A CPU's part of :mod:`.friction` between convolutions: what it does cell by cell, eight cells at a time.
+"""The operations of :mod:`.friction_cells` on a CPU, eight cells at a time.
 
-The formulas are those of :mod:`.friction`, where they are explained. What a cell does not need (a circle, where it
-sticks) is computed beside the rest and left out in the end.
+The formulas are those of :mod:`.friction_cells`, which explains them. Values that a cell does not need (a circle, where
+it sticks) are computed for all eight and discarded.
 """
 
 # pyright: reportInvalidTypeForm=false
@@ -12,12 +12,12 @@ from typing import Any, NamedTuple
 import warp as wp
 
 from tactemu.sensors.layer.cells_simd import over_cells
-from tactemu.sensors.layer.friction_state import AT_BOUND, friction_windows_type
+from tactemu.sensors.layer.friction_state import SLIP_FRACTION, friction_windows_type
 
 
 class FrictionCells(NamedTuple):
-    """Warp functions about all cells of the window of a slot; ``mine`` is the calling thread's share of it, on a GPU.
-    Sums are over the whole window."""
+    """The Warp functions on all cells of the window of a slot; ``mine`` is the calling thread's share of it, on a GPU.
+    Sums are over all cells of the window."""
 
     norm: Any
     """``norm(win, slot, shape, mine) -> float64``"""
@@ -34,11 +34,11 @@ class FrictionCells(NamedTuple):
 
 
 @functools.cache
-def wide_friction_cells(real) -> FrictionCells:
-    """Return the functions for one float type; windows are whole registers wide."""
+def simd_friction_cells(real) -> FrictionCells:
+    """Return the functions for one float type; rows of windows are multiples of a register."""
     windows = friction_windows_type(real)
 
-    @wp.func_native(_cells(real, _MEASURE))
+    @wp.func_native(_cells(real, _NORM))
     def norm(win: windows, slot: int, shape: wp.vec2i, mine: wp.vec4i) -> wp.float64: ...
 
     @wp.func_native(_cells(real, _FREE_GAP))
@@ -60,7 +60,7 @@ def wide_friction_cells(real) -> FrictionCells:
 
 
 def _cells(real, each: str) -> str:
-    return over_cells(real, "limit", _PAIRS + each.replace("AT_BOUND", f"Number({AT_BOUND})"))
+    return over_cells(real, "limit", _PAIRS + each.replace("SLIP_FRACTION", f"Number({SLIP_FRACTION})"))
 
 
 _PAIRS = """
@@ -70,7 +70,7 @@ _PAIRS = """
     auto root = [](const Vector& v) { return __builtin_elementwise_sqrt(v); };
 """
 
-_MEASURE = """
+_NORM = """
     Doubles total = {};
     all([&](int64_t at) {
         const Pair pulled = pair(win.gap_x, win.gap_y, at), pressed = pair(win.by_pressure_x, win.by_pressure_y, at);
@@ -93,7 +93,7 @@ _FREE_GAP = """
         g.x = touches ? g.x : Vector{}, g.y = touches ? g.y : Vector{};
         const Pair q = pair(win.x, win.y, at);
         const Vector length = root(dot(q, q)), outward = dot(g, q) / limit;
-        const auto slips = touches & (length >= AT_BOUND * limit) & (outward < 0);
+        const auto slips = touches & (length >= SLIP_FRACTION * limit) & (outward < 0);
         const Pair n = {q.x / length, q.y / length};
         const Vector along = dot(g, n);
         g.x = slips ? g.x - along * n.x : g.x, g.y = slips ? g.y - along * n.y : g.y;

@@ -1,4 +1,4 @@
-"""What the friction solver works on and remembers (:mod:`tactemu.sensors.layer.friction`)."""
+"""The working arrays and the state of the friction solver (:mod:`tactemu.sensors.layer.friction`)."""
 
 # pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
 # pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
@@ -9,17 +9,22 @@ import warp as wp
 
 from tactemu.sensors.layer.convolution import block_sync, spread
 
-FREE, STICK, SLIP = 0, 1, 2
-"""State of a cell."""
-AT_BOUND = 0.99999
-"""A cell slips where its traction is beyond this part of mu p."""
-FAR_OFF = 20.0
-"""A gap so many times what mu p moves a lone cell is not closed by its neighbours either."""
+FREE = 0
+"""State of a cell without contact."""
+STICK = 1
+"""State of a cell that sticks to the body."""
+SLIP = 2
+"""State of a cell over which the body slips."""
+SLIP_FRACTION = 0.99999
+"""Fraction of mu p beyond which a cell's traction counts as slipping."""
+MAX_CLOSABLE_GAP = 20.0
+"""Largest gap that neighbours can help to close, as a multiple of the displacement of a single cell by mu p."""
 
 
 @functools.cache
 def friction_windows_type(real):
-    """Vectors of the conjugate gradients, one window per block: ``(n_slots, rows, columns)``."""
+    """Return the Warp struct of the vectors of the conjugate gradients, one window per block: ``(n_slots, rows,
+    columns)``."""
 
     @wp.struct
     class FrictionWindows:
@@ -35,9 +40,9 @@ def friction_windows_type(real):
         gap_y: wp.array3d(dtype=real)
         free_x: wp.array3d(dtype=real)  # the part of the gap that can close, weighted
         free_y: wp.array3d(dtype=real)
-        last_x: wp.array3d(dtype=real)  # that of the last iteration
+        last_x: wp.array3d(dtype=real)  # free of the last iteration
         last_y: wp.array3d(dtype=real)
-        stiffness: wp.array3d(dtype=real)  # of the circle; 0 where a cell sticks
+        stiffness: wp.array3d(dtype=real)  # stiffness of the circle; 0 where a cell sticks
         softened_x: wp.array3d(dtype=real)
         softened_y: wp.array3d(dtype=real)
         along_x: wp.array3d(dtype=real)  # search direction
@@ -49,22 +54,23 @@ def friction_windows_type(real):
 
 
 _VECTORS = ("hold", "by_pressure", "gap", "free", "last", "softened", "along", "answer")
-OFF_CHIP = ("hold_x", "hold_y", "by_pressure_x", "by_pressure_y")
-"""Those that iterations hardly need: not on the chip (:mod:`.on_chip`) even where the others are."""
+GLOBAL_WINDOWS = ("hold_x", "hold_y", "by_pressure_x", "by_pressure_y")
+"""Windows that iterations rarely use: they stay in global memory even where the others are shared
+(:mod:`.shared_memory`)."""
 FRICTION_WINDOWS = ("limit", "pressure", "x", "y", "stiffness", *(f"{v}_{axis}" for v in _VECTORS for axis in "xy"))
 
 
 @functools.cache
 def friction_state_type(real):
-    """What friction remembers of each cell, ``(n_envs, rows, columns)``."""
+    """Return the Warp struct of the state that friction keeps of each cell, ``(n_envs, rows, columns)``."""
 
     @wp.struct
     class FrictionState:
         x: wp.array3d(dtype=real)  # traction
         y: wp.array3d(dtype=real)
-        anchor_x: wp.array3d(dtype=real)  # where the surface is held or, in free cells, where it is
+        anchor_x: wp.array3d(dtype=real)  # place where the surface is held or, in free cells, is
         anchor_y: wp.array3d(dtype=real)
-        held_by: wp.array3d(dtype=wp.int32)  # the body that it touches, from 1; 0: none
+        held_by: wp.array3d(dtype=wp.int32)  # index + 1 of the body that it touches; 0: none
         slip: wp.array3d(dtype=wp.int32)
         box: wp.array(dtype=wp.vec4i)
         residual: wp.array(dtype=wp.float64)
@@ -75,16 +81,16 @@ def friction_state_type(real):
 
 @functools.cache
 def memory_functions(real):
-    """``(settle, mark)``: what a solved window leaves for the next step."""
+    """Return the functions ``(settle, mark)``, which keep a solved window for the next step."""
     windows = friction_windows_type(real)
     vec2 = wp.types.vector(2, real)
     int_grid = wp.array2d(dtype=wp.int32)
 
     @wp.func
     def settle(win: windows, slot: int, shape: wp.vec2i, mine: wp.vec4i):
-        """Where cells are held from now on, into ``hold``: free cells where they are, slipping ones as far as they slip
-        against their traction. What else is left of a gap is the solver's error, which the next step closes; kept, it
-        would add up over steps."""
+        """Store into ``hold`` where cells are held from now on: free cells where they are, slipping ones as far as they
+        slip against their traction. Any other remaining gap is the solver's error, which the next step closes; if kept,
+        it would accumulate."""
         for y in range(mine[0], shape[0], mine[1]):
             for x in range(mine[2], shape[1], mine[3]):
                 limit = win.limit[slot, y, x]
@@ -92,7 +98,7 @@ def memory_functions(real):
                 if limit > real(0.0):
                     q = vec2(win.x[slot, y, x], win.y[slot, y, x])
                     along = real(0.0)
-                    if wp.length(q) >= real(AT_BOUND) * limit:
+                    if wp.length(q) >= real(SLIP_FRACTION) * limit:
                         along = wp.min(wp.dot(slipped, q), real(0.0)) / wp.dot(q, q)
                     slipped = along * q
                 win.hold_x[slot, y, x] = win.hold_x[slot, y, x] + slipped[0]
@@ -110,7 +116,7 @@ def memory_functions(real):
         slip: int_grid,
         thread: int,
     ):
-        """Publish which body holds each cell, and whether it slips."""
+        """Write to the grid which body holds each cell, and whether it slips."""
         if old[3] > 0:
             mine = spread(old[3], thread)
             for y in range(mine[0], wp.min(old[2], slip.shape[0] - old[0]), mine[1]):
@@ -126,6 +132,6 @@ def memory_functions(real):
                     if limit > real(0.0):
                         q = wp.length(vec2(win.x[slot, y, x], win.y[slot, y, x]))
                         held_by[box[0] + y, box[1] + x] = body[box[0] + y, box[1] + x] + 1
-                        slip[box[0] + y, box[1] + x] = wp.where(q >= real(AT_BOUND) * limit, SLIP, STICK)
+                        slip[box[0] + y, box[1] + x] = wp.where(q >= real(SLIP_FRACTION) * limit, SLIP, STICK)
 
     return settle, mark

@@ -11,16 +11,19 @@ from tactemu.sensors.probe_layout import Probes
 
 _TOLERANCE = 1e-3
 """Largest deviation of a taxel from its place, in pitches, and of normals from one another."""
-_ASKEW = 0.2, 0.05
-"""The same of a grid that is bent both ways, on which no net of squares fits: of places, and of normals."""
-_STEEP = np.cos(np.radians(40.0))
+_BENT_TOLERANCE_PITCHES = 0.2
+"""Largest deviation of a taxel from its place on a grid bent both ways, on which no net of squares fits, in pitches."""
+_BENT_NORMAL_TOLERANCE = 0.05
+"""Largest deviation of a normal on such a grid, and of its axes from a right angle, as a cosine."""
+_MIN_TILT_COSINE = np.cos(np.radians(40.0))
 """Cosine of the largest tilt of such a grid."""
-_NEIGHBOURS = 1.6
-"""Pads nearer to each other than so many pitches touch; a diagonal step is 1.41."""
-_CORNER = np.cos(np.radians(44.0))
-"""Cosine of the angle from which on touching pads are two faces of a body, and not one bent skin."""
-_CLOSE = (2.05, 1.45, 1.05)
-"""How many pitches apart neighbours of one pad may be; pads that lie close together need the smaller ones."""
+_MAX_TOUCHING_PITCHES = 1.6
+"""Distance below which two pads touch, in pitches; a diagonal step is 1.41."""
+_MIN_BENT_COSINE = np.cos(np.radians(44.0))
+"""Cosine of the angle from which on touching pads are two faces of a body instead of one bent skin."""
+_NEIGHBOUR_PITCHES = (2.05, 1.45, 1.05)
+"""Largest distances of neighbours in one pad, in pitches, tried in order; pads that lie close together need the smaller
+ones."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -28,8 +31,8 @@ class LayerGrid:
     """A lattice of taxels. Rows step along ``v``, columns along ``u``; a taxel has ``split * split`` cells.
 
     The surface is an arc along u that is moved along an arc along v: flat, around a cylinder, or bent both ways.
-    Lengths are those along the arcs, which are true everywhere; only where both are tilted, their angle is not quite a
-    right one.
+    Lengths are measured along the arcs and exact everywhere; where both are tilted, their angle deviates slightly from
+    a right angle.
     """
 
     rows: int
@@ -40,28 +43,29 @@ class LayerGrid:
     base: np.ndarray
     """A point of the surface, link frame [m]."""
     u: np.ndarray
-    """Unit vector along a row, link frame; of a bent grid at the base, as the next two."""
+    """Unit vector along a row, link frame; on a bent grid that at the base, like ``v`` and ``normal``."""
     v: np.ndarray
     """Unit vector along a column."""
     normal: np.ndarray
     """Unit vector out of the skin."""
     place: np.ndarray
-    """Where each probe is, ``row * columns + column``, shape ``(n,)``; -1 for fillers, which have no cell."""
+    """Place of each probe, ``row * columns + column``, shape ``(n,)``; -1 for fillers, which have no cell."""
     base_at: tuple[float, float] = (0.0, 0.0)
-    """How far the base is down and along from the centre of the taxel in row 0, column 0 [m]."""
+    """Distance of the base down (along v) and along u from the centre of the taxel in row 0, column 0 [m]."""
     curvature: tuple[float, float] = (0.0, 0.0)
-    """Along v and u [1/m]; positive: convex."""
+    """Curvature along v and u [1/m]; positive: convex."""
     off: np.ndarray | None = None
-    """How far the taxels are from the arcs, shape ``(rows, columns, 3)``, link frame [m]; ``None``: not at all."""
+    """Displacement of the taxels from the arcs, shape ``(rows, columns, 3)``, link frame [m]; ``None``: they lie on
+    them."""
 
     @property
-    def bent(self) -> bool:
-        """Not flat."""
+    def is_bent(self) -> bool:
+        """Is the grid not flat?"""
         return any(self.curvature)
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Cells along v and u."""
+        """Number of cells along v and u."""
         return self.rows * self.split, self.columns * self.split
 
     @property
@@ -71,7 +75,7 @@ class LayerGrid:
 
     @property
     def area(self) -> float:
-        """Of one taxel [m²]."""
+        """Area of one taxel [m²]."""
         return self.pitch[0] * self.pitch[1]
 
     @property
@@ -81,15 +85,16 @@ class LayerGrid:
         return self.base - down * self.v - along * self.u
 
     def cell_centres(self) -> np.ndarray:
-        """Centres of the cells, link frame [m], shape ``(*shape, 3)``."""
+        """Return the centres of the cells, link frame [m], shape ``(*shape, 3)``."""
         arcs = self.places(*self._cells())
         if self.off is None:
             return arcs
         y, x = ((np.arange(n * self.split) + 0.5) / self.split - 0.5 for n in (self.rows, self.columns))
-        return arcs + _between(y, _between(x, self.off.swapaxes(0, 1)).swapaxes(0, 1))
+        return arcs + _interpolated(y, _interpolated(x, self.off.swapaxes(0, 1)).swapaxes(0, 1))
 
     def places(self, down: np.ndarray, along: np.ndarray) -> np.ndarray:
-        """Where the surface is so far down and along from the first taxel, shape ``(..., 3)``, link frame [m]."""
+        """Return the points of the surface at these arc lengths down and along from the first taxel, shape ``(...,
+        3)``, link frame [m]."""
         place = self.base
         for far, at, axis, bend in zip((down, along), self.base_at, (self.v, self.u), self.curvature):
             far = (far - at)[..., None]
@@ -100,7 +105,7 @@ class LayerGrid:
         return place
 
     def axes(self, down: np.ndarray, along: np.ndarray) -> np.ndarray:
-        """``u``, ``v`` and the normal there, at right angles, shape ``(3, ..., 3)``."""
+        """Return ``u``, ``v`` and the normal at these arc lengths, at right angles, shape ``(3, ..., 3)``."""
         down, along = np.broadcast_arrays(down - self.base_at[0], along - self.base_at[1])
         over, across = (down * self.curvature[0])[..., None], (along * self.curvature[1])[..., None]
         u = np.cos(across) * self.u - np.sin(across) * self.normal
@@ -111,28 +116,28 @@ class LayerGrid:
         return np.stack([u, *(each / np.linalg.norm(each, axis=-1, keepdims=True) for each in (v, normal))])
 
     def _cells(self) -> tuple[np.ndarray, np.ndarray]:
-        """How far down and along the centres of the cells are."""
+        """Return the arc lengths of the centres of the cells, down and along."""
         y, x = ((np.arange(n) + 0.5) * cell - 0.5 * pitch for n, cell, pitch in zip(self.shape, self.cell, self.pitch))
         return y[:, None], x[None, :]
 
     def cell_axes(self) -> np.ndarray:
-        """Likewise of all cells, ``(3, *shape, 3)``."""
+        """Return the axes (:meth:`axes`) of all cells, ``(3, *shape, 3)``."""
         return self.axes(*self._cells())
 
     def taxel_axes(self) -> np.ndarray:
-        """Likewise of all probes, ``(3, n, 3)``; of fillers anything."""
+        """Return the axes of all probes, ``(3, n, 3)``; those of fillers have no meaning."""
         rows, columns = np.divmod(self.place, self.columns)
         return self.axes(rows * self.pitch[0], columns * self.pitch[1])
 
     def covered(self) -> np.ndarray:
-        """Whether a cell belongs to a taxel, bool, of ``shape``: skin is only where taxels are."""
+        """Return True for each cell that belongs to a taxel, bool, of ``shape``: skin is only where taxels are."""
         taxels = np.zeros(self.rows * self.columns, bool)
         taxels[self.place[self.place >= 0]] = True
         return np.kron(taxels.reshape(self.rows, self.columns), np.ones((self.split, self.split), bool)) > 0
 
 
-def _between(at: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Values at places between them, ``(n, ...)``; linear, and constant beyond the ends."""
+def _interpolated(at: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Interpolate values ``(n, ...)`` at fractional indices; linear, and constant beyond the ends."""
     at = np.clip(at, 0.0, len(values) - 1.0)
     before = np.minimum(at.astype(int), len(values) - 2)
     share = (at - before).reshape(-1, *[1] * (values.ndim - 1))
@@ -155,7 +160,7 @@ def layer_grids(probes: Probes, split: int, sensor: str) -> list[LayerGrid]:
     for bent in (_around_a_cylinder, _bent_both_ways):
         if (grid := bent(probes, active, split)) is not None:
             return [grid]
-    for closeness in _CLOSE:
+    for closeness in _NEIGHBOUR_PITCHES:
         pads = _pads(probes, active, closeness)
         try:
             grids = [
@@ -164,45 +169,44 @@ def layer_grids(probes: Probes, split: int, sensor: str) -> list[LayerGrid]:
         except SceneError as error:
             reason = error if len(pads) > 1 else reason
             continue
-        _refuse_strips(probes, pads, grids, sensor)
+        _check_strips(probes, pads, grids, sensor)
         return grids
     raise reason
 
 
-def _refuse_strips(probes: Probes, pads: list[np.ndarray], grids: list[LayerGrid], sensor: str) -> None:
-    """Pads know nothing of each other: right for fingers and faces, wrong for the strips of one bent skin.
+def _check_strips(probes: Probes, pads: list[np.ndarray], grids: list[LayerGrid], sensor: str) -> None:
+    """Check that pads are no strips of one bent skin: pads do not interact, which is right for fingers and faces only.
 
     Raises:
-        SceneError: two pads touch, out of one plane, and are hardly turned against each other.
+        SceneError: two pads touch, are not in one plane, and are only slightly rotated against each other.
     """
     for k, (pad, grid) in enumerate(zip(pads, grids)):
         for other, beside in zip(pads[:k], grids[:k]):
-            if grid.normal @ beside.normal < _CORNER:
+            if grid.normal @ beside.normal < _MIN_BENT_COSINE:
                 continue
             way = probes.positions[other][:, None] - probes.positions[pad][None]
             distance = np.linalg.norm(way, axis=-1)
             pitch = max(*grid.pitch, *beside.pitch)
             level = np.abs(way @ grid.normal).max() <= _TOLERANCE * pitch
-            if level or distance.min() > _NEIGHBOURS * pitch:
+            if level or distance.min() > _MAX_TOUCHING_PITCHES * pitch:
                 continue
-            raise _bent(probes, min(grid.pitch), sensor)
+            raise _bent_error(probes, min(grid.pitch), sensor)
 
 
-def _bent(probes: Probes, pitch: float, sensor: str) -> SceneError:
+def _bent_error(probes: Probes, pitch: float, sensor: str) -> SceneError:
     extent = float(np.linalg.norm(np.ptp(probes.positions[probes.active], axis=0)))
     flat_from = extent / _TOLERANCE * max(0.5, extent / (8 * pitch))
     return SceneError(
         f"{sensor}: the taxels lie on a bent surface; ElasticLayerTaxel solves flat pads, rectangular grids around a "
         "cylinder with the cylinder's normals, and gently bent ones, given as (rows, cols, 3), whose rows and columns "
-        "are arcs; strips of another bent surface would not feel each other. From a bend "
-        f"radius of {flat_from:.2g} m on these count as flat. Use ElastomerTaxel, or lay the taxels out flat"
+        "are arcs; strips of any other bent surface would not interact. From a bend "
+        f"radius of {flat_from:.2g} m on these count as flat. Use ElastomerTaxel, or arrange the taxels on a plane"
     )
 
 
 def _pads(probes: Probes, active: np.ndarray, closeness: float) -> list[np.ndarray]:
-    """Return taxels that belong together: of one normal, in one plane, and within ``closeness`` pitches of another
-    one.
-    """
+    """Return the pads, the indices of taxels that belong together: of one normal, in one plane, and within
+    ``closeness`` pitches of another one."""
     positions, normals = probes.positions[active], probes.normals[active]
     left = np.ones(len(active), bool)
     pads = []
@@ -231,12 +235,14 @@ def _grid_of(probes: Probes, members: np.ndarray, split: int, sensor: str) -> La
     """Return the grid of some probes.
 
     Raises:
-        SceneError: they do not lie on one flat rectangular lattice.
+        SceneError: the probes do not lie on one flat rectangular lattice.
     """
     normal = probes.normals[members].mean(0)
     normal /= max(float(np.linalg.norm(normal)), 1e-12)
     if np.abs(probes.normals[members] - normal).max() > _TOLERANCE:
-        raise SceneError(f"{sensor}: ElasticLayerTaxel needs one normal for all taxels of a pad")
+        raise SceneError(
+            f"{sensor}: ElasticLayerTaxel needs one normal for all taxels of a pad; give one probe_local_normal"
+        )
     positions = probes.positions[members]
     centred = positions - positions[0]
     u = _row_direction(probes, centred, normal)
@@ -251,16 +257,16 @@ def _grid_of(probes: Probes, members: np.ndarray, split: int, sensor: str) -> La
     uneven = max(np.abs(along - np.rint(along)).max(), np.abs(down - np.rint(down)).max())
     holes = rows * columns - len(positions)
     if off > _TOLERANCE:
-        raise _bent(probes, min(du, dv), sensor)
+        raise _bent_error(probes, min(du, dv), sensor)
     if uneven > _TOLERANCE or holes > 2 * len(positions):
         raise SceneError(
-            f"{sensor}: ElasticLayerTaxel needs taxels on a flat rectangular grid; these are off one by "
+            f"{sensor}: ElasticLayerTaxel needs taxels on a flat rectangular grid; these deviate from one by "
             f"{uneven:.2g} pitches and leave {holes} of its places empty. Use ElastomerTaxel, or give "
             "probe_local_pos as a regular grid"
         )
     cell = (np.rint(down - down.min()) * columns + np.rint(along - along.min())).astype(int)
     if len(np.unique(cell)) != len(cell):
-        raise SceneError(f"{sensor}: two taxels are at the same place")
+        raise SceneError(f"{sensor}: two taxels are at the same place; remove one")
     place = np.full(probes.n, -1)
     place[members] = cell
     corner = positions[0] + along.min() * du * u + down.min() * dv * v
@@ -270,7 +276,7 @@ def _grid_of(probes: Probes, members: np.ndarray, split: int, sensor: str) -> La
 
 
 def _row_direction(probes: Probes, centred: np.ndarray, normal: np.ndarray) -> np.ndarray:
-    """Unit vector along the rows: the grid's own, or towards the nearest neighbour of the first taxel."""
+    """Return the unit vector along the rows: the grid's own, or towards the nearest neighbour of the first taxel."""
     step = probes.steps()[0] if probes.is_grid else np.zeros(3)
     if not np.any(step) and len(centred) > 1:
         distance = np.linalg.norm(centred[1:], axis=1)
@@ -284,7 +290,7 @@ def _row_direction(probes: Probes, centred: np.ndarray, normal: np.ndarray) -> n
 
 
 def _ticks(coordinate: np.ndarray) -> tuple[np.ndarray, float, int]:
-    """Coordinates in pitches, the pitch (0 if they are all the same), and how many places there are."""
+    """Return the coordinates in pitches, the pitch (0 if they are all equal), and the number of places."""
     ordered = np.unique(coordinate)
     extent = float(ordered[-1] - ordered[0])
     gaps = np.diff(ordered)
@@ -297,9 +303,8 @@ def _ticks(coordinate: np.ndarray) -> tuple[np.ndarray, float, int]:
 
 
 def _around_a_cylinder(probes: Probes, members: np.ndarray, split: int) -> LayerGrid | None:
-    """Return the grid of probes in rows and columns around a cylinder, whose normals are its; ``None``: they do not
-    lie so.
-    """
+    """Return the grid of probes in rows and columns around a cylinder with its normals; ``None`` if they do not lie
+    so."""
     positions, normals = probes.positions[members], probes.normals[members]
     axis = np.linalg.svd(normals)[2][-1]
     if len(members) < 4 or np.abs(normals @ axis).max() > _TOLERANCE:
@@ -336,10 +341,10 @@ def _around_a_cylinder(probes: Probes, members: np.ndarray, split: int) -> Layer
 
 
 def _bent_both_ways(probes: Probes, members: np.ndarray, split: int) -> LayerGrid | None:
-    """Return the grid of probes given as ``(rows, cols, 3)`` on a ball, a saddle or the like; ``None``: they do not
+    """Return the grid of probes given as ``(rows, cols, 3)`` on a ball, a saddle or similar; ``None`` if they do not
     lie so.
 
-    Both bends are fitted to the normals, both pitches to the places.
+    Both curvatures are fitted to the normals, both pitches to the places.
     """
     if not probes.is_grid or min(probes.layout) < 3:
         return None
@@ -348,7 +353,7 @@ def _bent_both_ways(probes: Probes, members: np.ndarray, split: int) -> LayerGri
     normal, centred = normals[top], positions - positions[top]
     u, v = (step - (step @ normal) * normal for step in probes.steps())
     u, v = u / max(float(np.linalg.norm(u)), 1e-12), v / max(float(np.linalg.norm(v)), 1e-12)
-    if abs(u @ v) > _ASKEW[1] or (normals @ normal).min() < _STEEP:
+    if abs(u @ v) > _BENT_NORMAL_TOLERANCE or (normals @ normal).min() < _MIN_TILT_COSINE:
         return None
     found = []
     numbers = np.divmod(members, probes.layout[1])
@@ -375,6 +380,6 @@ def _bent_both_ways(probes: Probes, members: np.ndarray, split: int) -> LayerGri
     off = np.zeros((probes.n, 3))
     off[members] = positions - made.places(*here)
     tilted = np.abs(made.axes(*here)[2] - normals).max()
-    if np.abs(off).max() > _ASKEW[0] * min(dv, du) or tilted > _ASKEW[1]:
+    if np.abs(off).max() > _BENT_TOLERANCE_PITCHES * min(dv, du) or tilted > _BENT_NORMAL_TOLERANCE:
         return None
     return replace(made, off=off.reshape(*probes.layout, 3))

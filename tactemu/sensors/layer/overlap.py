@@ -1,4 +1,4 @@
-"""What the layer is pressed by: the overlap of each cell with the bodies, and how far they slid since the last step."""
+"""The overlap of each cell of the layer with the bodies, and their slide since the last step."""
 
 # pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
 # pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
@@ -14,16 +14,17 @@ from tactemu.sensors.layer.pressure import NO_SURFACE
 
 
 @functools.cache
-def near_kernel(real, bent: bool = False):
-    """The rows and columns that bodies are near to: from their bounding balls, one environment per thread; of a bent
-    skin all."""
+def near_kernel(real, is_bent: bool = False):
+    """Return the kernel that finds the rows and columns near bodies from their bounding balls, one environment per
+    thread; on a bent skin it takes all."""
     vec3 = wp.types.vector(3, real)
     transform = wp.types.transformation(real)
     shapes_type = table_type(real)
 
     @wp.func
     def cells_within(centre: real, bound: real, start: real, size: real, count: int):
-        """First and last-but-one cell of a row of ``count`` that the interval ``centre +- bound`` touches."""
+        """Return the first cell of a row of ``count`` that the interval ``centre +- bound`` touches, and the one after
+        the last."""
         if not bound < real(1.0e9) * size:
             return wp.vec2i(0, count)
         first = wp.clamp((centre - bound - start) / size, real(0.0), real(count))
@@ -38,7 +39,7 @@ def near_kernel(real, bent: bool = False):
         pose: wp.array2d(dtype=transform),
         targets: wp.array(dtype=wp.int32),
         # Skin:
-        corner: vec3,  # of the grid, not of its first cell's centre
+        corner: vec3,  # corner of the grid, not the centre of its first cell
         u: vec3,
         v: vec3,
         n: vec3,
@@ -61,7 +62,7 @@ def near_kernel(real, bent: bool = False):
             bound = shapes.bound[b]
             down = wp.vec2i(0, cells[0])
             along = wp.vec2i(0, cells[1])
-            if wp.static(not bent):
+            if wp.static(not is_bent):
                 if is_finite(at[0]):
                     if wp.dot(at, n) - bound > horizon:
                         continue
@@ -75,7 +76,7 @@ def near_kernel(real, bent: bool = False):
         now = wp.vec4i(top, left, bottom, right)
         last = near[env]
         near[env] = now
-        # Cells that a body has left are looked at once more, to be cleared.
+        # Cells that a body has left are visited once more, to be cleared.
         active = now
         if last[2] > last[0]:
             active = wp.vec4i(
@@ -87,9 +88,9 @@ def near_kernel(real, bent: bool = False):
 
 
 @functools.cache
-def overlap_kernel(real, kinds: frozenset, with_slide: bool, bent: bool = False):
-    """Overlap [pitches] of every cell in reach and, for friction, the body there and its slide [pitches] since the last
-    step. A row of cells for one thread, or for several that share it."""
+def overlap_kernel(real, kinds: frozenset, with_slide: bool, is_bent: bool = False):
+    """Return the kernel that finds the overlap [pitches] of every cell in reach and, for friction, the body there and
+    its slide [pitches] since the last step. One thread takes a row of cells, or several share it."""
     vec3, vec2 = wp.types.vector(3, real), wp.types.vector(2, real)
     transform = wp.types.transformation(real)
     shapes_type = table_type(real)
@@ -97,7 +98,8 @@ def overlap_kernel(real, kinds: frozenset, with_slide: bool, bent: bool = False)
 
     @wp.func
     def may_touch(shapes: shapes_type, b: int, pose: transform, r: vec3, n: vec3, nearest: real):
-        """Can the line through ``r`` along ``n`` meet the ball around the shape, lower than ``nearest``?"""
+        """Return True if the line through ``r`` along ``n`` can meet the ball around the shape, lower than
+        ``nearest``."""
         away = wp.transform_get_translation(pose) - r
         height = wp.dot(away, n)
         bound = shapes.bound[b]
@@ -106,7 +108,7 @@ def overlap_kernel(real, kinds: frozenset, with_slide: bool, bent: bool = False)
 
     @wp.func
     def slid(now: transform, before: transform, x: vec3, u: vec3, v: vec3, pitch: real):
-        """How far the body's material at ``x`` has come, along u and v; exactly nothing where the body is still."""
+        """Return the displacement of the body's material at ``x``, along u and v; exactly 0 where the body is still."""
         still = bool(True)
         for i in range(7):
             still = still and now[i] == before[i]
@@ -127,8 +129,8 @@ def overlap_kernel(real, kinds: frozenset, with_slide: bool, bent: bool = False)
         reach: real,
         horizon: real,
     ):
-        """Height of the lowest surface from ``reach`` below the point ``r`` to ``horizon`` above it, and its body; the
-        body is -1 where there is none."""
+        """Return the height of the lowest surface from ``reach`` below the point ``r`` to ``horizon`` above it, and its
+        body; the body is -1 without a surface."""
         lowest = horizon
         body = int(-1)
         for t in range(targets.shape[0]):
@@ -159,7 +161,7 @@ def overlap_kernel(real, kinds: frozenset, with_slide: bool, bent: bool = False)
         u: vec3,
         v: vec3,
         n: vec3,
-        axes: wp.array3d(dtype=vec3),  # of each cell where the skin is bent: u, v and n
+        axes: wp.array3d(dtype=vec3),  # u, v and n of each cell of a bent skin
         horizon: real,
         pitch: real,
         parts: int,
@@ -182,7 +184,7 @@ def overlap_kernel(real, kinds: frozenset, with_slide: bool, bent: bool = False)
             along_u = u
             along_v = v
             out = n
-            if wp.static(bent):
+            if wp.static(is_bent):
                 along_u = axes[0, y, x]
                 along_v = axes[1, y, x]
                 out = axes[2, y, x]
@@ -203,8 +205,8 @@ def overlap_kernel(real, kinds: frozenset, with_slide: bool, bent: bool = False)
 
 
 @functools.cache
-def remember_kernel(real):
-    """Keeps the poses of a step for the next."""
+def keep_poses_kernel(real):
+    """Return the kernel that keeps the poses of a step for the next."""
     transform = wp.types.transformation(real)
 
     @wp.kernel(module="unique", enable_backward=False)

@@ -1,13 +1,13 @@
-"""The normal contact of a rigid object with an elastic layer: which cells touch, and with what pressure.
+"""The normal contact of a rigid object with an elastic layer: the cells that touch, and their pressures.
 
 With the compliance ``C`` (:mod:`.compliance`) and the overlap ``o`` of object and undeformed skin::
 
     p >= 0,   C p - o >= 0,   p (C p - o) = 0        (no pull, no penetration, no pressure across a gap)
 
-solved by projected conjugate gradients (Polonsky and Keer 1999) with the layer's own inverse compliance as the
-preconditioner, so that the number of iterations depends neither on the grid nor on the thickness. Each environment is
-solved by one block of threads in the smallest window that contact can reach, starts from its last pressure, and is
-left alone while its overlap does not change. Lengths are in pitches, pressures scaled (:mod:`.tables`).
+This is solved by projected conjugate gradients (Polonsky and Keer 1999) with the layer's own inverse compliance as the
+preconditioner, so that the number of iterations depends neither on the grid nor on the thickness. One block of threads
+solves each environment in the smallest window that contact can reach, starting from its last pressure, and skips it
+while its overlap does not change. Lengths are in pitches, pressures scaled (:mod:`.tables`).
 
 The residual is the root of the sum of the squared gaps where there is pressure or penetration, relative to that of
 the overlap.
@@ -30,8 +30,8 @@ from tactemu.sensors.layer.convolution import (
     spread,
     workspace_type,
 )
-from tactemu.sensors.layer.pressure_simd import PressureCells, wide_pressure_cells
-from tactemu.sensors.layer.shared_memory import chip_functions, chip_numbers
+from tactemu.sensors.layer.pressure_simd import PressureCells, simd_pressure_cells
+from tactemu.sensors.layer.shared_memory import shared_functions, shared_numbers
 from tactemu.sensors.layer.tables import tables_type
 from tactemu.sensors.layer.window import (
     BOX_STEP,
@@ -45,15 +45,17 @@ from tactemu.sensors.layer.window import (
     transform_size,
 )
 
-CHIP_BLOCK = Block(128, 3)
-"""On the chip: 64, 128 and 256 threads take 1.16, 0.81 and 0.86 ms for 4096 environments of 32 x 32 on an H200."""
+SHARED_MEMORY_BLOCK = Block(128, 3)
+"""Block of threads for solving in shared memory: 64, 128 and 256 threads take 1.16, 0.81 and 0.86 ms for 4096
+environments of 32 x 32 on an H200."""
 NO_SURFACE = -1.0e6
-"""Overlap where no object is above the cell [pitches]."""
+"""Overlap of a cell that no object is above [pitches]."""
 
 
 @functools.cache
 def windows_type(real):
-    """Vectors of the conjugate gradients, one window per block: ``(n_slots, rows, columns)``."""
+    """Return the Warp struct of the vectors of the conjugate gradients, one window per block: ``(n_slots, rows,
+    columns)``."""
 
     @wp.struct
     class Windows:
@@ -69,16 +71,16 @@ def windows_type(real):
 
 
 NORMAL_WINDOWS = ("overlap", "pressure", "gap", "masked", "softened", "direction", "answer")
-ON_CHIP = (1, len(NORMAL_WINDOWS))
-"""Spectra and windows of a block that works on the chip (:mod:`.on_chip`)."""
+SHARED_ARRAYS = (1, len(NORMAL_WINDOWS))
+"""Numbers of spectra and of windows of a block that works in shared memory (:mod:`.shared_memory`)."""
 
 
 class Windows:
-    """Allocates the windows of a Warp struct of arrays and keeps them alive.
+    """The windows of a Warp struct of arrays: it allocates them and keeps them alive.
 
     Args:
         struct: the instance whose fields are filled.
-        names: of the fields.
+        names: names of the fields.
         shape: largest window, ``(rows, columns)``.
     """
 
@@ -92,15 +94,16 @@ class Windows:
 
 @functools.cache
 def pressure_cells(real, lanes: int) -> PressureCells:
-    """What is done cell by cell between convolutions; on a CPU in its registers (:mod:`.pressure_simd`)."""
+    """Return the operations on each cell between convolutions; on a CPU those in vector registers
+    (:mod:`.pressure_simd`)."""
     windows_struct = windows_type(real)
     if lanes > 1:
-        return wide_pressure_cells(real, windows_struct)
+        return simd_pressure_cells(real, windows_struct)
     block_sum, _max = block_functions(lanes)
 
     @wp.func
     def mask_gap(win: windows_struct, slot: int, shape: wp.vec2i, mine: wp.vec4i):
-        """Keep the gap where cells touch, or would penetrate; returns the sum of its squares."""
+        """Keep the gap where cells touch or would penetrate; return the sum of its squares."""
         total = wp.float64(0.0)
         for y in range(mine[0], shape[0], mine[1]):
             for x in range(mine[2], shape[1], mine[3]):
@@ -114,7 +117,8 @@ def pressure_cells(real, lanes: int) -> PressureCells:
 
     @wp.func
     def products(win: windows_struct, slot: int, fresh: bool, shape: wp.vec2i, mine: wp.vec4i):
-        """Of the preconditioned gap with the gap and, unless ``fresh``, with what the last direction changed."""
+        """Return the products of the preconditioned gap with the gap and, unless ``fresh``, with the change by the last
+        direction."""
         square = wp.float64(0.0)
         change = wp.float64(0.0)
         for y in range(mine[0], shape[0], mine[1]):
@@ -129,7 +133,7 @@ def pressure_cells(real, lanes: int) -> PressureCells:
 
     @wp.func
     def direct(win: windows_struct, slot: int, beta: real, fresh: bool, shape: wp.vec2i, mine: wp.vec4i):
-        """The search direction, unless ``fresh`` with a part of the last; returns the slope along it."""
+        """Compute the search direction, and add a part of the last unless ``fresh``; return the slope along it."""
         slope = wp.float64(0.0)
         for y in range(mine[0], shape[0], mine[1]):
             for x in range(mine[2], shape[1], mine[3]):
@@ -155,7 +159,7 @@ def pressure_cells(real, lanes: int) -> PressureCells:
 
     @wp.func
     def advance(win: windows_struct, slot: int, step: real, shape: wp.vec2i, mine: wp.vec4i):
-        """Go along the direction; pressures that would pull become 0. Returns how many did."""
+        """Take a step along the direction, and set pressures that would pull to 0; return their number."""
         pulled = wp.float64(0.0)
         for y in range(mine[0], shape[0], mine[1]):
             for x in range(mine[2], shape[1], mine[3]):
@@ -173,20 +177,21 @@ def pressure_cells(real, lanes: int) -> PressureCells:
 
 
 @functools.cache
-def normal_kernel(real, lanes: int, chip: bool):
-    """The kernel that solves every environment; one block of threads per slot. ``chip``: all in its own memory."""
+def normal_kernel(real, lanes: int, is_shared: bool):
+    """Return the kernel that solves every environment; one block of threads per slot. ``is_shared``: it works in the
+    block's shared memory."""
     workspace = workspace_type(real)
     tables_struct = tables_type(real)
     windows_struct = windows_type(real)
-    convolve = convolution_functions(real, lanes, chip).convolve
+    convolve = convolution_functions(real, lanes, is_shared).convolve
     survey, publish = survey_function(real, lanes), publish_function(real)
     mask_gap, products, direct, curvature, advance = pressure_cells(real, lanes)
     block_sum, _max = block_functions(lanes)
-    move_in, window = chip_functions(real, workspace, *ON_CHIP)
+    shared_workspace, window = shared_functions(real, workspace, *SHARED_ARRAYS)
     grid = wp.array2d(dtype=real)
 
     @wp.func
-    def windows_in(win: windows_struct, memory: wp.tile(dtype=real, shape=(chip_numbers(*ON_CHIP),))):
+    def shared_windows(win: windows_struct, memory: wp.tile(dtype=real, shape=(shared_numbers(*SHARED_ARRAYS),))):
         near = win
         near.overlap = window(memory, 0)
         near.pressure = window(memory, 1)
@@ -199,7 +204,7 @@ def normal_kernel(real, lanes: int, chip: bool):
 
     @wp.func
     def gather(win: windows_struct, slot: int, overlap: grid, pressure: grid, box: wp.vec4i, mine: wp.vec4i):
-        """Fetch overlap and last pressure; without one, start from the overlap. Returns the sum of squared overlaps."""
+        """Fetch overlap and last pressure; without one, start from the overlap. Return the sum of squared overlaps."""
         deep = wp.float64(0.0)
         load = wp.float64(0.0)
         for y in range(mine[0], box[2], mine[1]):
@@ -252,13 +257,14 @@ def normal_kernel(real, lanes: int, chip: bool):
         shape: wp.vec2i,
         mine: wp.vec4i,
     ):
-        """The next search direction, conjugate to the last (Polak-Ribiere); returns slope and preconditioned square."""
+        """Compute the next search direction, conjugate to the last (Polak-Ribiere); return slope and preconditioned
+        square."""
         square = products(win, slot, fresh, shape, mine)
         beta = real(0.0)
         if not fresh and last > wp.float64(0.0):
             beta = real(wp.max(square[1] * step / last, wp.float64(0.0)))
         slope = direct(win, slot, beta, fresh, shape, mine)
-        if slope >= wp.float64(0.0) and not fresh:  # uphill: without what the last direction adds
+        if slope >= wp.float64(0.0) and not fresh:  # uphill: restart without the last direction
             slope = direct(win, slot, beta, True, shape, mine)
         return slope, square[0]
 
@@ -284,7 +290,7 @@ def normal_kernel(real, lanes: int, chip: bool):
         mine: wp.vec4i,
         thread: int,
     ):
-        """Conjugate gradients in one window; returns the residual and the iterations taken."""
+        """Run conjugate gradients in one window; return the residual and the number of iterations."""
         loads = win.pressure[slot]
         masked = win.masked[slot]
         direction = win.direction[slot]
@@ -304,7 +310,7 @@ def normal_kernel(real, lanes: int, chip: bool):
                 break
             step = -slope / curved
             fresh = advance(win, slot, real(step), shape, mine) > wp.float64(0.0)
-            if fresh:  # what was cut off changes the gap everywhere
+            if fresh:  # clipped pressures change the gap everywhere
                 convolve(ws, slot, loads, tables.nn, start, shape, size, win.gap[slot], thread)
                 subtract_overlap(win, slot, shape, mine)
             last = square
@@ -312,7 +318,7 @@ def normal_kernel(real, lanes: int, chip: bool):
             residual = wp.sqrt(mask_gap(win, slot, shape, mine) / reference)
         return residual, iteration
 
-    @wp.kernel(module="unique", enable_backward=False, launch_bounds=CHIP_BLOCK if chip else BLOCK)
+    @wp.kernel(module="unique", enable_backward=False, launch_bounds=SHARED_MEMORY_BLOCK if is_shared else BLOCK)
     def solve_normal(
         turns: wp.vec4i,  # first environment, end, first slot, slots that take turns
         # Layer:
@@ -332,15 +338,15 @@ def normal_kernel(real, lanes: int, chip: bool):
         box_out: wp.array(dtype=wp.vec4i),
         residual_out: wp.array(dtype=wp.float64),
         iterations_out: wp.array(dtype=wp.int32),
-        changed_out: wp.array(dtype=wp.int32),  # 1: the pressures of this step are not those of the last
-        dirty_out: wp.array(dtype=wp.vec4i),  # where they are not
+        changed_out: wp.array(dtype=wp.int32),  # 1: the pressures changed in this step
+        dirty_out: wp.array(dtype=wp.vec4i),  # box in which they changed
     ):
         place, thread = wp.tid()
         slot = turns[2] + place
-        if wp.static(chip):
-            memory = wp.tile_empty(shape=(wp.static(chip_numbers(*ON_CHIP)),), dtype=real, storage="shared")
-            ws = move_in(ws, memory)
-            win = windows_in(win, memory)
+        if wp.static(is_shared):
+            memory = wp.tile_empty(shape=(wp.static(shared_numbers(*SHARED_ARRAYS)),), dtype=real, storage="shared")
+            ws = shared_workspace(ws, memory)
+            win = shared_windows(win, memory)
         for env in range(turns[0] + place, turns[1], turns[3]):
             state, box = survey(overlap[env], solved_overlap[env], active[env], bulge, thread)
             residual = residual_out[env]
@@ -349,7 +355,7 @@ def normal_kernel(real, lanes: int, chip: bool):
             changed = int(0)
             if state == BROKEN or box[3] == 0:
                 publish(win.pressure[slot], box, old, pressure_out[env], thread)
-                if state == BROKEN or is_nan(residual):  # every taxel reads NaN, or no longer
+                if state == BROKEN or is_nan(residual):  # every taxel begins or ceases to read NaN
                     old = wp.vec4i(0, 0, overlap.shape[1], overlap.shape[2])
                 changed = wp.min(old[3], 1)
                 residual = wp.where(state == BROKEN, wp.float64(wp.nan), wp.float64(0.0))

@@ -1,4 +1,4 @@
-"""A CPU's part of :mod:`.pressure` between convolutions: what it does cell by cell, eight cells at a time."""
+"""The operations of :mod:`.pressure` on each cell between convolutions, on a CPU, eight cells at a time."""
 
 # pyright: reportInvalidTypeForm=false
 
@@ -11,8 +11,8 @@ from tactemu.sensors.layer.cells_simd import over_cells
 
 
 class PressureCells(NamedTuple):
-    """Warp functions about all cells of the window of a slot; ``mine`` is the calling thread's share of it, on a GPU.
-    Sums are over the whole window."""
+    """The Warp functions on all cells of the window of a slot; ``mine`` is the calling thread's share of it, on a GPU.
+    Sums are over all cells of the window."""
 
     mask_gap: Any
     """``mask_gap(win, slot, shape, mine) -> float64``"""
@@ -27,8 +27,8 @@ class PressureCells(NamedTuple):
 
 
 @functools.cache
-def wide_pressure_cells(real, windows) -> PressureCells:
-    """Return the functions for one float type and the struct of its windows, which are whole registers wide."""
+def simd_pressure_cells(real, windows) -> PressureCells:
+    """Return the functions for one float type and the struct of its windows, whose rows are multiples of a register."""
 
     @wp.func_native(over_cells(real, "pressure", _MASK_GAP))
     def mask_gap(win: windows, slot: int, shape: wp.vec2i, mine: wp.vec4i) -> wp.float64: ...

@@ -1,4 +1,4 @@
-"""From cells to taxels: averages over a taxel's cells, in SI units and the link's frame."""
+"""The reading of each taxel: averages over its cells, in SI units and the link's frame."""
 
 # pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
 # pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
@@ -13,14 +13,18 @@ from tactemu.plan.scalars import is_nan, natural
 from tactemu.sensors.layer.friction_state import FREE, SLIP, STICK, friction_state_type
 
 CHANNELS: tuple[Channels, ...] = ("scalar", "force", "displacement", "scalar", "scalar")
-"""Pressure, force, displacement, slip state, residual."""
-PRESSURE, FORCE, DISPLACEMENT, SLIP_STATE, RESIDUAL = slice(0, 1), slice(1, 4), slice(4, 7), 7, 8
+"""The channels of a taxel: pressure, force, displacement, slip state, residual."""
+PRESSURE = slice(0, 1)
+FORCE = slice(1, 4)
+DISPLACEMENT = slice(4, 7)
+SLIP_STATE = 7
+RESIDUAL = 8
 N_CHANNELS = 9
 
 
 @functools.cache
 def skin_type(real):
-    """Axes and units of a layer's grid."""
+    """Return the Warp struct of the axes and units of a layer's grid."""
     vec3 = wp.types.vector(3, real)
 
     @wp.struct
@@ -30,16 +34,16 @@ def skin_type(real):
         normal: vec3
         length: real  # one pitch of cells [m]
         pressure: real  # unit of the solvers' pressures [Pa]
-        area: real  # of a taxel [m²]
-        columns: wp.int32  # of taxels
+        area: real  # area of a taxel [m²]
+        columns: wp.int32  # columns of taxels
         split: wp.int32
 
     return Skin
 
 
 @functools.cache
-def reading_kernel(real, with_surface: bool, with_friction: bool, bent: bool = False):
-    """Averages of all quantities over each taxel; the larger residual of the two solvers."""
+def reading_kernel(real, with_surface: bool, with_friction: bool, is_bent: bool = False):
+    """Return the kernel that averages all quantities over each taxel, with the larger residual of the two solvers."""
     vec3 = wp.types.vector(3, real)
     skin_struct, friction_state = skin_type(real), friction_state_type(real)
     row_type, write = wp.types.vector(N_CHANNELS, real), row_writer(real, N_CHANNELS)
@@ -50,7 +54,7 @@ def reading_kernel(real, with_surface: bool, with_friction: bool, bent: bool = F
         # Skin:
         skin: skin_struct,
         place: wp.array(dtype=wp.int32),
-        axes: wp.array2d(dtype=vec3),  # of each taxel where the skin is bent: u, v and n
+        axes: wp.array2d(dtype=vec3),  # u, v and n of each taxel of a bent skin
         # In:
         pressure: wp.array3d(dtype=real),
         residual: wp.array(dtype=wp.float64),
@@ -100,7 +104,7 @@ def reading_kernel(real, with_surface: bool, with_friction: bool, bent: bool = F
             u = skin.u
             v = skin.v
             n = skin.normal
-            if wp.static(bent):
+            if wp.static(is_bent):
                 u = axes[0, taxel]
                 v = axes[1, taxel]
                 n = axes[2, taxel]
@@ -119,7 +123,7 @@ def reading_kernel(real, with_surface: bool, with_friction: bool, bent: bool = F
 
 @functools.cache
 def traction_kernel(real):
-    """Force per area along the surface, from the force on each taxel."""
+    """Return the kernel that computes the force per area along the surface from the force on each taxel."""
     vec3 = wp.types.vector(3, real)
 
     @wp.kernel(module="unique", enable_backward=False)
@@ -142,7 +146,8 @@ def traction_kernel(real):
 
 @functools.cache
 def status_kernel(real):
-    """Copies what is no measurement, slip state and residual, into a reading that imperfections have spoiled."""
+    """Return the kernel that copies slip state and residual, which are no measurements, into a reading after
+    imperfections."""
 
     @wp.kernel(module="unique", enable_backward=False)
     def copy_status(first_env: int, truth: wp.array3d(dtype=real), reading_out: wp.array3d(dtype=real)):

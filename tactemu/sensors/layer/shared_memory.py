@@ -1,8 +1,8 @@
-"""A block's own memory: on a GPU, skins of up to 32 x 32 cells are solved without leaving the multiprocessor.
+"""The shared memory of a block: on a GPU, skins of up to 32 x 32 cells are solved without leaving the multiprocessor.
 
-The spectra, the scratch of the transforms and the vectors of the solvers lie in shared memory; solvers see arrays as
-ever. A transform of 32 or 64 points is one of 4 or 8 and one of 8, each in the registers of a thread; what it reads is
-in the scratch before it writes, so that a spectrum is transformed in place.
+The spectra, the scratch of the transforms and the vectors of the solvers lie in shared memory; solvers use them like
+any arrays. A transform of 32 or 64 points is one of 4 or 8 and one of 8, each in the registers of a thread; its input
+is copied to the scratch before it writes, so that a spectrum is transformed in place.
 """
 
 # pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
@@ -12,35 +12,36 @@ import functools
 
 import warp as wp
 
-CELLS = 32
-"""Along the longer side of the largest skin that is solved so."""
-_LONGEST = 2 * CELLS
-_OTHERS = 2048
-"""Bytes of shared memory for other things, at most."""
-_SCRATCH = _LONGEST * CELLS
+MAX_CELLS = 32
+"""Largest number of cells along a side of a skin that is solved in shared memory."""
+_LONGEST = 2 * MAX_CELLS
+_RESERVED_BYTES = 2048
+"""Maximum size of shared memory for other purposes [bytes]."""
+_SCRATCH = _LONGEST * MAX_CELLS
 _ROW = _LONGEST + 1
-"""Numbers from one row of a spectrum to the next: odd, lest those of a column crowd one bank of the memory."""
+"""Row stride of a spectrum: odd, so that the numbers of a column are in different banks of the memory."""
 
 
-def chip_numbers(spectra: int, windows: int) -> int:
-    """How many numbers of shared memory a block needs for so many spectra and windows."""
-    return 2 * _SCRATCH + spectra * _LONGEST * _ROW + windows * CELLS * CELLS
+def shared_numbers(spectra: int, windows: int) -> int:
+    """Return the numbers of shared memory that a block needs for these spectra and windows."""
+    return 2 * _SCRATCH + spectra * _LONGEST * _ROW + windows * MAX_CELLS * MAX_CELLS
 
 
 def fits(cells: tuple[int, int], numbers: int, real, lanes: int, device: wp.Device) -> bool:
-    """Whether a skin is solved on the chip by kernels that need at most so many numbers of shared memory: 107 KiB with
+    """Return True if a skin is solved in shared memory by kernels that need at most ``numbers`` of it: 107 KiB with
     friction, which a GPU for data centres has, 73 KiB with displacement, 62 KiB with neither."""
-    if lanes > 1 or max(cells) > CELLS:
+    if lanes > 1 or max(cells) > MAX_CELLS:
         return False
     room = device.max_shared_memory_per_block if device.is_cuda else 1 << 18
-    return numbers * wp.types.type_size_in_bytes(real) + _OTHERS <= room
+    return numbers * wp.types.type_size_in_bytes(real) + _RESERVED_BYTES <= room
 
 
 @functools.cache
-def chip_functions(real, workspace, spectra: int, windows: int):
-    """``(move_in, window)``: the workspace ``move_in(ws, memory)`` and the ``k``-th window ``window(memory, k)`` in the
-    tile ``memory``, the same for every slot: a block's own."""
-    tile = wp.tile(dtype=real, shape=(chip_numbers(spectra, windows),))
+def shared_functions(real, workspace, spectra: int, windows: int):
+    """Return the functions ``(shared_workspace, window)``: the workspace ``shared_workspace(ws, memory)`` and the
+    ``k``-th window ``window(memory, k)`` in the tile ``memory``, the same for every slot, since each block has its
+    own."""
+    tile = wp.tile(dtype=real, shape=(shared_numbers(spectra, windows),))
 
     @wp.func_native(f"""
     wp::array_t<wp::{real.__name__}> found(memory.data.ptr + first, 0x7fffffff, rows, columns);
@@ -51,8 +52,8 @@ def chip_functions(real, workspace, spectra: int, windows: int):
 
     @wp.func
     def window(memory: tile, k: int):
-        first = wp.static(chip_numbers(spectra, 0)) + k * wp.static(CELLS * CELLS)
-        return part(memory, first, wp.static(CELLS), wp.static(CELLS))
+        first = wp.static(shared_numbers(spectra, 0)) + k * wp.static(MAX_CELLS * MAX_CELLS)
+        return part(memory, first, wp.static(MAX_CELLS), wp.static(MAX_CELLS))
 
     @wp.func
     def spectrum(memory: tile, k: int):
@@ -60,10 +61,10 @@ def chip_functions(real, workspace, spectra: int, windows: int):
         return part(memory, first, wp.static(_LONGEST), wp.static(_ROW))
 
     @wp.func
-    def move_in(ws: workspace, memory: tile):
+    def shared_workspace(ws: workspace, memory: tile):
         here = ws
-        here.re = part(memory, 0, wp.static(_LONGEST), wp.static(CELLS))
-        here.im = part(memory, wp.static(_SCRATCH), wp.static(_LONGEST), wp.static(CELLS))
+        here.re = part(memory, 0, wp.static(_LONGEST), wp.static(MAX_CELLS))
+        here.im = part(memory, wp.static(_SCRATCH), wp.static(_LONGEST), wp.static(MAX_CELLS))
         here.spectrum = spectrum(memory, 0)
         if wp.static(spectra > 1):
             here.second = spectrum(memory, 1)
@@ -71,13 +72,13 @@ def chip_functions(real, workspace, spectra: int, windows: int):
             here.third = spectrum(memory, 2)
         return here
 
-    return move_in, window
+    return shared_workspace, window
 
 
 @functools.cache
-def short_hartley(real):
-    """``hartley(re, im, twiddle, slot, field, rows, columns, n, first, rows_out, out, thread)`` as the long one of
-    :mod:`.convolution`, for ``n`` of 32 or 64, and columns that are a power of two, in the tile."""
+def shared_hartley(real):
+    """Return ``hartley(re, im, twiddle, slot, field, rows, columns, n, first, rows_out, out, thread)``, like the long
+    one of :mod:`.convolution`, for ``n`` of 32 or 64, and columns that are a power of two, in the tile."""
     field_type, turns_type = wp.array2d(dtype=real), wp.array(dtype=wp.types.vector(2, real))
 
     @wp.func_native(_PLACE.replace("NUMBER", real.__name__))
@@ -105,7 +106,7 @@ def short_hartley(real):
         threads: int,
     ): ...
 
-    @wp.func(inline=False)  # one copy of it: a solver calls it dozens of times
+    @wp.func(inline=False)  # not inlined: a solver calls it dozens of times
     def transform_here(
         field: wp.int64,
         from_row: int,
@@ -169,7 +170,8 @@ _PLACE = """
     return reinterpret_cast<int64_t>(a.data);
 #endif
 """
-"""Where an array begins, counted in numbers from the block's memory: so that a GPU addresses it with 32 bits."""
+"""C++ that returns the start of an array, counted in numbers from the block's memory, so that a GPU uses 32-bit
+addresses."""
 
 _TRANSFORM = """
     using Number = wp::NUMBER;

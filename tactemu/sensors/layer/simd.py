@@ -1,8 +1,9 @@
-"""A CPU's transforms: eight complex columns side by side in vector registers, from the field to the transposed result.
+"""The transforms for a CPU: eight complex columns in parallel in vector registers, from the field to the transposed
+result.
 
-A group of columns stays in the first cache from its first butterfly to its last; results leave through the registers
-as blocks of eight by eight, transposed. C++, since it is the vector types of the compiler that make it fast: what Warp
-makes of vectors of eight is three times as slow.
+A group of columns stays in the first-level cache from its first butterfly to its last; results leave through the
+registers as transposed blocks of eight by eight. It is C++, since the compiler's vector types make it fast: Warp's code
+for vectors of eight is three times as slow.
 """
 
 # pyright: reportInvalidTypeForm=false
@@ -18,9 +19,10 @@ SCRATCH = 4 * WIDTH
 
 
 @functools.cache
-def wide_hartley(real):
-    """``hartley(scratch, twiddle, field, rows, columns, n, first, rows_out, out)``: as the one of :mod:`.convolution`,
-    for whole groups of columns and, in ``rows_out``, of rows; ``out`` must be elsewhere than ``field``."""
+def simd_hartley(real):
+    """Return ``hartley(scratch, twiddle, field, rows, columns, n, first, rows_out, out)``, like that of
+    :mod:`.convolution`, for complete groups of columns and, in ``rows_out``, of rows; ``out`` must not be the memory of
+    ``field``."""
     field_type, turns_type = wp.array2d(dtype=real), wp.array(dtype=wp.types.vector(2, real))
 
     @wp.func_native(vector_prelude(real) + _TRANSFORM)
@@ -36,7 +38,7 @@ def wide_hartley(real):
         out: field_type,
     ): ...
 
-    @wp.func(inline=False)  # one copy of it: a solver calls it dozens of times
+    @wp.func(inline=False)  # not inlined: a solver calls it dozens of times
     def hartley(
         scratch: field_type,
         twiddle: turns_type,
@@ -54,8 +56,9 @@ def wide_hartley(real):
 
 
 @functools.cache
-def wide_scale(real):
-    """``scale(spectrum, table, start, rows, columns)``: multiplies a spectrum by the table that begins at ``start``."""
+def simd_scale(real):
+    """Return ``scale(spectrum, table, start, rows, columns)``, which multiplies a spectrum by the table from ``start``
+    on."""
     grid_type, table_type = wp.array2d(dtype=real), wp.array(dtype=real)
 
     @wp.func_native(vector_prelude(real) + _SCALE)
@@ -65,9 +68,9 @@ def wide_scale(real):
 
 
 @functools.cache
-def wide_mix(real):
-    """``mix(x, y, xx, xy, yy, start, rows, columns)`` of :mod:`.tangential_compliance`, in spectra whose rows are
-    longer than ``columns``."""
+def simd_mix(real):
+    """Return ``mix(x, y, xx, xy, yy, start, rows, columns)`` of :mod:`.tangential_compliance`, for spectra whose rows
+    are longer than ``columns``."""
     grid_type, table_type = wp.array2d(dtype=real), wp.array(dtype=real)
 
     @wp.func_native(vector_prelude(real) + _MIX)
@@ -86,9 +89,9 @@ def wide_mix(real):
 
 
 @functools.cache
-def wide_by_pressure(real):
-    """``by_pressure(p, u, table, axis, start, rows, columns)`` of :mod:`.tangential_compliance`, in spectra whose
-    rows are longer than ``columns``."""
+def simd_by_pressure(real):
+    """Return ``by_pressure(p, u, table, axis, start, rows, columns)`` of :mod:`.tangential_compliance`, for spectra
+    whose rows are longer than ``columns``."""
     grid_type, table_type = wp.array2d(dtype=real), wp.array(dtype=real)
 
     @wp.func_native(vector_prelude(real) + _BY_PRESSURE)
@@ -194,7 +197,7 @@ _TRANSFORM = """
             for (int m = 1; m < 4; ++m)
                 store(here, 4 * k + m, times(y.z[m], turns[m * k * turn]));
         };
-        if (rows <= n / 2)  // the rest are zeros
+        if (rows <= n / 2)  // the other rows are zeros
             for (int k = 0; k < quarter; ++k) {
                 const Complex a = row(k), b = row(k + quarter), h = turned(b);
                 begin(k, Four{{add(a, b), add(a, h), sub(a, b), sub(a, h)}});

@@ -1,4 +1,4 @@
-"""Where the surface of the layer is: its displacement by pressure and traction, out to where it dies away."""
+"""The displacement of the layer's surface by pressure and traction, out to where it is negligible."""
 
 # pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
 # pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
@@ -19,35 +19,40 @@ from tactemu.sensors.layer.convolution import (
 )
 from tactemu.sensors.layer.friction_state import friction_state_type
 from tactemu.sensors.layer.pressure import windows_type
-from tactemu.sensors.layer.shared_memory import chip_functions, chip_numbers
+from tactemu.sensors.layer.shared_memory import shared_functions, shared_numbers
 from tactemu.sensors.layer.tables import tables_type
 from tactemu.sensors.layer.tangential_compliance import tangential_functions
 from tactemu.sensors.layer.window import BOX_STEP, around, transform_level, transform_size
 
-CHIP_BLOCK = Block(128, 2)
-"""On the chip."""
-ON_CHIP = (3, 2)
-"""Spectra and windows there."""
+SHARED_MEMORY_BLOCK = Block(128, 2)
+"""Block of threads for solving in shared memory."""
+SHARED_ARRAYS = (3, 2)
+"""Numbers of spectra and of windows in shared memory."""
 NEGLIGIBLE = 1e-5
-"""A response smaller than this part of that at the load is left out."""
+"""Fraction of the response at the load below which a response is left out."""
 
 
-def reach_of(kernels: Kernels) -> tuple[int, int]:
-    """How many cells away a load still moves the surface, along rows and columns; at most the whole grid."""
+def response_reach(kernels: Kernels) -> tuple[int, int]:
+    """Return the number of cells over which a load moves the surface, along rows and columns; at most the grid's
+    size."""
     strength = np.maximum(np.abs(kernels.nn), np.hypot(kernels.nx, kernels.ny)) / kernels.nn[0, 0]
-    felt = strength > NEGLIGIBLE
-    rows, columns = (int(np.flatnonzero(felt.any(axis=1 - axis)).max()) + 1 for axis in range(2))
+    is_strong = strength > NEGLIGIBLE
+    rows, columns = (int(np.flatnonzero(is_strong.any(axis=1 - axis)).max()) + 1 for axis in range(2))
     return rows, columns
 
 
 @functools.cache
-def surface_kernel(real, lanes: int, with_friction: bool, chip: bool):
-    """Displacement [pitches] of every cell in reach: along u, along v, and into the skin."""
+def surface_kernel(real, lanes: int, with_friction: bool, is_shared: bool):
+    """Return the kernel that computes the displacement [pitches] of every cell in reach: along u, along v, and into the
+    skin."""
     workspace, tables_struct = workspace_type(real), tables_type(real)
     windows, friction_state = windows_type(real), friction_state_type(real)
-    functions, tangential_compliance = convolution_functions(real, lanes, chip), tangential_functions(real, lanes, chip)
+    functions, tangential_compliance = (
+        convolution_functions(real, lanes, is_shared),
+        tangential_functions(real, lanes, is_shared),
+    )
     forward, inverse, displace = functions.forward, functions.inverse, tangential_compliance.displace
-    move_in, window = chip_functions(real, workspace, *ON_CHIP)
+    shared_workspace, window = shared_functions(real, workspace, *SHARED_ARRAYS)
     grid = wp.array2d(dtype=real)
 
     @wp.func
@@ -79,13 +84,14 @@ def surface_kernel(real, lanes: int, with_friction: bool, chip: bool):
 
     @wp.func
     def widen(first: int, length: int, reach: int, cells: int):
-        """First cell and length of a box with its reach, within the grid; lengths are whole steps."""
+        """Return the first cell and length of a box with its reach, within the grid; lengths are multiples of
+        ``BOX_STEP``."""
         begin = wp.max(0, first - reach)
         end = wp.min(cells, first + length + reach)
         steps = (end - begin + wp.static(BOX_STEP - 1)) // wp.static(BOX_STEP)
         return wp.vec2i(begin, steps * wp.static(BOX_STEP))
 
-    @wp.kernel(module="unique", enable_backward=False, launch_bounds=CHIP_BLOCK if chip else BLOCK)
+    @wp.kernel(module="unique", enable_backward=False, launch_bounds=SHARED_MEMORY_BLOCK if is_shared else BLOCK)
     def find_surface(
         turns: wp.vec4i,  # first environment, end, first slot, slots that take turns
         # Layer:
@@ -108,9 +114,9 @@ def surface_kernel(real, lanes: int, with_friction: bool, chip: bool):
     ):
         place, thread = wp.tid()
         slot = turns[2] + place
-        if wp.static(chip):
-            memory = wp.tile_empty(shape=(wp.static(chip_numbers(*ON_CHIP)),), dtype=real, storage="shared")
-            ws = move_in(ws, memory)
+        if wp.static(is_shared):
+            memory = wp.tile_empty(shape=(wp.static(shared_numbers(*SHARED_ARRAYS)),), dtype=real, storage="shared")
+            ws = shared_workspace(ws, memory)
             win.direction = window(memory, 0)
             win.answer = window(memory, 1)
         for env in range(turns[0] + place, turns[1], turns[3]):
@@ -125,7 +131,7 @@ def surface_kernel(real, lanes: int, with_friction: bool, chip: bool):
                     along = widen(box[1], box[3], reach[1], pressure.shape[2])
                     area = wp.vec4i(down[0], along[0], down[1], along[1])
                     shape = wp.vec2i(box[2], box[3])
-                    whole = wp.vec2i(area[2], area[3])
+                    extent = wp.vec2i(area[2], area[3])
                     first = wp.vec2i(area[0] - box[0], area[1] - box[1])
                     # Offsets from any loaded cell to any cell of the area must not wrap.
                     span = wp.vec2i(
@@ -148,11 +154,11 @@ def surface_kernel(real, lanes: int, with_friction: bool, chip: bool):
                         fetch(friction.y[env], box, direction, mine)
                         forward(ws, slot, direction, shape, size, third_numbers, thread)
                     displace(ws, slot, tables, wp.static(with_friction), start, size, thread)
-                    inverse(ws, slot, second_numbers, first, whole, size, answer, thread)
+                    inverse(ws, slot, second_numbers, first, extent, size, answer, thread)
                     deposit(answer, area, u_out[env], thread)
-                    inverse(ws, slot, third_numbers, first, whole, size, answer, thread)
+                    inverse(ws, slot, third_numbers, first, extent, size, answer, thread)
                     deposit(answer, area, v_out[env], thread)
-                    inverse(ws, slot, first_numbers, first, whole, size, answer, thread)
+                    inverse(ws, slot, first_numbers, first, extent, size, answer, thread)
                     deposit(answer, area, w_out[env], thread)
                 block_sync()
                 if thread == 0:

@@ -1,7 +1,7 @@
 """The layer's kernels as the solvers use them: spectra for every size of window, in one array per kernel.
 
-Everything is dimensionless: lengths in pitches, pressures in the pressure that presses a lone cell in by one pitch.
-A scene of nanometres and one of kilometres give the solvers the same numbers.
+Everything is dimensionless: lengths in pitches, pressures relative to the one that presses a single cell in by one
+pitch. A scene of nanometres and one of kilometres give the solvers the same numbers.
 """
 
 # pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
@@ -17,7 +17,7 @@ from tactemu.sensors.layer.compliance import sample_kernels, spectrum, transfer
 from tactemu.sensors.layer.convolution import SMALLEST_TRANSFORM
 
 HARTLEY_GAIN = 16.0
-"""Two per pass, four passes."""
+"""Gain of a convolution's transforms: a factor of two per pass, four passes."""
 
 _ODD = {"nn": (False, False), "xx": (False, False), "yy": (False, False), "xy": (True, True)}
 _ODD |= {"nx": (False, True), "ny": (True, False)}
@@ -25,7 +25,7 @@ _ODD |= {"nx": (False, True), "ny": (True, False)}
 
 @functools.cache
 def tables_type(real):
-    """The Warp struct of the spectra."""
+    """Return the Warp struct of the spectra."""
 
     @wp.struct
     class Tables:
@@ -44,22 +44,22 @@ def tables_type(real):
 
 
 class LayerMaterial(NamedTuple):
-    """An elastic layer on a rigid base."""
+    """The material of an elastic layer on a rigid base."""
 
     shear_modulus: float
-    """[Pa]"""
+    """Shear modulus [Pa]."""
     poisson_ratio: float
-    """0 to 0.5"""
+    """Poisson's ratio, 0 to 0.5."""
     thickness: float
-    """[m], > 0; ``inf``: a half-space"""
+    """Thickness [m], > 0; ``inf``: a half-space."""
 
 
 class LayerTables:
-    """Spectra of a layer for windows of up to ``cells`` on a grid of ``pitch``.
+    """The spectra of a layer for windows of up to ``cells`` on a grid of ``pitch``.
 
     Args:
         material: the layer.
-        cells: largest offsets ``(ny, nx)`` that windows hold.
+        cells: size ``(ny, nx)`` of the largest window.
         pitch: distance of neighbours ``(dy, dx)`` [m].
         tangential: build the tangential kernels too.
     """
@@ -70,9 +70,9 @@ class LayerTables:
         shape = tuple(sizes[-1] // 2 + 1 for sizes in self.sizes)
         self.kernels = kernels = sample_kernels(shape, pitch, *material)
         self.length_scale = float(min(pitch))
-        """One pitch [m]."""
+        """Unit of length of the solvers, one pitch [m]."""
         self.pressure_scale = self.length_scale / float(kernels.nn[0, 0])
-        """[Pa]"""
+        """Unit of pressure of the solvers [Pa]."""
         self.material, self.pitch = material, pitch
         unit = 1.0 / float(kernels.nn[0, 0])
         self.struct = tables_type(real)()
@@ -101,9 +101,8 @@ class LayerTables:
         setattr(self.struct, name, wp.array(flat, dtype=real, device=device))
 
     def _compliance(self, shape, name: str) -> np.ndarray:
-        """Return the compliance at the wave numbers of a transform [m/Pa]; that of the mean is taken at half the
-        lowest.
-        """
+        """Return the compliance at the wave numbers of a transform [m/Pa]; the mean takes that at half the lowest wave
+        number."""
         (ny, nx), (dy, dx) = shape, self.pitch
         shear_modulus, nu, thickness = self.material
         ky = 2 * np.pi * np.fft.fftfreq(ny, dy)[:, None]
@@ -118,7 +117,8 @@ class LayerTables:
 
 
 def _transform_sizes(cells: int) -> list[int]:
-    """Powers of two from the smallest transform to the one that holds a window of ``cells`` without wrapping."""
+    """Return the powers of two from the smallest transform to the one that holds a window of ``cells`` without
+    wrapping."""
     sizes = [SMALLEST_TRANSFORM]
     while sizes[-1] < 2 * cells:
         sizes.append(2 * sizes[-1])

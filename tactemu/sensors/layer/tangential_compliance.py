@@ -1,12 +1,12 @@
-"""What tractions and pressures do sideways: the tangential half of the layer's compliance, on spectra.
+"""The tangential half of the layer's compliance, on spectra: displacement along the surface by tractions and pressures.
 
-Tractions along x and y move the surface along both. With the mirrored wave numbers that an odd kernel asks for
+Tractions along x and y move the surface along both. With the mirrored wave numbers that an odd kernel needs
 (:mod:`.convolution`)::
 
     U_x(k) = xx(k) T_x(k) + xy(k) T_y(-k)          u_x by pressure: U_x(kx, ky) = nx(k) P(-kx, ky)
     U_y(k) = yy(k) T_y(k) + xy(k) T_x(-k)          u_y by pressure: U_y(kx, ky) = ny(k) P(kx, -ky)
 
-``-k`` mirrors both wave numbers. Transforms are as long as a power of two: masked bits find a mirrored place.
+``-k`` mirrors both wave numbers. Lengths of transforms are powers of two, so that masking bits gives a mirrored place.
 """
 
 # pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
@@ -18,43 +18,45 @@ from typing import Any, NamedTuple
 import warp as wp
 
 from tactemu.sensors.layer.convolution import block_sync, convolution_functions, spread, workspace_type
-from tactemu.sensors.layer.simd import wide_by_pressure, wide_mix
+from tactemu.sensors.layer.simd import simd_by_pressure, simd_mix
 from tactemu.sensors.layer.tables import tables_type
 
 
-class SidewaysFunctions(NamedTuple):
-    """Warp functions that all threads of a block call together; ``size`` is the length of the transforms."""
+class TangentialFunctions(NamedTuple):
+    """The Warp functions that all threads of a block call together; ``size`` is the length of the transforms."""
 
     mix: Any
-    """``mix(ws, slot, tables, start, size, thread)``: tractions in the two spectra become displacements."""
+    """``mix(ws, slot, tables, start, size, thread)`` turns the tractions in the two spectra into displacements."""
     by_pressure: Any
-    """``by_pressure(ws, slot, tables, axis, start, size, thread)``: the second spectrum becomes the displacement along
-    x (axis 0) or y (1) by the pressure in the first, which stays."""
+    """``by_pressure(ws, slot, tables, axis, start, size, thread)`` writes the displacement along x (axis 0) or y (1) by
+    the pressure in the first spectrum to the second, and keeps the first."""
     displace: Any
-    """``displace(ws, slot, tables, pulled, start, size, thread)``: the spectra of pressure and, if ``pulled``, of both
-    tractions become those of the displacement into the skin, along x and along y, in this order."""
+    """``displace(ws, slot, tables, pulled, start, size, thread)`` turns the spectra of pressure and, if ``pulled``, of
+    both tractions into those of the displacement into the skin, along x and along y, in this order."""
     by_traction: Any
-    """``by_traction(ws, slot, tables, start, x, y, shape, size, first, out_shape, out_x, out_y, thread)``: displacement
-    in the window of ``out_shape`` at ``first`` by tractions ``x, y`` in the window of ``shape`` at (0, 0)."""
+    """``by_traction(ws, slot, tables, start, x, y, shape, size, first, out_shape, out_x, out_y, thread)`` computes the
+    displacement in the window of ``out_shape`` at ``first`` by tractions ``x, y`` in the window of ``shape`` at (0,
+    0)."""
 
 
 @functools.cache
-def tangential_functions(real, lanes: int, chip: bool) -> SidewaysFunctions:
-    """Return the functions for one float type and lane width; ``chip``: for a workspace of :mod:`.on_chip`."""
+def tangential_functions(real, lanes: int, is_shared: bool) -> TangentialFunctions:
+    """Return the functions for one float type and lane width; ``is_shared``: the workspace is in shared memory
+    (:mod:`.shared_memory`)."""
     workspace = workspace_type(real)
     tables_struct = tables_type(real)
-    functions = convolution_functions(real, lanes, chip)
+    functions = convolution_functions(real, lanes, is_shared)
     forward, inverse = functions.forward, functions.inverse
     grid = wp.array2d(dtype=real)
     quad = wp.types.vector(4, real)
-    mix_in_registers, by_pressure_in_registers = wide_mix(real), wide_by_pressure(real)
+    mix_simd, by_pressure_simd = simd_mix(real), simd_by_pressure(real)
 
     @wp.func
     def mix(ws: workspace, slot: int, tables: tables_struct, start: int, size: wp.vec2i, thread: int):
         x = ws.spectrum[slot]
         y = ws.second[slot]
         if wp.static(lanes > 1):
-            mix_in_registers(x, y, tables.xx, tables.xy, tables.yy, start, size[0], size[1])
+            mix_simd(x, y, tables.xx, tables.xy, tables.yy, start, size[0], size[1])
             return
         mine = spread(size[1], thread)
         for k in range(mine[0], size[0] // 2 + 1, mine[1]):
@@ -84,9 +86,9 @@ def tangential_functions(real, lanes: int, chip: bool) -> SidewaysFunctions:
         u = ws.second[slot]
         if wp.static(lanes > 1):
             if axis == 0:
-                by_pressure_in_registers(p, u, tables.nx, axis, start, size[0], size[1])
+                by_pressure_simd(p, u, tables.nx, axis, start, size[0], size[1])
             else:
-                by_pressure_in_registers(p, u, tables.ny, axis, start, size[0], size[1])
+                by_pressure_simd(p, u, tables.ny, axis, start, size[0], size[1])
             return
         mine = spread(size[1], thread)
         for k in range(mine[0], size[0], mine[1]):
@@ -111,7 +113,7 @@ def tangential_functions(real, lanes: int, chip: bool) -> SidewaysFunctions:
             for c in range(mine[2], size[1] // 2 + 1, mine[3]):
                 columns = wp.vec2i(c, -c & (size[1] - 1))
                 at = start + k * size[1] + c
-                # All four mirror images at once, since each is made from the others.
+                # All four mirror images at once, since each is computed from the others.
                 tx = quad(real(0.0))
                 ty = quad(real(0.0))
                 pressed = quad(real(0.0))
@@ -158,4 +160,4 @@ def tangential_functions(real, lanes: int, chip: bool) -> SidewaysFunctions:
         inverse(ws, slot, ws.spectrum[slot], first, out_shape, size, out_x, thread)
         inverse(ws, slot, ws.second[slot], first, out_shape, size, out_y, thread)
 
-    return SidewaysFunctions(mix, by_pressure, displace, by_traction)
+    return TangentialFunctions(mix, by_pressure, displace, by_traction)

@@ -1,4 +1,4 @@
-"""The window of cells that an environment's contact can reach, and how the threads of a block share it."""
+"""The window of cells that an environment's contact can reach, and its distribution over the threads of a block."""
 
 # pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
 # pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
@@ -11,14 +11,19 @@ from tactemu.plan.scalars import is_finite
 from tactemu.sensors.layer.convolution import SMALLEST_TRANSFORM, block_sync, spread
 
 BOX_STEP = SMALLEST_TRANSFORM // 2
-"""Windows grow in steps of this many cells, so that lanes are full."""
-SAME, CHANGED, BROKEN = 0, 1, 2
-"""What became of an overlap since the last step; ``BROKEN``: it is not finite."""
+"""Step by which windows grow [cells], so that lanes are full."""
+SAME = 0
+"""State of an overlap that has not changed since the last step."""
+CHANGED = 1
+"""State of an overlap that has changed."""
+BROKEN = 2
+"""State of an overlap that is not finite."""
 
 
 @functools.cache
 def block_functions(lanes: int):
-    """``(block_sum, block_max)``: over the threads of the block, for all of them.
+    """Return the functions ``(block_sum, block_max)``, which reduce over the threads of the block and return the result
+    to all.
 
     On a CPU (more than one lane) a block is one thread.
     """
@@ -31,7 +36,8 @@ def block_functions(lanes: int):
 
 
 def _over_block(combine: str) -> str:
-    """C++ that combines ``x`` of all threads of a block, for all of them; those of a warp first."""
+    """Return C++ that combines ``x`` of all threads of a block, and returns it to all; it first combines those of each
+    warp."""
     snippet = """
 #if defined(__CUDA_ARCH__)
     __shared__ double parts[WP_TILE_BLOCK_DIM / 32];
@@ -74,7 +80,7 @@ def _all_max(x: wp.float64):
 
 @wp.func
 def transform_level(shape: wp.vec2i):
-    """Which transforms hold a window without wrapping: (0, 0) for the smallest."""
+    """Return the level of the transforms that hold a window without wrapping: (0, 0) for the smallest."""
     level = wp.vec2i(0, 0)
     for axis in range(2):
         while wp.static(BOX_STEP) << level[axis] < shape[axis]:
@@ -84,13 +90,13 @@ def transform_level(shape: wp.vec2i):
 
 @wp.func
 def transform_size(level: wp.vec2i):
-    """Length of the transforms of a level, along rows and columns."""
+    """Return the length of the transforms of a level, along rows and columns."""
     return wp.vec2i(wp.static(SMALLEST_TRANSFORM) << level[0], wp.static(SMALLEST_TRANSFORM) << level[1])
 
 
 @wp.func
 def around(a: wp.vec4i, b: wp.vec4i):
-    """The box around two boxes ``(first row, first column, rows, columns)``; empty ones do not count."""
+    """Return the box around two boxes ``(first row, first column, rows, columns)``; empty ones do not count."""
     if a[2] == 0:
         return b
     if b[2] == 0:
@@ -102,9 +108,9 @@ def around(a: wp.vec4i, b: wp.vec4i):
 
 @wp.func
 def fit(first: int, last: int, cells: int):
-    """First cell and length of a window around ``first..last``, inside ``cells`` where that is possible.
+    """Return the first cell and length of a window around ``first..last``, inside ``cells`` where that is possible.
 
-    It holds two cells more on both sides, so that a cell about to be reached is already known.
+    It includes two more cells on both sides, so that it already holds the cells that contact reaches next.
     """
     first = wp.max(first - 2, 0)
     last = wp.min(last + 2, cells - 1)
@@ -114,12 +120,12 @@ def fit(first: int, last: int, cells: int):
 
 @functools.cache
 def survey_function(real, lanes: int):
-    """``survey(overlap, solved, active, bulge, thread) -> (state, box)`` of one environment.
+    """Return ``survey(overlap, solved, active, bulge, thread) -> (state, box)`` of one environment.
 
     ``box`` is ``(first row, first column, rows, columns)`` around the cells that contact can reach: those whose overlap
-    is more than ``-bulge`` times the deepest, since a skin that cannot be compressed rises beside what presses it. It
-    is empty where nothing touches. ``solved`` is the overlap of the last step; it is brought up to date. Only the cells
-    from ``active[:2]`` to before ``active[2:]`` are looked at: no body is, or was at the last step, near the others.
+    is more than ``-bulge`` times the deepest, since a skin that cannot be compressed rises beside a pressing object. It
+    is empty without contact. ``solved`` is the overlap of the last step; it is updated. Only the cells from
+    ``active[:2]`` to before ``active[2:]`` are visited: no body is, or was at the last step, near the others.
     """
     grid = wp.array2d(dtype=real)
     _sum, block_max = block_functions(lanes)
@@ -169,7 +175,8 @@ def survey_function(real, lanes: int):
 
 @functools.cache
 def publish_function(real):
-    """``publish(window, box, old, out, thread)``: clears the box ``old`` of a grid and writes the window to ``box``."""
+    """Return ``publish(window, box, old, out, thread)``, which clears the box ``old`` of a grid and writes the window
+    to ``box``."""
     grid = wp.array2d(dtype=real)
 
     @wp.func
