@@ -74,9 +74,7 @@ class LayerRig:
             inputs = [self.tables.struct, real(mu), iterations, limit]
             inputs += [self.pressure_array, self.box, self.changed, self.slide, self.body]
             inputs += [self.workspace.struct, self.friction_windows.struct, self.state]
-            self._friction = launch(
-                friction_kernel(real, lanes, coupled, is_shared), inputs, [self.friction_changed]
-            )
+            self._friction = launch(friction_kernel(real, lanes, coupled, is_shared), inputs, [self.friction_changed])
 
         reach = wp.vec2i(*response_reach(self.tables.kernels))
         self.surface_arrays = [zeros(real) for _ in range(3)]
