@@ -1,6 +1,6 @@
-"""Ways out of the emulator, by scheme: ``memory:``, ``pty:PATH``, ``can:INTERFACE:CHANNEL``, ``tcp:HOST:PORT`` ...
+"""The ports of the emulator, by scheme: ``memory:``, ``pty:PATH``, ``can:INTERFACE:CHANNEL``, ``tcp:HOST:PORT`` ...
 
-A new one is one file, one line in :data:`TRANSPORTS` and one test file.
+A new transport is one file, one line in :data:`TRANSPORTS` and one driver's end in ``tests/transports``.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ TRANSPORTS: dict[str, str] = {
 }
 
 INTERFACE_TRANSPORTS = {"can:socketcan": "tactemu.transports.socketcan:SocketCanTransport"}
-"""Those that a scheme has beside its usual one."""
+"""Transports of single interfaces, in place of that of their scheme."""
 EXTRAS = {"dds": "dds", "ws": "websocket"}
-"""What to install for schemes that need a library which tactemu does without."""
+"""The extra to install for each scheme that needs an optional library."""
 
 __all__ = ["TRANSPORTS", "Transport", "create"]
 

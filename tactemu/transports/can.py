@@ -3,8 +3,8 @@
 ``can:udp_multicast:239.74.163.2`` needs no CAN in the kernel, ``can:virtual:NAME`` stays inside this process;
 ``can:socketcan:vcan0`` is Linux CAN, which needs no python-can: :mod:`tactemu.transports.socketcan`.
 
-Multicast stays on this machine, since whoever hears it may also command the device. To reach others, say so the way
-python-can is told such things: ``CAN_CONFIG='{"hop_limit": 1}'``, for the driver's process too.
+Multicast stays on this machine, since every receiver may also command the device. To reach other machines, set
+python-can's ``CAN_CONFIG='{"hop_limit": 1}'``, for the driver's process too.
 """
 
 from __future__ import annotations
@@ -30,11 +30,11 @@ from tactemu.transports.transport import CanFilter, Event, Received, Transport
 _logger = logging.getLogger(__name__)
 
 MAX_ECHOES = 16_384
-"""Maximum number of own frames that are waited for on an interface that returns them: as many as its queue may hold."""
+"""Maximum number of own frames that are expected back on an interface that returns them; its queue holds as many."""
 
 
 class CanTransport(Transport):
-    """A node of a CAN bus. Always listening: a bus has no open and close."""
+    """A node of a CAN bus. It always receives: a bus has no open and close."""
 
     scheme = "can"
 
@@ -51,10 +51,10 @@ class CanTransport(Transport):
         self._filters: tuple[CanFilter, ...] = ()
 
     def set_filters(self, filters: Sequence[CanFilter]) -> None:
-        """Let frames with other identifiers cost little: they are not decoded.
+        """Drop frames with other identifiers before they are decoded.
 
-        They are then not on the bus that the wire models either: frames of ours do not wait for them. Call before
-        :meth:`open`; empty, as at first: hear all.
+        They are then not on the bus that the wire models either: its frames do not wait for them. Call before
+        :meth:`open`; the default, an empty sequence, receives all.
         """
         self._filters = tuple(filters)
 
@@ -101,7 +101,7 @@ class CanTransport(Transport):
         while reading:
             try:
                 message = self._bus.recv(0)
-            except can.CanError:  # an adapter that is away for a while comes back as it was
+            except can.CanError:  # an adapter that was away comes back unchanged
                 break
             if message is None:
                 break
@@ -137,11 +137,11 @@ class CanTransport(Transport):
 
     @property
     def has_reader(self) -> bool:
-        """Whether this node is on the bus."""
+        """True while this node is on the bus."""
         return self._bus is not None
 
     def _is_echo(self, frame: CanFrame) -> bool:
-        """Multicast returns our own frames, in order; a lost one must not hide those after it."""
+        """Return True for an own frame, which multicast returns in order; a lost one must not hide those after it."""
         if not self._echoes or frame not in self._echo_counts:
             return False
         while self._forget_echo() != frame:
@@ -149,7 +149,7 @@ class CanTransport(Transport):
         return True
 
     def _forget_echo(self) -> CanFrame:
-        """Wait no more for the oldest own frame, and return it."""
+        """Remove the oldest own frame from those that are expected back, and return it."""
         assert self._echoes is not None
         oldest = self._echoes.popleft()
         self._echo_counts[oldest] -= 1
@@ -158,22 +158,22 @@ class CanTransport(Transport):
         return oldest
 
     def _options(self) -> dict[str, Any]:
-        """What python-can is asked for beside interface and channel."""
+        """Return the options for python-can beside interface and channel."""
         options: dict[str, Any] = {"fd": True} if self.interface == "udp_multicast" else {}
         if self.interface == "udp_multicast":
             options["hop_limit"] = int(can.util.load_config(config={"interface": self.interface}).get("hop_limit", 0))
             if options["hop_limit"] > 0:
-                _logger.warning("can:%s: whoever is on the network may hear and command the device", self.address)
+                _logger.warning("can:%s: everyone on the network may read and command the device", self.address)
         return options
 
     def _fix(self) -> str:
         if self.interface == "udp_multicast":
             return "install msgpack, and use a multicast address such as 239.74.163.2 on a machine with a network route"
-        return f"python-can knows {', '.join(sorted(can.interfaces.VALID_INTERFACES))}"
+        return f"choose an interface of python-can: {', '.join(sorted(can.interfaces.VALID_INTERFACES))}"
 
 
 def _receive_own_group_only(fileno: int) -> None:
-    """Linux delivers every group that any program here has joined to each socket on the port, unless told not to."""
+    """Restrict a socket to its own group; Linux delivers every joined group to each socket on the port."""
     option = {socket.AF_INET: (socket.IPPROTO_IP, 49), socket.AF_INET6: (socket.IPPROTO_IPV6, 29)}
     with contextlib.suppress(OSError), socket.socket(fileno=os.dup(fileno)) as copy:
         copy.setsockopt(*option[copy.family], 0)  # IP_MULTICAST_ALL, IPV6_MULTICAST_ALL: Python has no names for them

@@ -1,4 +1,4 @@
-"""Frames as python-can's messages and back."""
+"""Conversion between frames and python-can's messages."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ import can
 from firmware_protocols import CanFrame
 from tactemu.base.frame_text import PROTOCOL_ERROR
 
-logging.getLogger("can").addHandler(logging.NullHandler())  # what cannot be opened or read is our error to report
+logging.getLogger("can").addHandler(logging.NullHandler())  # our own errors report what cannot be opened or read
 
 
 def message_of(frame: CanFrame, timestamp: float = 0.0, *, received: bool = True) -> can.Message:
-    """Return the message that a frame is on the bus. An error frame has its class in place of an identifier."""
+    """Return a frame as python-can's message. An error frame has its class in place of an identifier."""
     if frame.is_error_frame:
         return can.Message(
             timestamp=timestamp, arbitration_id=PROTOCOL_ERROR, data=bytes(8), is_error_frame=True,
@@ -33,7 +33,7 @@ def message_of(frame: CanFrame, timestamp: float = 0.0, *, received: bool = True
 
 
 def frame_of(message: can.Message) -> CanFrame:
-    """Return the frame that a message is."""
+    """Return python-can's message as a frame."""
     return CanFrame(
         arbitration_id=message.arbitration_id,
         data=b"" if message.is_remote_frame else bytes(message.data),

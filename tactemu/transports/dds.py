@@ -1,10 +1,10 @@
-"""``dds:DOMAIN``: a participant of a DDS domain, that of Cyclone DDS.
+"""``dds:DOMAIN``: a participant of a DDS domain, by Cyclone DDS.
 
-It writes the topic of the device's connector and reads another; ``dds:DOMAIN/TOPIC`` renames the one that is written.
-It speaks on loopback only; name an interface (``dds:eth0:0``) to be reached from elsewhere. There is no connection: the
-driver has come when somebody reads the topic, and has gone when nobody does any more. Nothing waits for that.
+It writes the topic of the device's connector and reads another; ``dds:DOMAIN/TOPIC`` renames the written topic. It is
+on loopback only; name an interface (``dds:eth0:0``) to be reached from other machines. There is no connection: the port
+counts as opened while the topic has a reader, and nothing waits for one.
 
-Cyclone's own threads receive; what they have received waits, bounded, until it is looked at. A forked child keeps
+Cyclone's own threads receive; received samples wait in a bounded queue for the next poll. A forked child keeps
 Cyclone's sockets until it ends, but neither uses nor removes what its parent made.
 """
 
@@ -32,20 +32,20 @@ from tactemu.transports.forks import close_in_children
 from tactemu.transports.transport import DROPPED, RAISED, Closed, Event, Opened, Received, Transport
 
 LOOPBACK = "lo"
-_AT_ONCE = 32
-"""Samples that wait, and that one look takes."""
+_MAX_QUEUED_SAMPLES = 32
+"""Maximum number of samples that wait, and that one poll takes."""
 _HEADER = b"\x00\x01\x00\x00"
-"""Before every sample: CDR, little-endian."""
+"""Header of every sample: CDR, little-endian."""
 _CONFIG = (
     "<CycloneDDS><Domain Id='any'><General><Interfaces><NetworkInterface name='{}'/></Interfaces></General>"
     "</Domain></CycloneDDS>"
 )
 _QOS = Qos(
-    Policy.Reliability.Reliable(0),  # a reader that does not keep up is not waited for
+    Policy.Reliability.Reliable(0),  # never wait for a slow reader
     Policy.History.KeepLast(1),
     Policy.DataRepresentation(use_cdrv0_representation=True),
 )
-_READING = Qos(Policy.History.KeepLast(_AT_ONCE))
+_READING = Qos(Policy.History.KeepLast(_MAX_QUEUED_SAMPLES))
 _NUMBERS = {
     "float": t.float32, "int8": t.int8, "uint8": t.uint8, "int16": t.int16, "uint16": t.uint16, "int32": t.int32,
     "uint32": t.uint32,
@@ -53,7 +53,7 @@ _NUMBERS = {
 
 
 class _Joined(Domain):
-    """A domain on one interface. Cyclone has each once in a process, until the last that holds it lets go."""
+    """A domain on one interface. Cyclone has one per domain and process, until the last reference to it is gone."""
 
     def __init__(self, number: int, interface: str):
         super().__init__(number, _CONFIG.format(interface))
@@ -64,7 +64,7 @@ _JOINED: WeakValueDictionary[int, _Joined] = WeakValueDictionary()
 
 
 class DdsTransport(Transport):
-    """A writer, and a reader where the device has one."""
+    """A DDS writer, and a reader where the device has one."""
 
     scheme = "dds"
 
@@ -81,18 +81,18 @@ class DdsTransport(Transport):
         self._writer: DataWriter | None = None
         self._reader: DataReader | None = None
         self._kept: list[Any] = []
-        """Topics, participant, domain: they go with the last that holds them, in this order."""
+        """Topics, participant and domain, in the order in which they must be freed."""
         self._maker = 0
-        """The process that opened it."""
+        """The id of the process that opened the port."""
         self._has_driver = False
 
     def set_connector(self, connector: Connector) -> None:
-        """Learn topics and types."""
+        """Take over topics and types from the connector."""
         assert isinstance(connector, Dds)
         self._connector = connector
 
     def open(self) -> None:
-        """Join the domain. Nobody is waited for.
+        """Join the domain, without waiting for a reader.
 
         Raises:
             TransportError: the interface cannot be had, or the domain is already on another one in this process.
@@ -100,7 +100,7 @@ class DdsTransport(Transport):
         if self._writer is not None:
             return
         if self._connector is None:
-            raise TransportError(f"port {self.address!r}: nothing says which topics it has")
+            raise TransportError(f"port {self.address!r}: its topics are unknown; call set_connector() before open()")
         domain = self._join()
         written, read = self._connector.writes, self._connector.reads
         known = types_of(self._connector.idl)
@@ -109,9 +109,9 @@ class DdsTransport(Transport):
         self._writer = DataWriter(Publisher(participant), topic, _QOS)
         self._kept = [topic, participant, domain]
         if read is not None:
-            heard = Topic(participant, read.name, known[read.type])
-            self._reader = DataReader(Subscriber(participant), heard, _READING)
-            self._kept.insert(0, heard)
+            read_topic = Topic(participant, read.name, known[read.type])
+            self._reader = DataReader(Subscriber(participant), read_topic, _READING)
+            self._kept.insert(0, read_topic)
         self._maker = os.getpid()
         close_in_children(self)
         if self.interface != LOOPBACK:
@@ -131,7 +131,7 @@ class DdsTransport(Transport):
     def close(self) -> None:
         """Leave: readers learn that the writer has gone."""
         if self._maker and self._maker != os.getpid():
-            for each in (self._writer, self._reader, *self._kept):  # they are the parent's: never to be freed here
+            for each in (self._writer, self._reader, *self._kept):  # they are the parent's and must not be freed here
                 ctypes.pythonapi.Py_IncRef(ctypes.py_object(each))
         self._writer = self._reader = None
         while self._kept:
@@ -139,26 +139,26 @@ class DdsTransport(Transport):
         self._has_driver = False
 
     def filenos(self, reading: bool = True) -> list[int]:
-        """None: what has come is looked for."""
+        """Return no file descriptors: the port is polled."""
         return []
 
     def poll(self, reading: bool = True) -> list[Event]:
-        """Whether somebody reads, and samples of the topic that is read."""
+        """Return openings, closings, and samples of the topic that is read."""
         events: list[Event] = []
         if self._writer is None:
             return events
-        heard = bool(self._writer.get_matched_subscriptions())
-        if heard != self._has_driver:
-            self._has_driver = heard
-            events += [Opened(), RAISED] if heard else [Closed(), DROPPED]
+        has_reader = bool(self._writer.get_matched_subscriptions())
+        if has_reader != self._has_driver:
+            self._has_driver = has_reader
+            events += [Opened(), RAISED] if has_reader else [Closed(), DROPPED]
         if self._reader is not None and reading:
-            for sample in self._reader.take(_AT_ONCE):
+            for sample in self._reader.take(_MAX_QUEUED_SAMPLES):
                 if (data := getattr(sample, "data", b"")).startswith(_HEADER):
                     events.append(Received(data[len(_HEADER) :]))
         return events
 
     def write(self, frame: WireFrame) -> bool:
-        """Write one sample; ``False`` when nobody reads, or what is to be sent is none."""
+        """Write one sample; ``False`` when the topic has no reader, or the bytes are no sample of its type."""
         if not isinstance(frame, bytes):
             raise TransportError(f"DDS cannot carry the CAN frame {frame}")
         if self._writer is None or not self._has_driver:
@@ -171,12 +171,12 @@ class DdsTransport(Transport):
 
     @property
     def has_reader(self) -> bool:
-        """Whether somebody reads the topic."""
+        """True while the topic has a reader."""
         return self._has_driver
 
 
 def types_of(text: str) -> dict[str, type[IdlStruct]]:
-    """Return the types that an IDL declares, by name. A sample of one keeps its bytes as they are."""
+    """Return the types that an IDL declares, by name. Their samples keep their bytes unchanged."""
     known: dict[str, Any] = dict(_NUMBERS)
     for name, members in idl.structs(text).items():
         kinds = {}

@@ -12,7 +12,7 @@ _logger = logging.getLogger(__name__)
 
 
 def parse(scheme: str, rest: str) -> tuple[str, int]:
-    """Host and port of ``PORT`` or ``HOST:PORT``; without a host it is loopback.
+    """Return host and port of ``PORT`` or ``HOST:PORT``; the default host is loopback.
 
     Raises:
         TransportError: it is neither.
@@ -25,12 +25,12 @@ def parse(scheme: str, rest: str) -> tuple[str, int]:
 
 
 def join(host: str, port: int) -> str:
-    """``HOST:PORT``, an IPv6 address in brackets."""
+    """Return ``HOST:PORT``, with an IPv6 address in brackets."""
     return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
 
 
 def resolve(host: str, port: int, kind: socket.SocketKind) -> tuple[socket.AddressFamily, tuple[str, int]]:
-    """Family and address to bind to.
+    """Return family and address to bind to.
 
     Raises:
         OSError: no such host.
@@ -47,6 +47,6 @@ def cannot_listen(scheme: str, host: str, port: int, error: OSError) -> Transpor
 
 
 def warn_if_reachable(address: str, host: str) -> None:
-    """Say so where others than this machine reach a port."""
+    """Log a warning where other machines can reach a port."""
     if not ipaddress.ip_address(host).is_loopback:
-        _logger.warning("%s: whoever is on the network may connect and command the device", address)
+        _logger.warning("%s: everyone on the network may connect and command the device", address)

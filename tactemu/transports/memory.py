@@ -1,4 +1,4 @@
-"""``memory:``: a port inside this process, for tests and for runs without a driver. Has no file descriptor."""
+"""``memory:``: a port inside this process without a file descriptor, for tests and for runs without a driver."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from tactemu.transports.transport import (
 )
 
 MAX_UNREAD_FRAMES = 65_536
-"""Frames that a driver may leave unread before they are dropped."""
+"""Maximum number of frames that a driver leaves unread; further ones are dropped."""
 MAX_WAITING_CHUNKS = 2048
-"""Chunks and frames of a driver that may wait for the device's end."""
-_AT_ONCE = 64
-"""Events that one look takes at most."""
+"""Maximum number of chunks and frames of a driver that wait for the device's end."""
+_MAX_EVENTS_PER_POLL = 64
+"""Maximum number of events that one poll takes."""
 
 
 class DriverEnd:
@@ -46,13 +46,13 @@ class DriverEnd:
         self.sent += (Opened(), RAISED)
 
     def close(self) -> None:
-        """Close the port; what was not read is lost."""
+        """Close the port; unread frames are lost."""
         self.is_open = False
         self.unread.clear()
         self.sent += (Closed(), DROPPED)
 
     def write(self, data: WireFrame) -> bool:
-        """Send bytes, or one CAN frame; ``False`` when the device's end does not take what was sent."""
+        """Send bytes, or one CAN frame; ``False`` when too much waits for the device's end already."""
         pieces = (
             [data[at : at + MAX_CHUNK_BYTES] for at in range(0, len(data), MAX_CHUNK_BYTES)]
             if isinstance(data, bytes)
@@ -64,13 +64,13 @@ class DriverEnd:
         return True
 
     def read(self) -> list[WireFrame]:
-        """Everything that the device has sent since the last call, frame by frame."""
+        """Return all that the device has sent since the last call, frame by frame."""
         frames = list(self.unread)
         self.unread.clear()
         return frames
 
     def set_serial(self, **entries: Any) -> None:
-        """Set the line: ``baud``, ``bytesize``, ``parity``, ``stopbits``."""
+        """Set ``baud``, ``bytesize``, ``parity`` or ``stopbits`` of the driver's end."""
         self.setting = replace(self.setting, **entries)
         self.sent.append(SettingChanged(self.setting))
 
@@ -80,7 +80,7 @@ class DriverEnd:
 
 
 class MemoryTransport(Transport):
-    """``memory:`` for whatever wire the device has; the driver's end is :attr:`driver`, open from the start."""
+    """A port in memory, for any wire; the driver's end is :attr:`driver`, open from the start."""
 
     scheme = "memory"
 
@@ -90,7 +90,7 @@ class MemoryTransport(Transport):
         self._open = False
 
     def open(self) -> None:
-        """Make the port; a driver whose end is open sees it at once."""
+        """Make the port; a driver whose end is open is connected at once."""
         if not self._open:
             self._open = True
             if self.driver.is_open:
@@ -102,14 +102,14 @@ class MemoryTransport(Transport):
         self.driver.sent.clear()
 
     def filenos(self, reading: bool = True) -> list[int]:
-        """None."""
+        """Return no file descriptors: the port lives in this process."""
         return []
 
     def poll(self, reading: bool = True) -> list[Event]:
-        """What the driver's end did, as far as its data are taken."""
+        """Return what the driver's end did; data only if ``reading``."""
         events: list[Event] = []
         sent, room = self.driver.sent, MAX_CHUNK_BYTES if reading else 0
-        while sent and len(events) < _AT_ONCE:
+        while sent and len(events) < _MAX_EVENTS_PER_POLL:
             if isinstance(sent[0], Received):
                 if room <= 0:
                     break
@@ -118,12 +118,12 @@ class MemoryTransport(Transport):
         return events
 
     def hang_up(self, code: int) -> None:
-        """The driver's end finds itself closed."""
+        """Close the driver's end."""
         if self.driver.is_open:
             self.driver.close()
 
     def write(self, frame: WireFrame) -> bool:
-        """Hand the frame to the driver's end."""
+        """Pass the frame to the driver's end; ``False`` when that is closed or has too much unread."""
         if not self.has_reader or len(self.driver.unread) >= MAX_UNREAD_FRAMES:
             return False
         self.driver.unread.append(frame)
@@ -131,12 +131,12 @@ class MemoryTransport(Transport):
 
     @property
     def has_reader(self) -> bool:
-        """Whether both ends are open."""
+        """True while both ends are open."""
         return self._open and self.driver.is_open
 
     @property
     def setting(self) -> SerialSetting | None:
-        """What the driver's end has set; the rest is open."""
+        """The settings that the driver's end has chosen; others are ``None``."""
         return self.driver.setting
 
 

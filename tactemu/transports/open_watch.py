@@ -1,4 +1,4 @@
-"""Linux inotify, as far as needed to be woken when somebody opens or closes a file."""
+"""A watch for openings and closings of a file, by Linux inotify."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _EVENT = struct.Struct("iIII")
 
 
 class OpenWatch:
-    """Watches one file. ``fileno`` is readable when it was opened or closed; -1 where the kernel has no inotify."""
+    """A watch on one file. ``fileno`` is readable when it was opened or closed; -1 where the kernel has no inotify."""
 
     def __init__(self, path: str):
         libc = ctypes.CDLL(None, use_errno=True)
@@ -27,7 +27,7 @@ class OpenWatch:
             self.fileno = -1
 
     def read(self) -> str:
-        """What happened since the last call, in order: ``o`` for opened, ``c`` for closed. Never blocks."""
+        """Return the events since the last call in order, ``o`` for opened, ``c`` for closed. Never blocks."""
         if self.fileno < 0:
             return ""
         try:

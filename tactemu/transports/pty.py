@@ -1,17 +1,17 @@
-"""``pty:PATH``: a pseudo terminal that behaves as a serial port would, under a stable name.
+"""``pty:PATH``: a pseudo terminal that behaves as a serial port, under a stable name.
 
-What a pseudo terminal does otherwise than a port, and what is done about it here:
+A pseudo terminal differs from a serial port; this module compensates for it:
 
-* Fresh, it echoes and rewrites line ends: it is set raw before the name is published.
-* It keeps what nobody reads: nothing is written while nobody has it open, and what a driver left unread is thrown away
-  when it closes. An open one still takes 17 to 20 kB before it refuses; then whole frames are dropped.
-* It has no speed: the driver's ``termios`` is read from our side, custom rates included. Of the rest the kernel keeps
-  stop bits and odd, mark and space parity; even parity looks like none, and every byte size like eight.
+* A new one echoes and rewrites line ends: it is set raw before the name is published.
+* It keeps unread bytes: nothing is written while no driver has it open, and what a driver leaves unread is discarded
+  when it closes. An open one still takes 17 to 20 kB before it refuses; then complete frames are dropped.
+* It has no speed: the driver's ``termios`` is read from our side, custom rates included. Of the other settings the
+  kernel keeps stop bits and odd, mark and space parity; even parity looks like none, and every byte size like eight.
 * It stays exclusive when the driver that made it so (``TIOCEXCL``) has closed it: then another takes its place.
-* It tells nobody that it was opened: inotify does. The other side is not held open, so that ``fuser`` sees only the
+* It does not report that it was opened: inotify does. The other side is not held open, so that ``fuser`` lists only the
   driver, and ``POLLHUP`` and ``EIO`` mean that the driver has closed.
 * It has no modem lines (``TIOCMGET`` fails): they follow open and close, as the kernel moves those of a port, and what
-  a driver in this process says beside the port. ``rfc2217:`` has them.
+  a driver in this process sets by :meth:`PtyTransport.set_lines`. ``rfc2217:`` has them.
 """
 
 from __future__ import annotations
@@ -48,11 +48,11 @@ from tactemu.transports.transport import (
 _TCGETS2 = 0x802C542A
 _TERMIOS2 = struct.Struct("4I20s2I")
 CMSPAR = 0o10000000000
-"""With ``PARODD``: mark parity, without: space. Python has no name for it."""
+"""A flag of ``termios``: mark parity with ``PARODD``, space parity without. Python has no name for it."""
 
 
 class PtyTransport(Transport):
-    """``pty:PATH`` makes ``PATH`` a link to the port; ``pty:`` alone leaves the kernel's name (``/dev/pts/N``)."""
+    """A pseudo terminal. ``pty:PATH`` makes ``PATH`` a link to it; ``pty:`` keeps the kernel's ``/dev/pts/N``."""
 
     scheme = "pty"
 
@@ -63,17 +63,19 @@ class PtyTransport(Transport):
         self._master = -1
         self._open_watch: OpenWatch | None = None
         self._poll = select.poll()
-        self._has_driver = self._leaving = False
-        """Whether a driver has the port open; whether it has closed it and left bytes that are still being read."""
+        self._has_driver = False
+        """True while a driver has the port open."""
+        self._leaving = False
+        """True where the driver has closed the port and left bytes that are still being read."""
         self._raised = False
-        """Whether the lines are up; ``stty -hupcl`` leaves them so when the port is closed, and no board restarts."""
+        """True while the modem lines are up; with ``stty -hupcl`` they stay up after closing, and no board restarts."""
         self._termios = b""
         """The driver's settings as the kernel last reported them."""
         self._setting: SerialSetting | None = None
         self._side_events: deque[Event] = deque()
-        """What a driver does beside sending bytes, where the kernel does not tell: its modem lines."""
+        """Events that the kernel does not report, such as a driver's changes of its modem lines."""
         self._unsent = b""
-        """The end of a frame that the kernel took only in part: it goes first, so that frames stay whole."""
+        """The end of a frame that the kernel took only in part; it is written first, so that frames stay complete."""
 
     # -- life ------------------------------------------------------------------------------------------------------
 
@@ -99,10 +101,10 @@ class PtyTransport(Transport):
         try:
             self._master, slave = os.openpty()
         except OSError as error:
-            raise TransportUnavailable(f"no pseudo terminal to be had: {error.strerror}; mount /dev/pts") from None
+            raise TransportUnavailable(f"cannot make a pseudo terminal: {error.strerror}; mount /dev/pts") from None
         tty.setraw(slave)
         settings = termios.tcgetattr(slave)
-        settings[2] |= termios.HUPCL  # as a port has it: the lines drop when it is closed
+        settings[2] |= termios.HUPCL  # the default of a port: the lines drop when it is closed
         termios.tcsetattr(slave, termios.TCSANOW, settings)
         self._name = os.ttyname(slave)
         os.close(slave)
@@ -120,29 +122,27 @@ class PtyTransport(Transport):
             self._poll.unregister(self._master)
             os.close(self._master)
             self._master = -1
-        if self._open_watch:  # last: the kernel takes its time for it, some milliseconds
+        if self._open_watch:  # last, because the kernel takes some milliseconds
             self._open_watch.close()
             self._open_watch = None
         self._has_driver, self._leaving, self._raised, self._unsent = False, False, False, b""
 
     def rename(self, name: str) -> None:
-        """The link has another name in the same folder, as a port has that was plugged in again."""
+        """Give the link another name in the same folder from the next :meth:`open` on, as after unplugging a port."""
         if self._link:
             self._link = StableLink(str(self._link.path.with_name(name)))
 
     # -- events ------------------------------------------------------------------------------------------------------
 
     def filenos(self, reading: bool = True) -> list[int]:
-        """Return the watch for openings, and the port itself while a driver has it open (else it would never be
-        quiet).
-        """
+        """Return the watch for openings, and the port while a driver has it open; a closed one is always readable."""
         watch = self._open_watch.fileno if self._open_watch else -1
         if watch < 0:
-            return []  # no inotify: be polled
+            return []  # no inotify: the port is polled
         return [watch, self._master] if self._has_driver and reading else [watch]
 
     def poll(self, reading: bool = True) -> list[Event]:
-        """Openings, changes of the setting, bytes and closings."""
+        """Return openings, changes of the setting, bytes and closings."""
         if self._master < 0:
             return []
         seen = self._open_watch.read() if self._open_watch else ""
@@ -157,7 +157,7 @@ class PtyTransport(Transport):
         if self._has_driver:
             self._finish()
             chunks, all_read = self._read(MAX_CHUNK_BYTES if reading else MAX_LEFTOVER_BYTES if gone else 0)
-            events += self._changed_setting()  # after the bytes: what was set before they were sent holds for them
+            events += self._changed_setting()  # read after the bytes: settings made before them apply to them
             while self._side_events:
                 events.append(self._side_events.popleft())
             events += map(Received, chunks)
@@ -171,7 +171,7 @@ class PtyTransport(Transport):
         return bool(ready) and bool(ready[0][1] & select.POLLHUP)
 
     def _read(self, room: int) -> tuple[list[bytes], bool]:
-        """``room`` bytes at most, and whether that is all there was."""
+        """Return at most ``room`` bytes in chunks, and whether those are all."""
         chunks = []
         try:
             while room > 0 and (chunk := os.read(self._master, min(room, MAX_CHUNK_BYTES))):
@@ -185,12 +185,12 @@ class PtyTransport(Transport):
     def _closed(self) -> list[Event]:
         self._has_driver, self._leaving, self._unsent = False, False, b""
         self._side_events.clear()
-        self._throw_away_unread()
+        self._discard_unread()
         self._raised = not _TERMIOS2.unpack_from(self._termios)[2] & termios.HUPCL
         return [Closed()] if self._raised else [Closed(), DROPPED]
 
-    def _throw_away_unread(self) -> None:
-        """A port with nobody on it keeps no bytes. Only the other side can flush them."""
+    def _discard_unread(self) -> None:
+        """Discard bytes that the driver has not read, as a port does; only the other side can flush them."""
         try:
             slave = os.open(self._name, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
         except OSError:
@@ -199,15 +199,16 @@ class PtyTransport(Transport):
             return
         try:
             termios.tcflush(slave, termios.TCIFLUSH)
-            _leave_to_change(slave)
+            _make_changeable(slave)
         finally:
             os.close(slave)
         if self._open_watch:
-            self._open_watch.read()  # that was us
+            self._open_watch.read()  # our own opening
 
     def _renew(self, link: StableLink) -> None:
-        """A new pair under the same name. The driver left the old one exclusive (``TIOCEXCL``), which a port forgets
-        when it is closed; a pseudo terminal does not, and lets nobody but root open it again.
+        """Replace the pair by a new one under the same name, because the driver left the old one exclusive.
+
+        A port loses ``TIOCEXCL`` when it is closed; a pseudo terminal does not, and only root can open it again.
         """
         master, open_watch = self._master, self._open_watch
         self._poll.unregister(master)
@@ -218,7 +219,7 @@ class PtyTransport(Transport):
         os.close(master)
 
     def set_lines(self, dtr: bool, rts: bool) -> None:
-        """What a driver in this process sets its modem lines to. Safe from any thread."""
+        """Set the modem lines of a driver in this process. Safe from any thread."""
         self._side_events.append(LinesChanged(dtr, rts))
 
     # -- bytes out ---------------------------------------------------------------------------------------------------
@@ -250,12 +251,12 @@ class PtyTransport(Transport):
 
     @property
     def has_reader(self) -> bool:
-        """Whether a driver had the port open at the last :meth:`poll`."""
+        """True if a driver had the port open at the last :meth:`poll`."""
         return self._has_driver
 
     @property
     def setting(self) -> SerialSetting | None:
-        """What the driver's ``termios`` tells."""
+        """The settings in the driver's ``termios``."""
         return self._setting
 
     def _changed_setting(self) -> list[Event]:
@@ -263,13 +264,13 @@ class PtyTransport(Transport):
         if termios_bytes == self._termios:
             return []
         self._termios, setting = termios_bytes, self._setting_in(termios_bytes)
-        if setting == self._setting or setting.baud is None:  # speed 0 hangs up, which a pseudo terminal cannot
+        if setting == self._setting or setting.baud is None:  # speed 0 means hang-up, which a pseudo terminal lacks
             return []
         self._setting = setting
         return [SettingChanged(setting)]
 
     def _read_termios(self) -> bytes:
-        """Asked of our side, the kernel gives the other side's settings; ``TCGETS2`` knows custom rates too."""
+        """Return the driver's settings, which the kernel gives on our side too; ``TCGETS2`` includes custom rates."""
         return fcntl.ioctl(self._master, _TCGETS2, bytes(_TERMIOS2.size))
 
     def _setting_in(self, termios_bytes: bytes) -> SerialSetting:
@@ -279,13 +280,13 @@ class PtyTransport(Transport):
         return SerialSetting(baud=baud or None, parity=parity, stopbits=2 if control & termios.CSTOPB else 1)
 
 
-def _leave_to_change(slave: int) -> None:
+def _make_changeable(slave: int) -> None:
     """Change settings that have no effect in raw mode.
 
-    The kernel cannot do parity on a pseudo terminal; glibc reports that as an error, but only to a driver that changes
-    nothing else. A port that differs a little from what the driver wants spares the driver's second opening from it.
+    The kernel has no parity on a pseudo terminal; glibc reports that as an error, but only to a driver that changes
+    nothing else. These settings make sure that a driver's second opening changes something.
     """
     settings = termios.tcgetattr(slave)
-    settings[0] |= termios.IGNBRK  # every way to set a port raw clears one of these two; neither does anything here
+    settings[0] |= termios.IGNBRK  # every way to set a port raw clears one of these two; neither has an effect here
     settings[3] |= termios.ECHOK
     termios.tcsetattr(slave, termios.TCSANOW, settings)

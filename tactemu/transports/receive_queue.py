@@ -1,4 +1,4 @@
-"""The kernel's receive queue of a socket: its size, and the frames that it dropped because it was full."""
+"""The kernel's receive queue of a socket: its size, and its count of frames dropped because it was full."""
 
 from __future__ import annotations
 
@@ -11,21 +11,22 @@ import time
 from tactemu.transports.transport import Overflowed
 
 RECEIVE_QUEUE_BYTES = 4 << 20
-"""Requested size of the queue; the kernel grants no more than ``net.core.rmem_max``. Bridges a stall of the loop."""
+"""Requested size of the queue [byte], for stalls of the loop; the kernel grants at most ``net.core.rmem_max``."""
 MIN_POLL_S = 0.001
-"""Time for which one look may take frames [s], so that a flood of them leaves time for the rest."""
+"""Minimum time for which one poll takes frames [s]; bounds the delay that a flood of frames can cause."""
 POLL_TIME_SHARE = 0.1
-"""Share of the time since the last look for which a look may take frames, if that is longer: a late loop catches up."""
-_SO_MEMINFO, _DROPS = 55, struct.Struct("=32xI")
-"""Of ``linux/sock_diag.h``: ``SK_MEMINFO_DROPS`` is the ninth number."""
+"""Share of the time since the last poll for which a poll takes frames, if that is longer: a late loop catches up."""
+_SO_MEMINFO = 55
+_DROPS = struct.Struct("=32xI")
+"""Layout of ``linux/sock_diag.h``: ``SK_MEMINFO_DROPS`` is the ninth number."""
 
 
 class ReceiveQueue:
     """The queue of one socket.
 
     Args:
-        fileno: of the socket; of anything else, nothing is asked for or counted.
-        size: bytes to ask for; 0: leave it as it is.
+        fileno: of the socket; of other files nothing is set or counted.
+        size: requested size [byte]; 0 leaves the size unchanged.
     """
 
     def __init__(self, fileno: int, size: int = RECEIVE_QUEUE_BYTES):
@@ -35,19 +36,19 @@ class ReceiveQueue:
             if size:
                 self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, size)
         self._dropped = self._count()
-        self._looked_s = time.monotonic()
+        self._polled_s = time.monotonic()
 
     def poll_deadline_s(self) -> float:
-        """Begin to take frames; return the monotonic time at which to end [s]."""
+        """Return the monotonic time until which a poll that begins now takes frames [s]."""
         now = time.monotonic()
-        end = now + max(MIN_POLL_S, POLL_TIME_SHARE * (now - self._looked_s))
-        self._looked_s = now
+        end = now + max(MIN_POLL_S, POLL_TIME_SHARE * (now - self._polled_s))
+        self._polled_s = now
         return end
 
     def overflows(self) -> list[Overflowed]:
-        """Return how many frames were dropped since the last call, if any.
+        """Return the number of frames dropped since the last call, as an event; empty for 0.
 
-        Call it after a look that took frames: a queue that was full has some, and an idle port pays nothing.
+        Call it after a poll that took frames: a full queue has some, and an idle port needs no system call.
         """
         count = self._count()
         since, self._dropped = (count - self._dropped) % 2**32, count
@@ -58,11 +59,11 @@ class ReceiveQueue:
             return 0
         try:
             return _DROPS.unpack(self._socket.getsockopt(socket.SOL_SOCKET, _SO_MEMINFO, _DROPS.size))[0]
-        except (OSError, struct.error):  # no socket, or a kernel that does not say
+        except (OSError, struct.error):  # no socket, or a kernel without the count
             return 0
 
     def close(self) -> None:
-        """Let go of the socket. Safe to call twice."""
+        """Close the copy of the socket. Safe to call twice."""
         if self._socket is not None:
             self._socket.close()
             self._socket = None

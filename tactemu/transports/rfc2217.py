@@ -1,7 +1,7 @@
 """``rfc2217:HOST:PORT``: a serial port over the network with its speed, format and modem lines (RFC 2217).
 
 A driver opens ``serial.serial_for_url("rfc2217://HOST:PORT")``. Unlike a pseudo terminal this port has byte size,
-parity, DTR and RTS, and answers with CTS and DSR raised. The protocol is pyserial's own server side.
+parity, DTR and RTS, and reports CTS and DSR as raised. The protocol is implemented by pyserial's server side.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ from tactemu.transports.tcp import TcpTransport
 from tactemu.transports.transport import DROPPED, Event, Received, SerialSetting, SettingChanged
 
 _IAC = b"\xff"
-_LONGEST_OPTION = 64
-"""Bytes of a telnet option; those of RFC 2217 that a client sends are shorter, but for a signature."""
-_UNSENT_LIMIT = 65_536
-"""Answers that wait for a client that asks and does not read [byte]; those beyond are lost."""
+_MAX_OPTION_BYTES = 64
+"""Maximum length of a telnet option [byte]; those of RFC 2217 that a client sends are shorter, except a signature."""
+_MAX_UNSENT_BYTES = 65_536
+"""Maximum size of the answers that wait for a client that does not read [byte]; further answers are lost."""
 
 
 def _entry(name: str, usual: Any) -> Any:
-    """Return an attribute of a port that stands in its :class:`SerialSetting` once the client has set it."""
+    """Return a property for an entry of a port's :class:`SerialSetting`; ``usual`` until the client has set it."""
 
     def get(port: _Port) -> Any:
         value = getattr(port.setting, name)
@@ -38,7 +38,7 @@ def _entry(name: str, usual: Any) -> Any:
 
 
 def _line(name: str) -> Any:
-    """Return a modem line of a port, which the client may set."""
+    """Return a property for a modem line of a port, which the client may set."""
 
     def put(port: _Port, value: bool) -> None:
         port.lines = replace(port.lines, **{name: value})
@@ -48,7 +48,7 @@ def _line(name: str) -> Any:
 
 
 class _Port:
-    """The serial port that pyserial's ``PortManager`` believes to manage; notes what is set."""
+    """A stand-in for the serial port that pyserial's ``PortManager`` manages; it records what is set."""
 
     cts = dsr = cd = True
     ri = False
@@ -63,14 +63,14 @@ class _Port:
         self.lines = DROPPED
 
     def reset_input_buffer(self) -> None:
-        """Nothing to do: what has left is at the client."""
+        """Do nothing: sent data are already with the client."""
 
     def reset_output_buffer(self) -> None:
-        """Nothing to do: the client's bytes are handed on at once."""
+        """Do nothing: the client's bytes are passed on at once."""
 
 
 class _Answers:
-    """Where ``PortManager`` writes what it has to say to the client."""
+    """The file to which ``PortManager`` writes its answers to the client."""
 
     def __init__(self, transport: Rfc2217Transport):
         self._transport = transport
@@ -91,12 +91,12 @@ class Rfc2217Transport(TcpTransport):
 
     @property
     def setting(self) -> SerialSetting | None:
-        """What the client has set; the rest is open."""
+        """The settings that the client has chosen; others are ``None``."""
         return self._port.setting
 
     def answer(self, data: bytes) -> None:
-        """Queue telnet bytes for the client: all that one look at it brings about leaves together."""
-        if len(self._unsent) < _UNSENT_LIMIT:
+        """Queue telnet bytes for the client; all answers of one poll leave together."""
+        if len(self._unsent) < _MAX_UNSENT_BYTES:
             self._unsent += data
 
     def _on_connect(self) -> list[Event]:
@@ -108,7 +108,7 @@ class Rfc2217Transport(TcpTransport):
         return [DROPPED] if self._port.lines != DROPPED else []
 
     def _decode(self, chunk: bytes) -> list[Event]:
-        """Data and settings in their order. Plain data go by in one piece; only the protocol is taken byte by byte."""
+        """Return data and settings in their order; only bytes of the protocol pass the filter one by one."""
         assert self._protocol is not None
         events: list[Event] = []
         data = bytearray()
@@ -129,11 +129,11 @@ class Rfc2217Transport(TcpTransport):
         return events + ([Received(bytes(data))] if data else [])
 
     def _feed(self, byte: bytes) -> bytes:
-        """Return one byte through the telnet filter. Malformed options are the client's fault: forgotten."""
+        """Return the data that one byte yields in the telnet filter; malformed options are ignored."""
         assert self._protocol is not None
         try:
             data = b"".join(self._protocol.filter(byte))
-            if len(self._protocol.suboption or b"") <= _LONGEST_OPTION:
+            if len(self._protocol.suboption or b"") <= _MAX_OPTION_BYTES:
                 return data
         except (struct.error, ValueError, KeyError, TypeError):
             data = b""

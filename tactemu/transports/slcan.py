@@ -1,7 +1,7 @@
-"""``slcan:PATH``: a CAN adapter on a serial port that speaks Lawicel's ASCII protocol, on a pseudo terminal.
+"""``slcan:PATH``: a CAN adapter with Lawicel's ASCII protocol, on a pseudo terminal.
 
-A driver opens it as ``can.Bus(interface="slcan", channel=PATH)``, or hands it to the kernel with ``slcand``. Frames
-pass while the channel is open, and only if the adapter was set to the bit rate of the bus, or to none.
+A driver opens it as ``can.Bus(interface="slcan", channel=PATH)``, or attaches it to the kernel with ``slcand``. Frames
+pass while the channel is open, and only if the adapter is set to the bit rate of the bus, or to none.
 """
 
 from __future__ import annotations
@@ -15,41 +15,44 @@ from tactemu.base.errors import TransportError
 from tactemu.transports.pty import PtyTransport
 from tactemu.transports.transport import Closed, Event, Received
 
-OK, BAD = b"\r", b"\a"
-BITRATES = (10_000, 20_000, 50_000, 100_000, 125_000, 250_000, 500_000, 800_000, 1_000_000)
-"""Of ``S0`` to ``S8``."""
+OK = b"\r"
+"""The answer to a valid command."""
+BAD = b"\a"
+"""The answer to an invalid command."""
+BITRATES_BPS = (10_000, 20_000, 50_000, 100_000, 125_000, 250_000, 500_000, 800_000, 1_000_000)
+"""Bit rates of the commands ``S0`` to ``S8`` [bit/s]."""
 FRAME_LETTERS = {"t": (3, False, False), "d": (3, True, False), "b": (3, True, True)}
-"""Digits of the identifier, FD, bit rate switch, by the letter of a frame; in upper case the identifier is extended."""
+"""Digits of the identifier, FD and bit rate switch by the letter of a frame; upper case: extended identifier."""
 ANSWERS = {b"V": b"V1013\r", b"v": b"v1013\r", b"N": b"N0001\r", b"F": b"F00\r"}
-"""Version, serial number, status."""
+"""Answers to the requests for version, serial number and status."""
 SETTINGS = b"sYMmZXUWPA"
-"""Letters of settings that are taken and change nothing."""
-_LONGEST = 160
-"""Of a line [byte]: an FD frame has 138."""
+"""Letters of settings that are accepted and change nothing."""
+_MAX_LINE_BYTES = 160
+"""Maximum length of a line [byte]; an FD frame has 138."""
 
 
 class SlcanTransport(PtyTransport):
-    """The adapter. On the bus while a driver has the port and the channel open."""
+    """A serial CAN adapter. It is on the bus while a driver has the port and the channel open."""
 
     scheme = "slcan"
 
     def __init__(self, rest: str):
         super().__init__(rest)
         self._bus = 0
-        """Bit rate of the bus; 0: any will do."""
+        """The bit rate of the bus [bit/s]; 0: any."""
         self._power_up()
 
     def _power_up(self) -> None:
-        self._cutter = Lines(OK, counters=Counter(), longest=_LONGEST)
+        self._cutter = Lines(OK, counters=Counter(), longest=_MAX_LINE_BYTES)
         self._joined, self._may_send, self._bitrate = False, False, 0
 
     def set_connector(self, connector: Connector) -> None:
-        """Learn the bit rate of the bus."""
+        """Take over the bit rate of the bus from the connector."""
         self._bus = connector.bitrate if isinstance(connector, Can) else 0
 
     @property
     def has_reader(self) -> bool:
-        """Whether the driver has opened the channel, at the bus's bit rate."""
+        """True while the driver has the channel open at the bus's bit rate."""
         return super().has_reader and self._joined and self._has_bus_bitrate
 
     @property
@@ -57,7 +60,7 @@ class SlcanTransport(PtyTransport):
         return not self._bus or self._bitrate in (0, self._bus)
 
     def poll(self, reading: bool = True) -> list[Event]:
-        """Return the driver's frames. A bus has no open and close: who is not there hears nothing."""
+        """Return the driver's frames, without openings and closings, which a bus does not have."""
         events: list[Event] = []
         for event in super().poll(reading):
             if isinstance(event, Received) and isinstance(event.data, bytes):
@@ -68,14 +71,14 @@ class SlcanTransport(PtyTransport):
         return events
 
     def _execute(self, line: bytes) -> list[Event]:
-        order, rest = line[:1], line[1:]
+        order, argument = line[:1], line[1:]
         answer, frame = OK, None
         if order in b"OL":
             self._joined, self._may_send = True, order == b"O"
         elif order == b"C":
             self._joined = False
-        elif order == b"S" and rest.isdigit() and int(rest) < len(BITRATES) and not self._joined:
-            self._bitrate = BITRATES[int(rest)]
+        elif order == b"S" and argument.isdigit() and int(argument) < len(BITRATES_BPS) and not self._joined:
+            self._bitrate = BITRATES_BPS[int(argument)]
         elif line in ANSWERS:
             answer = ANSWERS[line]
         elif (frame := frame_of(line)) is not None and self._may_send and self._joined:
@@ -93,7 +96,7 @@ class SlcanTransport(PtyTransport):
 
 
 def line_of(frame: CanFrame) -> bytes:
-    """``t7108...``: letter, identifier, length, data."""
+    """Return the line of a frame, such as ``t7108...``: letter, identifier, length, data."""
     letter = "r" if frame.is_remote_frame else "b" if frame.bitrate_switch else "d" if frame.is_fd else "t"
     head = (
         f"{letter.upper()}{frame.arbitration_id:08X}" if frame.is_extended_id else f"{letter}{frame.arbitration_id:03X}"
@@ -102,7 +105,7 @@ def line_of(frame: CanFrame) -> bytes:
 
 
 def frame_of(line: bytes) -> CanFrame | None:
-    """Return the frame that a line is; ``None``: it is none."""
+    """Return the frame of a line, or None if the line is no frame."""
     letter = line[:1].decode("latin-1")
     remote, extended = letter in "rR", letter.isupper()
     if not letter or (not remote and letter.lower() not in FRAME_LETTERS):

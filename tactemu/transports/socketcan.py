@@ -1,4 +1,4 @@
-"""``can:socketcan:NAME``: a CAN interface of Linux, CAN and CAN-FD; frames go to its socket in the kernel's layout."""
+"""``can:socketcan:NAME``: a CAN or CAN-FD interface of Linux; frames have the kernel's layout."""
 
 from __future__ import annotations
 
@@ -21,20 +21,20 @@ from tactemu.transports.transport import CanFilter, Closed, Event, Opened, Recei
 
 _logger = logging.getLogger(__name__)
 
-_LONGEST_NAME = 15
-"""Of a network interface on Linux [bytes]."""
+_MAX_NAME_BYTES = 15
+"""Maximum length of the name of a network interface on Linux [byte]."""
 _SIZE, _FD_SIZE = CAN_FRAME.itemsize, 72
 _CAN_FRAME, _CANFD_FRAME = struct.Struct("=IB3x8s"), struct.Struct("=IBB2x64s")
 _FILTER = struct.Struct("=II")
 _SIOCGIFFLAGS, _SIOCGIFMTU, _IFF_UP = 0x8913, 0x8921, 1
-"""Of ``linux/sockios.h`` and ``net/if.h``."""
+"""Constants of ``linux/sockios.h`` and ``net/if.h``."""
 _EXTENDED, _REMOTE, _ERROR = 1 << 31, 1 << 30, 1 << 29
 _SWITCHED, _FD_FLAG = 1, 4
-"""Of the flags of a CAN-FD frame: its data went at the data rate; it is one."""
+"""Flags of a CAN-FD frame: bit rate switch, and FD format."""
 
 
 class SocketCanTransport(Transport):
-    """A node of a CAN bus. Always listening, but while its network interface is away: a bus has no open and close."""
+    """A node of a CAN bus. It receives whenever its network interface is there: a bus has no open and close."""
 
     scheme = "can"
 
@@ -45,25 +45,27 @@ class SocketCanTransport(Transport):
         self.address = rest
         self._in: socket.socket | None = None
         self._out: socket.socket | None = None
-        """The same, where the kernel has CAN."""
+        """The socket that frames are written to; the same as ``_in`` where the kernel has CAN."""
         self._queue: ReceiveQueue | None = None
         self._filters: tuple[CanFilter, ...] = ()
-        self._bitrate, self._data_bitrate = 0, 0
-        """Of the device [bit/s]; the latter 0 where it sends no CAN-FD frames."""
+        self._bitrate = 0
+        """The bit rate of the device [bit/s]."""
+        self._data_bitrate = 0
+        """The data rate of the device [bit/s]; 0 where it sends no CAN-FD frames."""
         self._index = 0
-        """Linux's number of the network interface: one that is made again under its name has another."""
+        """Linux's number of the network interface; one that is made again under the same name has another."""
         self._away = False
 
     def set_filters(self, filters: Sequence[CanFilter]) -> None:
         """Let the kernel drop frames with other identifiers.
 
-        They are then not on the bus that the wire models either: frames of ours do not wait for them. Call before
-        :meth:`open`; empty, as at first: hear all.
+        They are then not on the bus that the wire models either: its frames do not wait for them. Call before
+        :meth:`open`; the default, an empty sequence, receives all.
         """
         self._filters = tuple(filters)
 
     def set_connector(self, connector: Connector) -> None:
-        """A device with a data rate needs an interface that carries CAN-FD."""
+        """Take over the bit rates; a device with a data rate needs an interface that carries CAN-FD."""
         if isinstance(connector, Can):
             self._bitrate, self._data_bitrate = connector.bitrate, connector.data_bitrate or 0
 
@@ -121,7 +123,7 @@ class SocketCanTransport(Transport):
         return [self._in.fileno()] if self._in is not None and reading else []
 
     def poll(self, reading: bool = True) -> list[Event]:
-        """Frames of the other nodes, and whether the network interface went away or came back."""
+        """Return frames of the other nodes, and whether the network interface went away or came back."""
         events: list[Event] = []
         if self._away and self._come_back():
             events.append(Opened())
@@ -131,7 +133,7 @@ class SocketCanTransport(Transport):
                 data = self._in.recv(_FD_SIZE)
             except BlockingIOError:
                 break
-            except OSError:  # a network interface that is down comes up again as it was
+            except OSError:  # a network interface that is down may come up again unchanged
                 if self._has_gone():
                     events.append(Closed())
                 break
@@ -153,7 +155,7 @@ class SocketCanTransport(Transport):
         return _index_of(self.channel)
 
     def _has_gone(self) -> bool:
-        """Whether the network interface was taken away: its socket is good for nothing any more."""
+        """Return True if the network interface was removed, and close its socket, which is then useless."""
         if self._index_now() == self._index:
             return False
         _logger.warning("can:%s: the interface is gone; waiting for it to come back", self.address)
@@ -183,9 +185,9 @@ class SocketCanTransport(Transport):
         return True
 
     def write_all(self, frames: CanFrames) -> int:
-        """Send frames as they lie, until one is not taken; returns how many were.
+        """Send frames in their memory layout until one is not taken, and return how many were.
 
-        One ``send`` each: a ``sendmmsg`` for all of them, by ctypes, takes as long.
+        Each frame is one ``send``: a ``sendmmsg`` for all of them, by ctypes, takes as long.
         """
         if self._out is None:
             return 0
@@ -199,15 +201,15 @@ class SocketCanTransport(Transport):
 
     @property
     def has_reader(self) -> bool:
-        """Whether this node is on the bus."""
+        """True while this node is on the bus."""
         return self._in is not None
 
     def _fix(self) -> str:
         name = self.channel
         if _index_of(name):
             return f"bring it up: sudo ip link set {name} up"
-        if len(name.encode()) > _LONGEST_NAME:
-            return f"the kernel knows no interface whose name is longer than {_LONGEST_NAME} bytes; shorten it"
+        if len(name.encode()) > _MAX_NAME_BYTES:
+            return f"the kernel has no interface whose name is longer than {_MAX_NAME_BYTES} bytes; shorten it"
         return (
             f"make it: sudo modprobe vcan && sudo ip link add dev {name} type vcan && sudo ip link set {name} mtu 72 "
             "up; where the kernel has no CAN, `tactemu exec` gives a driver one, or use can:udp_multicast:239.74.163.2"
@@ -215,7 +217,7 @@ class SocketCanTransport(Transport):
 
 
 def can_socket(name: str, filters: Sequence[CanFilter] = ()) -> socket.socket:
-    """Return a CAN socket on an interface, which hears what the filters take, or all, and never waits.
+    """Return a non-blocking CAN socket on an interface, which receives what the filters pass, or all.
 
     Raises:
         OSError: there is no such interface, or the kernel has no CAN.
@@ -236,18 +238,18 @@ def can_socket(name: str, filters: Sequence[CanFilter] = ()) -> socket.socket:
 
 
 def mtu_of(name: str) -> int:
-    """Return the longest frame of a network interface: 16 for CAN, 72 for CAN-FD, more for CAN XL.
+    """Return the MTU of a network interface [byte]: 16 for CAN, 72 for CAN-FD, more for CAN XL.
 
     Raises:
         OSError: there is no such interface.
     """
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as any_socket:
-        told = fcntl.ioctl(any_socket, _SIOCGIFMTU, struct.pack("16si20x", name.encode()[:15], 0))
-    return struct.unpack_from("i", told, 16)[0]
+        request = fcntl.ioctl(any_socket, _SIOCGIFMTU, struct.pack("16si20x", name.encode()[:15], 0))
+    return struct.unpack_from("i", request, 16)[0]
 
 
 def is_down(name: str) -> bool:
-    """Whether there is such a network interface, and nobody has brought it up."""
+    """Return True if there is such a network interface and it is down."""
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as any_socket:
         try:
             flags = fcntl.ioctl(any_socket, _SIOCGIFFLAGS, struct.pack("16sH22x", name.encode()[:15], 0))
@@ -257,7 +259,7 @@ def is_down(name: str) -> bool:
 
 
 def _index_of(name: str) -> int:
-    """Linux's number of a network interface; 0: there is none of that name."""
+    """Return Linux's number of a network interface; 0 if there is none of that name."""
     try:
         return socket.if_nametoindex(name)
     except OSError:
@@ -265,7 +267,7 @@ def _index_of(name: str) -> int:
 
 
 def _packed(frame: CanFrame) -> bytes:
-    """``struct can_frame`` or ``struct canfd_frame`` of the kernel."""
+    """Return a frame as the kernel's ``struct can_frame`` or ``struct canfd_frame``."""
     identifier = PROTOCOL_ERROR if frame.is_error_frame else frame.arbitration_id
     identifier |= frame.is_extended_id << 31 | frame.is_remote_frame << 30 | frame.is_error_frame << 29
     if frame.is_fd:
@@ -276,7 +278,7 @@ def _packed(frame: CanFrame) -> bytes:
 
 
 def _frame_of(data: bytes) -> CanFrame | None:
-    """Return the frame that the kernel has laid out so; ``None``: it is none, or an error frame."""
+    """Return the frame of one of the kernel's structures; ``None`` for an error frame and for other data."""
     if len(data) == _SIZE:
         identifier, size, payload = _CAN_FRAME.unpack(data)
         flags = 0

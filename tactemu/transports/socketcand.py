@@ -1,7 +1,7 @@
-"""``socketcand:HOST:PORT``: a CAN bus behind a daemon on the network, as ``socketcand`` serves one, in raw mode.
+"""``socketcand:HOST:PORT``: a CAN bus behind a network daemon, as ``socketcand`` serves one in raw mode.
 
-A driver opens it as ``can.Bus(interface="socketcand", host=HOST, port=PORT, channel="can0")``; any name of a channel
-will do. One client at a time, on loopback unless an address is named, as for ``tcp:``. Classic CAN only.
+A driver opens it as ``can.Bus(interface="socketcand", host=HOST, port=PORT, channel="can0")``, with any channel name.
+It has one client at a time, on loopback unless an address is named, as ``tcp:``. Classic CAN only.
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ from tactemu.transports.tcp import TcpTransport
 from tactemu.transports.transport import Event, Received
 
 _MESSAGE = re.compile(rb"<\s*([^<>]*?)\s*>")
-_LONGEST = 200
-"""Of a message [byte]; the rest of a longer one is forgotten."""
-_UNSENT_LIMIT = 65_536
-"""Answers that wait for a client that does not read [byte]; those beyond are lost."""
+_MAX_MESSAGE_BYTES = 200
+"""Maximum length of a message [byte]; of a longer one, only the end is kept."""
+_MAX_UNSENT_BYTES = 65_536
+"""Maximum size of the answers that wait for a client that does not read [byte]; further answers are lost."""
 
 
 class SocketcandTransport(TcpTransport):
-    """The daemon. On the bus while a client is in raw mode."""
+    """A socketcand daemon. It is on the bus while a client is in raw mode."""
 
     scheme = url = "socketcand"
 
@@ -33,11 +33,11 @@ class SocketcandTransport(TcpTransport):
 
     @property
     def has_reader(self) -> bool:
-        """Whether a client is in raw mode."""
+        """True while a client is in raw mode."""
         return super().has_reader and self._raw
 
     def write(self, frame: WireFrame) -> bool:
-        """Send one frame; ``False`` for kinds that the protocol has no word for, too."""
+        """Send one frame; ``False`` without a client, and for FD, remote and error frames, which the protocol lacks."""
         if not isinstance(frame, CanFrame):
             raise TransportError(f"a CAN bus cannot carry {len(frame)} bytes of a serial stream")
         if frame.is_fd or frame.is_remote_frame or frame.is_error_frame:
@@ -46,7 +46,7 @@ class SocketcandTransport(TcpTransport):
         return super().write(f"< frame {ident} {time.time():.6f} {frame.data.hex().upper()} >".encode("ascii"))
 
     def poll(self, reading: bool = True) -> list[Event]:
-        """Return the client's frames. A bus has no open and close: who is not there hears nothing."""
+        """Return the client's frames, without openings and closings, which a bus does not have."""
         return [event for event in super().poll(reading) if isinstance(event, Received)]
 
     def _on_connect(self) -> list[Event]:
@@ -59,11 +59,11 @@ class SocketcandTransport(TcpTransport):
 
     def _decode(self, chunk: bytes) -> list[Event]:
         events: list[Event] = []
-        heard, end = self._half + chunk, 0
-        for message in _MESSAGE.finditer(heard):
+        received, end = self._half + chunk, 0
+        for message in _MESSAGE.finditer(received):
             end = message.end()
             events += self._execute(message[1].split())
-        self._half = heard[end:][-_LONGEST:]
+        self._half = received[end:][-_MAX_MESSAGE_BYTES:]
         return events
 
     def _execute(self, words: list[bytes]) -> list[Event]:
@@ -86,7 +86,7 @@ class SocketcandTransport(TcpTransport):
         return []
 
     def _say(self, words: bytes) -> None:
-        if len(self._unsent) < _UNSENT_LIMIT:
+        if len(self._unsent) < _MAX_UNSENT_BYTES:
             self._unsent += b"< " + words + b" >"
 
 

@@ -1,4 +1,4 @@
-"""A stable name for a port that the kernel names anew each time: a symbolic link that goes when its maker goes."""
+"""Stable names for ports to which the kernel gives new names: symbolic links that are removed with their process."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from tactemu.base.files import remove_at_end
 _LIVE: set[StableLink] = set()
 _ENDING = (signal.SIGTERM, signal.SIGHUP)
 _HELD = threading.local()
-"""``mask``: the signals that a thread held back before the fork that it is in the middle of."""
+"""``mask``: the signals that a thread had blocked before the fork that it is performing."""
 
 
 class StableLink:
-    """A symbolic link to a pseudo terminal, put in place in one step and removed on close, exit or SIGTERM.
+    """A symbolic link to a pseudo terminal, made in one step and removed on close, exit or SIGTERM.
 
-    Only by the process that made it: a forked child leaves it alone.
+    Only the process that made it removes it: a forked child does not.
     """
 
     def __init__(self, path: str):
@@ -30,10 +30,10 @@ class StableLink:
         self._target = ""
         self._claim: socket.socket | None = None
         self._maker = 0
-        """Process that made the link."""
+        """The id of the process that made the link."""
 
     def point_to(self, target: str) -> None:
-        """Create the link, or move one that was left behind by an earlier run.
+        """Create the link, or redirect one that an earlier run has left behind.
 
         Raises:
             TransportError: the path is taken by something that is not such a link or by a run that is still alive, or
@@ -60,7 +60,7 @@ class StableLink:
             if self._target and self._maker == os.getpid() and os.readlink(self.path) == self._target:
                 self.path.unlink()
         except OSError:
-            pass  # somebody else removed or replaced it
+            pass  # another process removed or replaced it
         self._target = ""
         if self._claim is not None:
             self._claim.close()
@@ -72,13 +72,15 @@ class StableLink:
         if self.path.is_symlink():
             target = os.readlink(self.path)
             if not target.startswith("/dev/pts/"):
-                raise TransportError(f"{self.path} is a link to {target}, not to a pseudo terminal; it is left alone")
+                raise TransportError(
+                    f"{self.path} is a link to {target}, not to a pseudo terminal; it stays: choose another path"
+                )
         elif self.path.exists():
-            raise TransportError(f"{self.path} exists and is not a link; it is left alone: choose another path")
+            raise TransportError(f"{self.path} exists and is not a link; it stays: choose another path")
 
 
 def _put(path: Path, target: str) -> None:
-    """A link at ``path``, in one step also where there is one already."""
+    """Make a link at ``path``, in one step also where there is one already."""
     aside = path.with_name(f".{path.name}.{secrets.token_hex(8)}")
     aside.symlink_to(target)
     try:
@@ -89,10 +91,10 @@ def _put(path: Path, target: str) -> None:
 
 
 def _claim_path(path: Path) -> socket.socket:
-    """Return a mark that ``path`` is in use, which ends with the process however it ends: a socket's abstract name.
+    """Return a lock on ``path`` that ends with the process however it ends: a socket with an abstract name.
 
     Raises:
-        TransportError: somebody else holds it.
+        TransportError: another run holds it.
     """
     full_path = os.fsencode(os.path.join(os.path.realpath(path.parent), path.name))
     mark = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
@@ -113,7 +115,7 @@ remove_at_end(_remove_all)
 
 
 def _catch_termination() -> None:
-    """SIGTERM and SIGHUP end a process without running its exit handlers; where nobody else handles them, clean up."""
+    """Install handlers that remove all links on SIGTERM and SIGHUP, where these have no other handler."""
     if threading.current_thread() is not threading.main_thread():
         return
     for number in _ENDING:
@@ -122,24 +124,24 @@ def _catch_termination() -> None:
 
 
 def _before_fork() -> None:
-    """A signal that reaches a child before it is a program of its own is held back: Python would forget it."""
+    """Block termination signals during a fork: Python would lose one that reaches the child before it is set up."""
     _HELD.mask = signal.pthread_sigmask(signal.SIG_BLOCK, _ENDING)
 
 
-def _let_signals_in() -> None:
+def _unblock_signals() -> None:
     signal.pthread_sigmask(signal.SIG_SETMASK, _HELD.mask)
 
 
 def _after_fork_in_child() -> None:
-    """A child has no port to remove: it dies of a signal as any program does."""
+    """Restore the default handling of signals in a child, which has no port to remove."""
     _LIVE.clear()
     for number in _ENDING:
         if signal.getsignal(number) is _terminate:
             signal.signal(number, signal.SIG_DFL)
-    _let_signals_in()
+    _unblock_signals()
 
 
-os.register_at_fork(before=_before_fork, after_in_parent=_let_signals_in, after_in_child=_after_fork_in_child)
+os.register_at_fork(before=_before_fork, after_in_parent=_unblock_signals, after_in_child=_after_fork_in_child)
 
 
 def _terminate(number: int, _frame) -> None:

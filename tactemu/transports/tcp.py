@@ -1,7 +1,7 @@
-"""``tcp:HOST:PORT``: a raw TCP server, for pyserial's ``socket://HOST:PORT`` and for devices that speak over TCP.
+"""``tcp:HOST:PORT``: a raw TCP server, for pyserial's ``socket://HOST:PORT`` and for devices with TCP protocols.
 
-One client at a time, as on a port: another is turned away until the first has gone. ``tcp:PORT`` listens on loopback
-only; name an address (``tcp:0.0.0.0:5000``) to be reached from elsewhere. Port 0 takes a free one.
+It has one client at a time, as a port: others are refused until the first has gone. ``tcp:PORT`` listens on loopback
+only; name an address (``tcp:0.0.0.0:5000``) to be reached from other machines. Port 0 takes a free one.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ from tactemu.transports.transport import (
     Transport,
 )
 
-_SEND_BUFFER = 16_384
-"""What the kernel keeps for a client that does not read [byte]; about as much as a serial port does."""
-_RECEIVE_BUFFER = 16_384
-"""What the kernel keeps of what a client sends while the line is busy [byte]."""
+_SEND_BUFFER_BYTES = 16_384
+"""Size of the kernel's buffer for a client that does not read [byte]; about that of a serial port."""
+_RECEIVE_BUFFER_BYTES = 16_384
+"""Size of the kernel's buffer for what a client sends while the line is busy [byte]."""
 _BACKLOG = 16
-"""Clients that may wait to be accepted: one that comes, goes and comes again at once must not wait for a second."""
+"""Maximum number of clients that wait to be accepted; a refused one retries only after a second."""
 
 
 class TcpTransport(Transport):
@@ -39,7 +39,7 @@ class TcpTransport(Transport):
 
     scheme = "tcp"
     url = "socket"
-    """Scheme of the URL with which pyserial opens it."""
+    """The scheme of the URL with which pyserial opens the port."""
 
     def __init__(self, rest: str):
         self.host, self.port = inet.parse(self.scheme, rest)
@@ -47,16 +47,16 @@ class TcpTransport(Transport):
         self._server: socket.socket | None = None
         self._client: socket.socket | None = None
         self._unsent = b""
-        """What the kernel did not take yet of a frame (or of the protocol around it): it goes first."""
+        """Bytes of a frame, or of the protocol around it, that the kernel has not taken yet; they are sent first."""
         self._held = False
 
     # -- life ------------------------------------------------------------------------------------------------------
 
     def open(self) -> None:
-        """Listen.
+        """Bind and listen.
 
         Raises:
-            TransportError: the address is not ours, or the port is taken or not allowed.
+            TransportError: the address is not of this machine, or the port is taken or not allowed.
         """
         if self._server is not None:
             return
@@ -66,7 +66,7 @@ class TcpTransport(Transport):
         except OSError as error:
             raise inet.cannot_listen(self.scheme, self.host, self.port, error) from None
         server.setblocking(False)
-        server.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER)  # clients inherit it
+        server.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER_BYTES)  # clients inherit it
         self._server = server
         close_in_children(self)
         self.port = server.getsockname()[1]
@@ -89,7 +89,7 @@ class TcpTransport(Transport):
     # -- events ------------------------------------------------------------------------------------------------------
 
     def poll(self, reading: bool = True) -> list[Event]:
-        """Clients that come and go, and their bytes."""
+        """Return clients that come and go, and their bytes."""
         events: list[Event] = []
         if self._held:
             return events
@@ -99,7 +99,7 @@ class TcpTransport(Transport):
             if (client := self._accept()) is None:
                 break
             if self._client is not None:
-                client.close()  # taken
+                client.close()  # the port has a client already
                 continue
             self._client = client
             events += [Opened(), *self._on_connect()]
@@ -111,11 +111,11 @@ class TcpTransport(Transport):
             return None
         try:
             client, _ = self._server.accept()
-        except OSError:  # nobody there, or already gone
+        except OSError:  # no client waits, or it has gone already
             return None
         client.setblocking(False)
         client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        client.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER)
+        client.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER_BYTES)
         return client
 
     def _read(self, client: socket.socket, reading: bool) -> list[Event]:
@@ -137,9 +137,9 @@ class TcpTransport(Transport):
         self._client, self._unsent = None, b""
 
     def hang_up(self, code: int) -> None:
-        """Close the connection; the next look finds the client gone."""
+        """Close the connection; the next poll reports it."""
         if self._client is not None:
-            with contextlib.suppress(OSError):  # gone by itself
+            with contextlib.suppress(OSError):  # the client has closed it already
                 self._client.shutdown(socket.SHUT_RDWR)
 
     def hold(self, held: bool) -> None:
@@ -149,7 +149,7 @@ class TcpTransport(Transport):
     # -- bytes out ---------------------------------------------------------------------------------------------------
 
     def write(self, frame: WireFrame) -> bool:
-        """Send one frame; ``False`` when nobody is connected or the client does not read."""
+        """Send one frame; ``False`` when no client is connected or it does not read."""
         if not isinstance(frame, bytes):
             raise TransportError(f"a TCP connection cannot carry the CAN frame {frame}")
         if not self.has_reader or not self._push():
@@ -157,23 +157,23 @@ class TcpTransport(Transport):
         self._unsent = self._encode(frame)
         before = len(self._unsent)
         self._push()
-        if len(self._unsent) == before:  # nothing went: drop it whole
+        if len(self._unsent) == before:  # nothing was sent: drop the frame
             self._unsent = b""
             return False
         return True
 
     def _push(self) -> bool:
-        """Send what is left over; whether all is gone."""
+        """Send the bytes that are left over, and return True if none remain."""
         if self._client is not None and self._unsent:
             try:
                 self._unsent = self._unsent[self._client.send(self._unsent) :]
-            except OSError:  # full, or gone: the next read tells
+            except OSError:  # the buffer is full, or the client has gone, which the next read reports
                 pass
         return not self._unsent
 
     @property
     def has_reader(self) -> bool:
-        """Whether a client is connected."""
+        """True while a client is connected."""
         return self._client is not None
 
     def _url(self) -> str:
@@ -182,11 +182,11 @@ class TcpTransport(Transport):
     # -- the protocol around the bytes: none ---------------------------------------------------------------------------
 
     def _on_connect(self) -> list[Event]:
-        """A client has connected: what that does to the port."""
+        """Return the events at the port when a client has connected."""
         return [RAISED]
 
     def _on_disconnect(self) -> list[Event]:
-        """A client has gone: what that does to the port."""
+        """Return the events at the port when a client has gone."""
         return [DROPPED]
 
     def _decode(self, chunk: bytes) -> list[Event]:
@@ -197,14 +197,14 @@ class TcpTransport(Transport):
 
 
 def _has_gone(client: socket.socket) -> bool:
-    """Whether a client has closed its end, whatever of it still waits to be read."""
+    """Return True if a client has closed its end, even if its data still wait to be read."""
     poll = select.poll()
     poll.register(client, select.POLLRDHUP)
     return bool(poll.poll(0))
 
 
 def _received(client: socket.socket, most: int) -> bytes:
-    """At most so many bytes, or nothing: the client has sent nothing, or has gone."""
+    """Return at most ``most`` bytes; none if the client has sent none, or has gone."""
     try:
         return client.recv(most)
     except OSError:

@@ -1,4 +1,4 @@
-"""What every way out of the emulator offers. A transport moves bytes or CAN frames; it knows no sensor and no pace."""
+"""The interface of all ports. A transport moves bytes or CAN frames; it depends on no sensor and no pace."""
 
 from __future__ import annotations
 
@@ -11,53 +11,54 @@ from firmware_protocols import CanFrame, Connector, WireFrame
 from firmware_protocols.can_frames import CanFrames
 
 MAX_CHUNK_BYTES = 512
-"""Bytes of a driver that one :meth:`Transport.poll` takes at most: as many requests as can be answered in some
-milliseconds, so that a flood of them leaves time for the rest."""
+"""Maximum number of a driver's bytes that one :meth:`Transport.poll` takes; bounds the delay that a flood can cause.
+
+As many requests as can be answered in some milliseconds."""
 MAX_LEFTOVER_BYTES = 65_536
-"""Bytes that are taken at once of a driver that has gone while its line was full, so that it keeps nobody waiting."""
+"""Maximum number of bytes taken at once of a driver that closed the port while its line was full."""
 
 
 @dataclass(frozen=True, slots=True)
 class SerialSetting:
-    """How one end of a serial line is set; ``None`` where it cannot be seen."""
+    """The settings of one end of a serial line; ``None`` where they are unknown."""
 
     baud: int | None = None
-    """[bit/s]."""
+    """The speed [bit/s]."""
     bytesize: int | None = None
-    """Data bits, 5 to 8."""
+    """The number of data bits, 5 to 8."""
     parity: str | None = None
-    """``N``, ``E``, ``O``, ``M`` or ``S``, as in pyserial."""
+    """The parity, ``N``, ``E``, ``O``, ``M`` or ``S``, as in pyserial."""
     stopbits: float | None = None
-    """1, 1.5 or 2."""
+    """The number of stop bits, 1, 1.5 or 2."""
 
 
 @dataclass(frozen=True, slots=True)
 class Opened:
-    """The driver opened the port."""
+    """An event: the driver opened the port."""
 
 
 @dataclass(frozen=True, slots=True)
 class Closed:
-    """The driver closed the port."""
+    """An event: the driver closed the port."""
 
 
 @dataclass(frozen=True, slots=True)
 class Received:
-    """Bytes in a chunk of any size up to :data:`MAX_CHUNK_BYTES`, or one CAN frame, from the driver."""
+    """An event: a chunk of up to :data:`MAX_CHUNK_BYTES` bytes, or one CAN frame, has come from the driver."""
 
     data: WireFrame
 
 
 @dataclass(frozen=True, slots=True)
 class SettingChanged:
-    """The driver set its end of the line otherwise."""
+    """An event: the driver changed the settings of its end of the line."""
 
     setting: SerialSetting
 
 
 @dataclass(frozen=True, slots=True)
 class LinesChanged:
-    """The driver set the modem lines; where they cannot be seen, they follow :class:`Opened` and :class:`Closed`."""
+    """An event: the driver set the modem lines. Unknown lines follow :class:`Opened` and :class:`Closed`."""
 
     dtr: bool
     rts: bool
@@ -65,14 +66,14 @@ class LinesChanged:
 
 @dataclass(frozen=True, slots=True)
 class Noted:
-    """Something that befell the port and that no device sees; it goes into the truth log."""
+    """An event of the port that no device sees; it is written to the truth log."""
 
     what: str
 
 
 @dataclass(frozen=True, slots=True)
 class Overflowed:
-    """The kernel dropped frames because its receive queue was full: the loop was too late to take them."""
+    """An event: the kernel dropped frames, because the loop was too late and the receive queue was full."""
 
     count: int
 
@@ -81,36 +82,39 @@ class Overflowed:
 
 
 class Part(bytes):
-    """The beginning of a frame; what is written next goes on with it. To a stream of bytes it is like any other."""
+    """The beginning of a frame, which the next write continues. On a byte stream it is like any other piece."""
 
 
 Event = Opened | Closed | Received | SettingChanged | LinesChanged | Noted | Overflowed
 
-RAISED, DROPPED = LinesChanged(True, True), LinesChanged(False, False)
-"""What the kernel does to the modem lines of a port when it is opened, and when it is closed."""
+RAISED = LinesChanged(True, True)
+"""The change of the modem lines when a port is opened."""
+DROPPED = LinesChanged(False, False)
+"""The change of the modem lines when a port is closed."""
 
 
 @dataclass(frozen=True, slots=True)
 class CanFilter:
-    """Identifiers that a node listens to: those that agree with ``ident`` in the bits of ``mask``."""
+    """A filter for identifiers: those that agree with ``ident`` in the bits of ``mask`` pass."""
 
     ident: int
     mask: int = 0x1FFF_FFFF
     extended: bool = False
 
     def passes(self, ident: int, extended: bool) -> bool:
-        """Whether a frame with this identifier is one of them."""
+        """Return True if a frame with this identifier passes."""
         return (ident ^ self.ident) & self.mask == 0 and extended == self.extended
 
 
 class Transport(ABC):
-    """One port. The constructor only parses; :meth:`open` makes the port and is undone by :meth:`close`."""
+    """A port. The constructor only parses; :meth:`open` makes the port, :meth:`close` removes it."""
 
     scheme: ClassVar[str]
 
     address: str = ""
-    """What a driver opens: a path, a URL of pyserial (``socket://``, ``rfc2217://``), ``interface:channel``. Valid once
-    open."""
+    """The address to open: a path, a URL of pyserial (``socket://``, ``rfc2217://``), ``interface:channel``.
+
+    Valid while the port is open."""
 
     @abstractmethod
     def open(self) -> None:
@@ -121,41 +125,41 @@ class Transport(ABC):
         """
 
     def set_filters(self, filters: Sequence[CanFilter]) -> None:
-        """Let frames that nobody on this side listens to cost little, where the port can; empty: hear all.
+        """Drop frames that no device receives early, where the port can; an empty sequence drops none.
 
         Call before :meth:`open`.
         """
 
     def set_connector(self, connector: Connector) -> None:
-        """What the device has there, for ports that must say so: topics and their types. Call before :meth:`open`."""
+        """Take over what a port needs of the device's connector, such as topics and types. Call before :meth:`open`."""
 
     @abstractmethod
     def close(self) -> None:
-        """Remove the port and everything made for it. Safe to call twice, and on a port never opened."""
+        """Remove the port and all that was made for it. Safe to call twice, and on a port that was never opened."""
 
     @abstractmethod
     def filenos(self, reading: bool = True) -> list[int]:
-        """File descriptors to ``select`` for reading; where there are none, :meth:`poll` is called often.
+        """Return file descriptors to ``select`` for reading; where there are none, :meth:`poll` is called often.
 
         Args:
-            reading: as the next :meth:`poll` will be called. What nobody will read must not wake anybody.
+            reading: as in the next :meth:`poll`; data that it will not take must not wake the loop.
         """
 
     @abstractmethod
     def poll(self, reading: bool = True) -> list[Event]:
-        """What happened since the last call, oldest first. Never blocks, and takes a bounded time whatever is sent.
+        """Return what happened since the last call, oldest first. Never blocks, and takes a bounded time.
 
         Args:
-            reading: whether the driver's data are taken. Those that are not stay where they are, and in the end hold
-                the driver up, as a line does that is slower than it.
+            reading: whether the driver's data are taken; otherwise they stay queued, and in the end block the driver,
+                as a slower line does.
         """
 
     @abstractmethod
     def write(self, frame: WireFrame) -> bool:
-        """Write one frame whole, or not at all (``False``: nobody listens or reads). Never blocks."""
+        """Write one complete frame, or nothing (``False``: no driver is connected or reads). Never blocks."""
 
     def write_all(self, frames: CanFrames) -> int:
-        """Write CAN frames one after another, until one is not taken; returns how many were."""
+        """Write CAN frames one after another until one is not taken, and return how many were."""
         for count, frame in enumerate(frames):
             if not self.write(frame):
                 return count
@@ -169,19 +173,19 @@ class Transport(ABC):
         """
 
     def rename(self, name: str) -> None:
-        """Be called ``name`` from the next :meth:`open` on, where the port has a name in a folder."""
+        """Change the name from the next :meth:`open` on, where the port has a name in a folder."""
 
     def hold(self, held: bool) -> None:
-        """While held the connection stays, but nothing is read, answered, or noticed of it."""
+        """Keep the connection but stop reading, answering and reporting events while ``held``."""
 
     @property
     @abstractmethod
     def has_reader(self) -> bool:
-        """Whether a driver holds the port (always true on a bus)."""
+        """True while a driver holds the port; on a bus always."""
 
     @property
     def setting(self) -> SerialSetting | None:
-        """How the driver's end of a serial line is set; ``None`` where the transport has no such notion."""
+        """The settings of the driver's end of a serial line; ``None`` where the transport has none."""
         return None
 
     def __enter__(self):

@@ -1,10 +1,10 @@
-"""``udp:HOST:PORT``: a UDP socket, for devices that speak in datagrams.
+"""``udp:HOST:PORT``: a UDP socket, for devices that send datagrams.
 
-The driver is whoever sent the last datagram: what leaves goes there. ``udp:PORT`` listens on loopback only; name an
-address (``udp:0.0.0.0:5000``) to be reached from elsewhere. Port 0 takes a free one.
+The driver is the sender of the last datagram: all frames go there. ``udp:PORT`` listens on loopback only; name an
+address (``udp:0.0.0.0:5000``) to be reached from other machines. Port 0 takes a free one.
 
-UDP has no connection. The driver has come when it has sent something (an empty datagram will do, and is nothing else),
-and has gone when its machine says that nobody is there any more to take what was sent to it.
+UDP has no connection. The port counts as opened once the driver has sent a datagram (an empty one opens it only), and
+as closed when the driver's machine reports that its port is unreachable.
 """
 
 from __future__ import annotations
@@ -20,18 +20,18 @@ from tactemu.transports.forks import close_in_children
 from tactemu.transports.receive_queue import ReceiveQueue
 from tactemu.transports.transport import DROPPED, MAX_CHUNK_BYTES, RAISED, Closed, Event, Opened, Received, Transport
 
-_RECEIVE_BUFFER = 65_536
-"""What the kernel keeps of what is sent while nobody looks [byte, with its own overhead]; the rest is lost."""
-_LARGEST = 65_535
-"""Of a datagram [byte]."""
-_AT_ONCE = 32
-"""Datagrams that one look takes at most."""
+_RECEIVE_BUFFER_BYTES = 65_536
+"""Size of the kernel's buffer for datagrams between two polls [byte, with overhead]; further ones are lost."""
+_MAX_DATAGRAM_BYTES = 65_535
+"""Maximum size of a datagram [byte]."""
+_MAX_DATAGRAMS_PER_POLL = 32
+"""Maximum number of datagrams that one poll takes."""
 _ERRORS = {socket.AF_INET: (socket.IPPROTO_IP, 11), socket.AF_INET6: (socket.IPPROTO_IPV6, 25)}
-"""IP_RECVERR, IPV6_RECVERR: have the kernel keep what came back; Python has no names for them."""
+"""The options IP_RECVERR and IPV6_RECVERR, which report datagrams that came back; Python has no names for them."""
 
 
 class UdpTransport(Transport):
-    """Datagrams to and from whoever sends some; one peer at a time."""
+    """A UDP socket with one peer at a time: the last sender."""
 
     scheme = "udp"
 
@@ -41,13 +41,13 @@ class UdpTransport(Transport):
         self._socket: socket.socket | None = None
         self._queue: ReceiveQueue | None = None
         self._peer: Any = None
-        """Address of the driver."""
+        """The address of the driver."""
 
     def open(self) -> None:
-        """Bind.
+        """Bind the socket.
 
         Raises:
-            TransportError: the address is not ours, or the port is taken or not allowed.
+            TransportError: the address is not of this machine, or the port is taken or not allowed.
         """
         if self._socket is not None:
             return
@@ -60,7 +60,7 @@ class UdpTransport(Transport):
                 raise inet.cannot_listen(self.scheme, self.host, self.port, error) from None
             undo.pop_all()
         port.setblocking(False)
-        port.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER)
+        port.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER_BYTES)
         port.setsockopt(*_ERRORS[family], 1)
         self._socket, self._queue = port, ReceiveQueue(port.fileno(), size=0)
         close_in_children(self)
@@ -69,7 +69,7 @@ class UdpTransport(Transport):
         inet.warn_if_reachable(self.address, where[0])
 
     def close(self) -> None:
-        """Let go of the port."""
+        """Close the socket."""
         if self._queue is not None:
             self._queue.close()
             self._queue = None
@@ -82,13 +82,13 @@ class UdpTransport(Transport):
         return [self._socket.fileno()] if self._socket is not None and reading else []
 
     def poll(self, reading: bool = True) -> list[Event]:
-        """Datagrams of one peer. One that another sent waits for the next look: its answer is not for the first."""
+        """Return datagrams of one peer; one of another peer waits for the next poll, so that each is answered."""
         events: list[Event] = []
         room, number = MAX_CHUNK_BYTES if reading else 0, 0
         if self._peer in self._refused():
             self._peer = None
             events += [Closed(), DROPPED]
-        while room > 0 and number < _AT_ONCE and (taken := self._take(of_peer=number > 0)) is not None:
+        while room > 0 and number < _MAX_DATAGRAMS_PER_POLL and (taken := self._take(of_peer=number > 0)) is not None:
             data, peer = taken
             events += [Opened(), RAISED] if self._peer is None else []
             events += [Received(data)] if data else []
@@ -101,20 +101,20 @@ class UdpTransport(Transport):
         try:
             if of_peer and self._socket.recvfrom(0, socket.MSG_PEEK)[1] != self._peer:
                 return None
-            return self._socket.recvfrom(_LARGEST)
+            return self._socket.recvfrom(_MAX_DATAGRAM_BYTES)
         except OSError:  # nothing is there
             return None
 
     def _refused(self) -> list[Any]:
-        """To whom something was sent that came back."""
+        """Return the addresses whose machines sent datagrams back."""
         refused = []
         with contextlib.suppress(OSError):  # no more
-            while self._socket is not None and len(refused) < _AT_ONCE:
+            while self._socket is not None and len(refused) < _MAX_DATAGRAMS_PER_POLL:
                 refused.append(self._socket.recvmsg(0, 0, socket.MSG_ERRQUEUE)[3])
         return refused
 
     def write(self, frame: WireFrame) -> bool:
-        """Send one datagram; ``False`` when nobody has spoken yet, or it is too long."""
+        """Send one datagram; ``False`` when no driver has sent one yet, or it is too long."""
         if not isinstance(frame, bytes):
             raise TransportError(f"UDP cannot carry the CAN frame {frame}")
         if self._socket is None or self._peer is None:
@@ -127,5 +127,5 @@ class UdpTransport(Transport):
 
     @property
     def has_reader(self) -> bool:
-        """Whether somebody has spoken."""
+        """True once a driver has sent a datagram."""
         return self._peer is not None

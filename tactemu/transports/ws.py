@@ -1,7 +1,7 @@
-"""``ws:HOST:PORT``: a WebSocket server, for devices that speak in messages. A frame is one text message.
+"""``ws:HOST:PORT``: a WebSocket server, for devices that send messages. A frame is one text message.
 
-One client at a time, on loopback unless an address is named, as for ``tcp:``. Any path will do. The protocol is that of
-``websockets``, without its sockets; pings and the closing handshake are its own.
+It has one client at a time, with any path, on loopback unless an address is named, as ``tcp:``. The library
+``websockets`` implements the protocol, with pings and the closing handshake, but not the sockets.
 """
 
 from __future__ import annotations
@@ -16,33 +16,33 @@ from websockets.server import ServerProtocol
 from tactemu.transports.tcp import TcpTransport
 from tactemu.transports.transport import DROPPED, RAISED, Closed, Event, Part, Received
 
-_LARGEST = 16_384
-"""Of a message of the client [byte]; a longer one closes the connection."""
-_UNSENT_LIMIT = 65_536
-"""Answers to pings that wait for a client that does not read [byte]; those beyond are lost."""
+_MAX_MESSAGE_BYTES = 16_384
+"""Maximum size of a client's message [byte]; a longer one closes the connection."""
+_MAX_UNSENT_BYTES = 65_536
+"""Maximum size of the answers that wait for a client that does not read [byte]; further answers are lost."""
 
 
 class WebSocketTransport(TcpTransport):
-    """A server for one client, which is there once it has shaken hands."""
+    """A WebSocket server for one client, which counts from its handshake on."""
 
     scheme = url = "ws"
 
     def __init__(self, rest: str):
         super().__init__(rest)
-        self._protocol = ServerProtocol(max_size=_LARGEST)
-        """Of the client that is connected."""
+        self._protocol = ServerProtocol(max_size=_MAX_MESSAGE_BYTES)
+        """The protocol state of the connected client."""
         self._has_shaken_hands = False
-        """Whether it has shaken hands."""
+        """True once the client has completed the handshake."""
         self._message = b""
-        """Fragments of one that is not whole."""
+        """The fragments of an incomplete message."""
 
     @property
     def has_reader(self) -> bool:
-        """Whether a client has shaken hands, and not begun to leave."""
+        """True from a client's handshake until it begins to close."""
         return self._client is not None and self._protocol.state is OPEN
 
     def hang_up(self, code: int) -> None:
-        """Close the connection with a code; one that must not be sent (1005, 1006, 1015) closes it without a word."""
+        """Close the connection with a code; for one that must not be sent (1005, 1006, 1015), without a close frame."""
         if not self.has_reader:
             return
         try:
@@ -53,14 +53,14 @@ class WebSocketTransport(TcpTransport):
         self._push()
 
     def _on_connect(self) -> list[Event]:
-        self._protocol, self._has_shaken_hands, self._message = ServerProtocol(max_size=_LARGEST), False, b""
+        self._protocol, self._has_shaken_hands, self._message = ServerProtocol(max_size=_MAX_MESSAGE_BYTES), False, b""
         return []
 
     def _on_disconnect(self) -> list[Event]:
         return [DROPPED] if self._has_shaken_hands else []
 
     def _decode(self, chunk: bytes) -> list[Event]:
-        """What the client sent. One that shakes no hands, or has said that it leaves, is dropped."""
+        """Return what the client sent; a client with a bad handshake or a close frame is dropped."""
         events: list[Event] = []
         self._protocol.receive_data(chunk)
         for event in self._protocol.events_received():
@@ -84,9 +84,9 @@ class WebSocketTransport(TcpTransport):
         return [Received(message)] if message else []
 
     def _answer(self) -> bool:
-        """Queue what the protocol itself has to say to the client; whether that was its last word."""
+        """Queue the protocol's own answers to the client, and return True if they end the connection."""
         data = self._protocol.data_to_send()
-        if len(self._unsent) < _UNSENT_LIMIT:
+        if len(self._unsent) < _MAX_UNSENT_BYTES:
             self._unsent += b"".join(data)
         return b"" in data
 
