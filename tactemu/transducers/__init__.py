@@ -1,4 +1,4 @@
-"""From contact to what the electronics sees: transducers and materials, as stages of the plan between model and noise.
+"""Transducers and materials: the stages of the plan that turn contact into the signal that the electronics measures.
 
-:mod:`tactemu.transducers.laws` has their equations, in numpy, for a fit; each file has one stage, in Warp.
+:mod:`tactemu.transducers.laws` has their equations in numpy, for fits; each other file has one stage, in Warp.
 """

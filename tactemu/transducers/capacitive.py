@@ -1,14 +1,14 @@
-"""Capacitive: a gap that closes under pressure (iCub, CySkin).
+"""Capacitive transducers: a gap that closes under pressure (iCub, CySkin).
 
 With the pressure ``p`` on a taxel of area ``A``, a gap ``g0`` and a spacer of modulus ``E``::
 
-    g = g0 (1 − s),  s = p/E / (1 + p/E)             it stiffens as it closes, and never does
+    g = g0 (1 − s),  s = p/E / (1 + p/E)             it stiffens as it closes, and never closes fully
     C = stray + ε0 εr A / g
     reading: C − (baseline − C0)                     where the firmware follows a baseline, with a time constant
 
-Below the dead band the gap does not move. A baseline that is followed takes drift away, and forgets a press that lasts.
-``rated_n`` makes the reading a push along the normal: this force where the gap is half closed,
-where ε0 εr A/g has doubled.
+Below the dead band the gap does not move. A firmware that follows the baseline removes drift, and also a press that
+lasts. ``rated_n`` makes the reading a force along the normal: it has this value where the gap is half closed, where
+ε0 εr A/g has doubled.
 """
 
 # pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
@@ -28,14 +28,14 @@ from tactemu.transducers.pressure import TAKES, output_type, pressure_function, 
 from tactemu.transducers.transducer import CAPACITANCE, SignalType, Transducer, TransducerSite
 
 EPSILON_0 = 8.8541878128e-12
-"""[F/m]"""
+"""Permittivity of the vacuum [F/m]."""
 
 
 @functools.cache
 def gap_kernel(real, vector: bool, push: bool, follows: bool):
-    """Capacitances, or pushes of which they are the measure."""
+    """Return the kernel that computes capacitances, or with ``push`` the forces that they represent."""
     vec3 = wp.types.vector(3, real)
-    load = pressure_function(real, vector)
+    pressure = pressure_function(real, vector)
 
     @wp.kernel(module="unique", enable_backward=False)
     def read_gaps(
@@ -50,15 +50,15 @@ def gap_kernel(real, vector: bool, push: bool, follows: bool):
         stray: real,
         tau: wp.float64,
         rated: real,
-        # state: how far the baseline is from rest, in capacitances of the open gap
+        # state: change of the baseline, in capacitances of the open gap
         baseline: wp.array2d(dtype=wp.float64),
         out: wp.array3d(dtype=real),
     ):
         e, i = wp.tid()
         e += first_env
-        p = load(x, normals, areas, e, i)
+        p = pressure(x, normals, areas, e, i)
         p = wp.where(p < dead_band, real(0.0), p - dead_band)
-        change = p / modulus  # 1/(1 − s) − 1: the growth of the capacitance, in those of the open gap
+        change = p / modulus  # 1/(1 − s) − 1: growth of the capacitance, in capacitances of the open gap
         if wp.static(follows):
             if is_finite(change):
                 at = baseline[e, i]
@@ -77,22 +77,22 @@ def gap_kernel(real, vector: bool, push: bool, follows: bool):
 
 @dataclass(frozen=True, kw_only=True)
 class Capacitive(Transducer):
-    """Gives the capacitance of each taxel [F], or with ``rated_n`` a push that follows it."""
+    """A transducer that provides the capacitance of each taxel [F], or with ``rated_n`` a force that follows it."""
 
     gap: float = 2e-3
-    """Of the spacer that nothing presses [m]."""
+    """Thickness of the unloaded spacer [m]."""
     modulus: float = 1e5
     """Pressure at which the gap is half closed [Pa]."""
     permittivity: float = 3.0
-    """Of the spacer, relative."""
+    """Relative permittivity of the spacer."""
     stray: float = 0.0
-    """Beside the taxel's own [F]."""
+    """Stray capacitance beside that of the gap [F]."""
     dead_band: float = 0.0
-    """Pressure up to which nothing moves [Pa]."""
+    """Pressure up to which the gap does not move [Pa]."""
     baseline_tau: float | None = None
     """Time constant with which the firmware follows the baseline [s]; ``None``: it does not."""
     rated_n: float | None = None
-    """Force of a reading with the gap half closed [N]; with a model that gives pressure [Pa]."""
+    """Reading with the gap half closed [N]; [Pa] with a model that provides pressure."""
 
     takes = TAKES
     valid = "Plates that stay parallel; below the modulus of the spacer."
@@ -124,6 +124,6 @@ class Capacitive(Transducer):
         ]  # fmt: skip
         kernel = gap_kernel(real, taken.vector, self.rated_n is not None, follows)
         launch = context.record(kernel, shape, inputs, [out])
-        reason = "its gap closes" + (", the firmware follows its baseline" if follows else "")
+        reason = "the gap closes" + (", the firmware follows its baseline" if follows else "")
         reset = functools.partial(clear_rows, baseline) if follows else None
         return out, [Stage(name=f"{site.name}: capacitors", reason=reason, launch=launch, reset=reset)]

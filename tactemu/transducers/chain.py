@@ -1,4 +1,4 @@
-"""The transducers of one sensor, one after another: from what its model gives to what its electronics sees."""
+"""The transducers of one sensor, one after another, between its model and its electronics."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from tactemu.transducers.transducer import SIGNAL_TYPES, SignalType, Transducer,
 
 
 class Chain:
-    """Transducers that fit one another.
+    """A sequence of transducers in which each accepts the signal of the one before.
 
     Args:
-        where: for errors.
-        transducers: in their order, one or more.
-        layouts: quantities that the sensor model gives, and the channels that hold each.
+        where: the place that error messages name.
+        transducers: one or more, in their order.
+        layouts: the quantities that the sensor model provides, and the channels that hold each.
 
     Raises:
-        SceneError: one cannot take what the one before gives.
+        SceneError: a transducer does not accept the signal before it.
     """
 
     def __init__(self, where: str, transducers: Sequence[Transducer], layouts: Mapping[str, slice]):
@@ -43,10 +43,10 @@ class Chain:
                 )
             kind = each.gives(kind)
         self.output: SignalType = kind
-        """What comes out."""
+        """The type of the signal that the last transducer provides."""
 
     def compile(self, site: TransducerSite, array: wp.array) -> tuple[wp.array, list[Stage]]:
-        """Return the last array and all stages, from the model's ``(n_envs, n_taxels, channels)``."""
+        """Return the last transducer's array and all stages, for the model's array ``(n_envs, n_taxels, channels)``."""
         kind, stages = self.taken, []
         x: Any = array[:, :, self.columns]
         for each in self.transducers:

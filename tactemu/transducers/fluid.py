@@ -1,11 +1,11 @@
-"""Fluid and barometric: a medium that passes a load on late.
+"""Fluid and barometric transducers: a medium that transmits pressure with a lag.
 
 ::
 
-    dy/dt = (x − y)/τ               lag of the medium; exact for a load that is constant within a step
+    dy/dt = (x − y)/τ               lag of the medium; exact for a pressure that is constant within a step
 
-Silicone around the medium relaxes: put :class:`~tactemu.transducers.material.Material` before it. ``shared`` is one
-medium for all taxels, as in a finger filled with liquid: each reads the mean pressure.
+Silicone around the medium relaxes: put :class:`~tactemu.transducers.material.Material` before it. With ``shared`` all
+taxels have one medium, as in a finger filled with liquid: each reads the mean pressure.
 """
 
 # pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
@@ -27,9 +27,9 @@ from tactemu.transducers.transducer import PRESSURE, SignalType, Transducer, Tra
 
 @functools.cache
 def medium_kernel(real, vector: bool, shared: bool):
-    """A load, late."""
+    """Return the kernel that computes the pressure of the medium, which lags behind that on the taxels."""
     vec3 = wp.types.vector(3, real)
-    load = pressure_function(real, vector)
+    pressure = pressure_function(real, vector)
 
     @wp.kernel(module="unique", enable_backward=False)
     def pass_on(
@@ -49,11 +49,11 @@ def medium_kernel(real, vector: bool, shared: bool):
         if wp.static(shared):
             area = wp.float64(0.0)
             for k in range(x.shape[1]):
-                p += wp.float64(load(x, normals, areas, e, k) * areas[k])
+                p += wp.float64(pressure(x, normals, areas, e, k) * areas[k])
                 area += wp.float64(areas[k])
             p = p / area
         else:
-            p = wp.float64(load(x, normals, areas, e, i))
+            p = wp.float64(pressure(x, normals, areas, e, i))
         if is_finite(p):
             y = late[e, i]
             y = y + (p - y) * (wp.float64(1.0) - wp.exp(-dt[0] / tau))
@@ -66,18 +66,16 @@ def medium_kernel(real, vector: bool, shared: bool):
 
 @dataclass(frozen=True, kw_only=True)
 class Fluid(Transducer):
-    """Gives the pressure of a medium at each taxel [Pa]."""
+    """A transducer that provides the pressure of a medium at each taxel [Pa]."""
 
     tau: float = 0.3
     """Time constant of the medium [s]: air 0.01, oil in a channel of 1.5 mm 0.25."""
     shared: bool = False
-    """One medium for all taxels."""
+    """All taxels share one medium."""
 
     takes = TAKES
-    valid = "Slower than sound in the medium. The time constant is the medium's own: no other medium tells it."
-    source = (
-        "A Newtonian flow through a narrow channel into a compliant chamber. docs/realism.md has what was measured."
-    )
+    valid = "Slower than sound in the medium. The time constant differs from medium to medium: measure it for yours."
+    source = "A Newtonian flow through a narrow channel into a compliant chamber. docs/realism.md has the measurements."
 
     def check(self, where: str) -> None:
         number(where, "tau", self.tau, above=0, unit="s")

@@ -1,7 +1,7 @@
-"""The equations of transducers and materials, each a function of arrays: what a fit finds the parameters of.
+"""The equations of transducers and materials as functions of arrays, so that a fit can find their parameters.
 
-SI units, or the unit of the sensor's counts where a law is a ratio. No state, no randomness, nothing but numpy. The
-stages of this package compute the same on the device; a test compares the two.
+They use SI units, or the unit of the sensor's counts where a law is a ratio, have no state and no randomness, and need
+only numpy. The stages of this package compute the same on the device; a test compares the two.
 """
 
 from __future__ import annotations
@@ -11,15 +11,15 @@ from dataclasses import dataclass
 import numpy as np
 
 MU0_OVER_4PI = 1e-7
-"""[T m/A]"""
+"""The magnetic constant over 4 pi [T m/A]."""
 
 
 def dipole_field(chips: np.ndarray, magnets: np.ndarray, moments: np.ndarray) -> np.ndarray:
-    """Return field [T] at ``chips`` (n, 3) [m] of dipoles at ``magnets`` (m, 3) [m] with ``moments`` (m, 3) [A m²]::
+    """Return the field [T] at ``chips`` (n, 3) [m] of dipoles at ``magnets`` (m, 3) [m], ``moments`` (m, 3) [A m²]::
 
         B = µ0/4π Σ (3 (m·r) r / |r|⁵ − m / |r|³)
 
-    Valid from about a magnet's own size away. Shape ``(n, 3)``.
+    The result has shape ``(n, 3)`` and is valid from about a magnet's own size away.
     """
     arm = np.asarray(chips, float)[:, None] - np.asarray(magnets, float)[None]
     square = np.einsum("nmk,nmk->nm", arm, arm)
@@ -39,15 +39,15 @@ class LogMemory:
     taus: np.ndarray
     weights: np.ndarray
     at_first: float
-    """What is remembered after ``first``."""
+    """The memory of a step after ``first`` [decades]."""
     error: float
-    """Farthest that it is from the logarithm between ``first`` and ``last`` [decades]."""
+    """Largest deviation from the logarithm between ``first`` and ``last`` [decades]."""
 
     @classmethod
     def over(cls, first: float, last: float, terms_per_decade: int = 1) -> LogMemory:
-        """Return one that lasts from ``first`` to ``last`` [s].
+        """Return a memory that follows the logarithm from ``first`` to ``last`` [s].
 
-        Past the ends it goes flat, so it is bounded.
+        It is constant outside this range, so that it is bounded.
         """
         decades = np.log10(last / first) + 1
         taus = 10.0 ** np.linspace(np.log10(first) - 0.5, np.log10(last) + 0.5, round(decades * terms_per_decade) + 1)
@@ -59,42 +59,48 @@ class LogMemory:
         return cls(taus, found[:-1], float(found[-1]), error)
 
     def grown(self, t: np.ndarray) -> np.ndarray:
-        """What a step remembers after ``t`` [s], in decades; 0 at once."""
+        """Return the memory of a step after ``t`` [s], in decades; it is 0 at ``t = 0``."""
         t = np.asarray(t, float)
         return (self.weights * -np.expm1(-t[..., None] / self.taus)).sum(axis=-1)
 
 
 def log_creep(t: np.ndarray, per_decade: float | np.ndarray, since: float = 1.0) -> np.ndarray:
-    """Reading of a constant load after ``t`` [s], against that after ``since`` [s]: ``1 + c log10(t/since)``."""
+    """Return the reading of a constant load after ``t`` [s], relative to that after ``since`` [s].
+
+    It is ``1 + c log10(t/since)``.
+    """
     return 1.0 + per_decade * np.log10(np.asarray(t, float) / since)
 
 
 def falling_with_load(load: np.ndarray, at_reference: float, exponent: float, reference: float) -> np.ndarray:
-    """Return a share that heavy loads have less of: ``c (load/reference)^-exponent``."""
+    """Return a coefficient that falls with the load: ``c (load/reference)^-exponent``."""
     return at_reference * (np.asarray(load, float) / reference) ** -exponent
 
 
 def divider(
     load: np.ndarray, full: float | np.ndarray, half: float | np.ndarray, exponent: float | np.ndarray
 ) -> np.ndarray:
-    """Return a piezoresistor ``R ∝ load^-n`` below a fixed resistor: what the divider gives of ``full``::
+    """Return the output of a divider with a piezoresistor ``R ∝ load^-n`` below a fixed resistor::
 
         V = full u / (1 + u),   u = (load / half)^n
 
-    ``half`` is the load at which half of it is reached, where the resistances are equal.
+    ``half`` is the load at which the output is half of ``full``, where the resistances are equal.
     """
     with np.errstate(divide="ignore"):
         return full / (1.0 + (np.asarray(half) / np.maximum(np.asarray(load, float), 0.0)) ** exponent)
 
 
 def conditioning(presses: np.ndarray, most: float = 1000.0) -> np.ndarray:
-    """How far a material is worked in after so many presses: ``ln(1 + n)``, bounded by that of ``most``."""
+    """Return how far a material is worked in after ``presses`` presses: ``ln(1 + n)``, at most that of ``most``."""
     return np.log1p(np.clip(presses, 0.0, most))
 
 
 def curve(depth: np.ndarray, depths: np.ndarray, forces: np.ndarray) -> np.ndarray:
-    """Return a loading curve through points, monotone and smooth (piecewise cubic, Fritsch and Carlson); 0 before
-    the first depth, straight past the last."""
+    """Return the force at ``depth`` on a monotone, smooth loading curve (piecewise cubic, Fritsch and Carlson).
+
+    The curve passes through the points ``(depths, forces)``; it is constant before the first depth and straight past
+    the last.
+    """
     depths, forces = np.asarray(depths, float), np.asarray(forces, float)
     slopes = _slopes(depths, forces)
     depth = np.asarray(depth, float)
@@ -112,7 +118,7 @@ def curve(depth: np.ndarray, depths: np.ndarray, forces: np.ndarray) -> np.ndarr
 
 
 def _slopes(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Slopes at the points that keep the cubic monotone: harmonic means of the chords'."""
+    """Return slopes at the points that keep the cubic monotone: the harmonic means of the chords' slopes."""
     chords = np.diff(y) / np.diff(x)
     left, right = chords[:-1], chords[1:]
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -121,15 +127,15 @@ def _slopes(x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 
 def white_and_slow(lag: np.ndarray, slow_share: float, tau: float) -> np.ndarray:
-    """Correlation of noise that is white but for a slow share, after ``lag`` > 0 samples: ``s exp(−lag/τ)``."""
+    """Return the correlation after ``lag`` > 0 samples of white noise with a slow share: ``s exp(−lag/τ)``."""
     return slow_share * np.exp(-np.asarray(lag, float) / tau)
 
 
 def sliding_noise(white: np.ndarray, amplitude: np.ndarray, line_hz: np.ndarray, period_s: float) -> np.ndarray:
-    """Sample-to-sample noise (std of difference / √2) of white noise on a sine of ``line_hz`` under sampling."""
+    """Return the sample-to-sample noise (std of difference / √2) of white noise on a sampled sine of ``line_hz``."""
     return np.sqrt(np.square(white) + np.square(amplitude * np.sin(np.pi * np.asarray(line_hz) * period_s)))
 
 
 def softplus(x: np.ndarray, width: float) -> np.ndarray:
-    """0 far below, x far above, with a bend of this width."""
+    """Return 0 for ``x`` far below 0 and ``x`` far above, with a bend of the given width."""
     return width * np.logaddexp(0.0, np.asarray(x, float) / width)

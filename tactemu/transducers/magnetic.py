@@ -1,15 +1,15 @@
-"""Magnetic: dipoles that move with the skin, and their field at every chip (AnySkin, ReSkin, eFlesh, uSkin).
+"""Magnetic transducers: dipoles that move with the skin, and their field at every chip (AnySkin, eFlesh, uSkin).
 
-With ``x_j`` where magnet j is, ``m_j`` its moment, ``u_i`` the displacement of the skin at taxel i::
+With the position ``x_j`` of magnet j, its moment ``m_j``, and the displacement ``u_i`` of the skin at taxel i::
 
-    u_i = c F_i                              c compliance; where the model gives displacement, u_i itself
+    u_i = c F_i                              c compliance; the model's own u_i if it provides displacement
     x_j = x_j⁰ + Σ_i w_ij u_i          w_ij = g_ij / max(1, Σ_i g_ij), g_ij = exp(−|x_j⁰ − x_i|²/2s²), 0 beyond 4 s
     B_k = µ0/4π Σ_j (3 (m_j·r) r/|r|⁵ − m_j/|r|³) + R⁻¹ B_earth + neighbours,   r = chip_k − x_j
 
-A chip stands ``chip_depth`` below each taxel. All chips see all magnets: crosstalk follows. Magnets far from every
-taxel do not move with the skin. A magnet is a ball of 1e6 A/m: outside its field is the dipole's, inside it is
-``µ0/4π 2 m/a³`` with the ball's radius ``a``. Neighbours are dipoles fixed to other bodies, which move with those; the
-earth's field turns as the link does.
+A chip lies ``chip_depth`` below each taxel. All chips measure the field of all magnets, which causes crosstalk. Magnets
+far from every taxel do not move with the skin. A magnet is a ball of 1e6 A/m: outside, its field is the dipole's;
+inside, it is ``µ0/4π 2 m/a³`` with the ball's radius ``a``. Neighbours are dipoles fixed to other bodies, which move
+with those; the earth's field turns in the link's frame as the link does.
 """
 
 # pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
@@ -28,28 +28,28 @@ from tactemu.plan.plan import Stage
 from tactemu.transducers.transducer import FIELD, SignalType, Transducer, TransducerSite
 
 REACH_SPREADS = 4.0
-"""Taxels so many ``spread`` away from a magnet do not move it."""
+"""The distance from which on a taxel does not move a magnet, in multiples of ``spread``."""
 MAGNETISATION_A_PER_M = 1e6
-"""Of a magnet [A/m], about that of neodymium: it says how large a magnet of a given moment is."""
+"""The magnetisation of a magnet, about that of neodymium; it determines the size of a magnet of a given moment."""
 MAX_GRID_SIDE = 256
 """Most magnets along a side of ``grid``; bounds memory."""
 
 
 def radius_of(moments: np.ndarray) -> np.ndarray:
-    """Return the radius of a ball of :data:`MAGNETISATION_A_PER_M` that has each moment [m], shape ``(m,)``."""
+    """Return the radius [m] of the ball of :data:`MAGNETISATION_A_PER_M` that has each moment, shape ``(m,)``."""
     return np.cbrt(np.linalg.norm(moments, axis=-1) * 3 / (4 * np.pi * MAGNETISATION_A_PER_M))
 
 
 @functools.cache
 def move_kernel(real):
-    """Where the magnets are."""
+    """Return the kernel that computes the positions of the magnets."""
     vec3 = wp.types.vector(3, real)
 
     @wp.kernel(module="unique", enable_backward=False)
     def move_magnets(
         first_env: int,
-        felt: wp.array3d(dtype=real),
-        rest: wp.array(dtype=vec3),
+        moved: wp.array3d(dtype=real),
+        unloaded: wp.array(dtype=vec3),
         taxels: wp.array2d(dtype=wp.int32),
         shares: wp.array2d(dtype=real),
         # outputs
@@ -57,12 +57,12 @@ def move_kernel(real):
     ):
         e, j = wp.tid()
         e += first_env
-        x = rest[j]
+        x = unloaded[j]
         for k in range(taxels.shape[1]):
             i = taxels[j, k]
             w = shares[j, k]
             if w != real(0.0):
-                x += w * vec3(felt[e, i, 0], felt[e, i, 1], felt[e, i, 2])
+                x += w * vec3(moved[e, i, 0], moved[e, i, 1], moved[e, i, 2])
         places[e, j] = x
 
     return move_magnets
@@ -70,7 +70,7 @@ def move_kernel(real):
 
 @functools.cache
 def field_kernel(real, earth: bool, neighbours: bool):
-    """The field at the chips."""
+    """Return the kernel that computes the field at the chips."""
     vec3 = wp.types.vector(3, real)
     transform = wp.types.transformation(real)
 
@@ -123,25 +123,25 @@ def field_kernel(real, earth: bool, neighbours: bool):
 
 @dataclass(frozen=True, kw_only=True)
 class Magnetic(Transducer):
-    """Gives the field at each chip [T], one chip below each taxel."""
+    """A transducer that provides the field at each chip [T], one chip below each taxel."""
 
     magnets: Sequence = ()
-    """Places of the magnets at rest, in the link's frame, or relative to the middle of the taxels with
-    ``about_taxels`` [m], ``(m, 3)``; empty: a grid over the taxels."""
+    """Positions of the magnets in the unloaded skin [m], ``(m, 3)``, in the link's frame, or with ``about_taxels``
+    relative to the middle of the taxels; empty: a grid over the taxels."""
     moments: Sequence = ((0.0, 0.0, 2e-4),)
-    """Their moments [A m²], ``(m, 3)``, or one for all."""
+    """Moments of the magnets [A m²], ``(m, 3)``, or one for all."""
     about_taxels: bool = True
-    """Places count from the middle of the taxels."""
+    """Positions are relative to the middle of the taxels."""
     grid: tuple[int, int] = (10, 10)
-    """Where no magnets are given: rows and columns of a sheet that is ``1.5`` times as wide as the taxels."""
+    """Rows and columns of magnets if ``magnets`` is empty, on a sheet ``1.5`` times as wide as the taxels."""
     chip_depth: float = 2e-3
-    """How far below its taxel a chip is, against the normal [m]."""
+    """Distance of a chip below its taxel, against the normal [m]."""
     compliance: float = 1e-4
-    """Displacement of the skin per force of a taxel [m/N], where the model gives force."""
+    """Displacement of the skin per force on a taxel [m/N], for a model that provides force."""
     spread: float = 4e-3
-    """Standard deviation of how far a taxel's displacement reaches to magnets beside it [m]."""
+    """Standard deviation of the Gaussian by which a taxel's displacement moves the magnets around it [m]."""
     earth: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """Field of the earth in the world [T]; 50e-6 in all where it is felt."""
+    """Field of the earth in the world [T]; its magnitude is about 50e-6."""
     neighbours: Sequence = ()
     """Magnets on other bodies: ``(body, (x, y, z), (mx, my, mz))``, in that body's frame [m, A m²]."""
 
@@ -179,7 +179,10 @@ class Magnetic(Transducer):
         return FIELD
 
     def places(self, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return places and moments of all magnets at rest in the link's frame, for taxels at ``positions``."""
+        """Return positions and moments of all magnets of the unloaded skin in the link's frame.
+
+        ``positions`` are those of the taxels.
+        """
         middle = positions.mean(axis=0)
         if len(self.magnets):
             places = np.asarray(self.magnets, float) + (middle if self.about_taxels else 0.0)
@@ -190,24 +193,27 @@ class Magnetic(Transducer):
         return places, np.broadcast_to(np.asarray(self.moments, float), places.shape).copy()
 
     def shares(self, places: np.ndarray, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the taxels that move each magnet, nearest first, and how much of each one's displacement it has; both
-        ``(m, k)``, with as many columns as any magnet needs."""
+        """Return the taxels that move each magnet, nearest first, and the share of each one's displacement.
+
+        Both have shape ``(m, k)``, with as many columns as any magnet needs.
+        """
         apart = np.linalg.norm(places[:, None] - positions[None], axis=-1)
         most = max(1, int((apart <= REACH_SPREADS * self.spread).sum(axis=1).max(initial=0)))
         nearest = np.argsort(apart, axis=1, kind="stable")[:, :most]
         away = np.take_along_axis(apart, nearest, axis=1)
         weights = np.where(away <= REACH_SPREADS * self.spread, np.exp(-0.5 * (away / self.spread) ** 2), 0.0)
-        whole = np.maximum(weights.sum(axis=1, keepdims=True), 1.0)  # between taxels in full, far from all not at all
-        return nearest.astype(np.int32), weights / whole
+        # A magnet between taxels moves in full, one far from all taxels not at all.
+        total = np.maximum(weights.sum(axis=1, keepdims=True), 1.0)
+        return nearest.astype(np.int32), weights / total
 
     def compile(self, site: TransducerSite, x: wp.array, taken: SignalType) -> tuple[wp.array, Sequence[Stage]]:
         context, real = site.context, site.context.real
         vec3 = wp.types.vector(3, real)
-        rest, moments = self.places(site.positions)
-        taxels, shares = self.shares(rest, site.positions)
+        unloaded, moments = self.places(site.positions)
+        taxels, shares = self.shares(unloaded, site.positions)
         factor = self.compliance if taken.quantity == "force" else 1.0
-        moved = wp.zeros((context.n_envs, len(rest)), dtype=vec3, device=context.device)
-        inputs = [x, site.constant(rest, vec3), site.constant(taxels, wp.int32), site.constant(shares * factor)]
+        moved = wp.zeros((context.n_envs, len(unloaded)), dtype=vec3, device=context.device)
+        inputs = [x, site.constant(unloaded, vec3), site.constant(taxels, wp.int32), site.constant(shares * factor)]
         move = context.record(move_kernel(real), moved.shape, inputs, [moved])
         field = site.zeros(3)
         chips = site.positions - self.chip_depth * site.normals
@@ -222,7 +228,7 @@ class Magnetic(Transducer):
             site.constant(radius_of(other_moments)),
         ]  # fmt: skip
         launch = context.record(kernel, field.shape[:2], inputs, [field])
-        why = f"{len(rest)} dipoles at {len(chips)} chips"
+        why = f"{len(unloaded)} dipoles at {len(chips)} chips"
         return field, [
             Stage(name=f"{site.name}: magnets", reason="they move with the skin", launch=move),
             Stage(name=f"{site.name}: field", reason=why, launch=launch, cheaper="fewer magnets"),

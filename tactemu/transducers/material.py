@@ -1,6 +1,6 @@
-"""Material: what a soft skin remembers of load, on each number of a reading by itself.
+"""The memory of a soft skin: creep, hysteresis and wear of each number of a reading by itself.
 
-With the load ``v``, its peak since the skin was last free ``P``, and ``n`` presses before::
+With the load ``v``, its peak ``P`` since the skin was last free, and ``n`` presses before::
 
     creep        v + Σ_k c w_k (z_k − v g1),   dz_k/dt = (v − z_k)/τ_k        c per decade of time; g1: after 1 s
     loop         + h P 4 s (1 − s) b,   s = v/P                               b: 0 loading, 1 unloading
@@ -30,14 +30,16 @@ from tactemu.transducers.laws import LogMemory
 from tactemu.transducers.transducer import SignalType, Transducer, TransducerSite
 
 PRESS_THRESHOLD_SHARE = wp.constant(wp.float64(0.05))
+"""Share of the largest peak at which a press begins."""
 TURN_SHARE = wp.constant(wp.float64(0.1))
 """Share of the peak over which loading turns into unloading."""
 MAX_PRESSES = wp.constant(wp.float64(1000.0))
+"""Number of presses after which the skin is not worked in any further."""
 
 
 @functools.cache
 def material_kernel(real, creep: bool, loop: bool, presses: bool):
-    """Only the laws that are asked for leave code."""
+    """Return the kernel of the laws that are switched on; the others leave no code."""
     f64 = wp.float64
 
     @wp.kernel(module="unique", enable_backward=False)
@@ -99,7 +101,7 @@ def material_kernel(real, creep: bool, loop: bool, presses: bool):
                 if p != f64(0.0):
                     s = wp.clamp(v / p, f64(0.0), f64(1.0))
                     was = branch[e, i, c]
-                    # how far below the peak, in shares of it, since it last loaded
+                    # distance below the peak since the skin was last loaded, as a share of the peak
                     b = wp.clamp((f64(1.0) - s) / TURN_SHARE, f64(0.0), f64(1.0))
                     if s >= f64(1.0):
                         b = f64(0.0)
@@ -117,30 +119,30 @@ def material_kernel(real, creep: bool, loop: bool, presses: bool):
 
 @dataclass(frozen=True, kw_only=True)
 class Material(Transducer):
-    """Gives what it takes, as a soft skin passes it on."""
+    """A transducer that provides its input quantity, changed by the memory of a soft skin."""
 
     creep_per_decade: float = 0.0
-    """Growth of the reading of a constant load per decade of time, of that after 1 s; negative: it relaxes."""
+    """Growth of the reading of a constant load per decade of time, relative to that after 1 s; negative: it relaxes."""
     creep_exponent: float = 0.0
-    """Heavy loads creep less: ``(|v|/reference)^-exponent``."""
+    """Exponent by which heavy loads creep less: ``(|v|/reference)^-exponent``."""
     reference: float = 1.0
     """Load at which ``creep_per_decade`` holds [unit of the reading]."""
     first: float = 0.1
-    """Where the logarithm begins [s]."""
+    """Time at which the logarithm begins [s]."""
     last: float = 1000.0
-    """Where it ends [s]."""
+    """Time at which the logarithm ends [s]."""
     loop: float = 0.0
-    """Widest gap between unloading and loading, of the peak of that press."""
+    """Widest gap between unloading and loading, as a share of the peak of that press."""
     softening: float = 0.0
-    """What each press takes of the reading, per ln(1 + presses)."""
+    """Loss of the reading per ln(1 + presses), as a share."""
     baseline: float = 0.0
-    """What a press leaves behind, of its peak, per ln(1 + presses)."""
+    """Offset that a press leaves behind per ln(1 + presses), as a share of its peak."""
     presses_before: float = 0.0
-    """Presses that it had seen before time 0."""
+    """Number of presses before time 0."""
 
     takes = ("force", "pressure", "displacement", "depth", "field", "resistance", "capacitance")
     valid = "Presses that come and go. Inside a loop that is not closed the reading is that of the outer one."
-    source = "Logarithmic creep of elastomers and of piezoresistive composites; docs/realism.md has what was measured."
+    source = "Logarithmic creep of elastomers and of piezoresistive composites; docs/realism.md has the measurements."
 
     def check(self, where: str) -> None:
         for name in ("loop", "softening", "baseline", "creep_per_decade"):

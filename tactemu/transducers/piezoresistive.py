@@ -1,14 +1,15 @@
-"""Piezoresistive: a resistance that falls with pressure, below a divider, in rows and columns (FlexiTac, Weiss).
+"""Piezoresistive transducers: a resistance that falls with pressure, in a divider, in rows and columns.
 
-With the pressure ``p`` on a taxel, warmth ``T − T0``, and a fixed resistor ``Rf`` of the divider::
+FlexiTac and Weiss use them. With the pressure ``p`` on a taxel, the warming ``T − T0``, and a fixed resistor ``Rf`` of
+the divider::
 
     u = (p / half)^n exp(a (T − T0))          R = Rf / u, at most r_open
-    V = u / (1 + u)                           of the supply
+    V = u / (1 + u)                           as a share of the supply
     ghosts: V + g (mean of its row)(mean of its column) / (mean of all)
     reading = gain (1 + b (T − T0)) V + zero (T − T0), 0 below the threshold
 
-Gain and zero drift by terms of their own. ``rated_n`` makes the reading a push along the normal that has this force
-where V is 1, for devices that count in force; otherwise it is the resistance that the divider sees [Ohm].
+Gain and zero each have a drift term. ``rated_n`` makes the reading a force along the normal that has this value where V
+is 1, for devices whose counts are forces; otherwise the reading is the resistance in the divider [Ohm].
 """
 
 # pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
@@ -30,9 +31,9 @@ from tactemu.transducers.transducer import RESISTANCE, SignalType, Transducer, T
 
 @functools.cache
 def share_kernel(real, vector: bool):
-    """Share of the supply that each divider gives."""
+    """Return the kernel that computes the output of each divider, as a share of the supply."""
     vec3 = wp.types.vector(3, real)
-    load = pressure_function(real, vector)
+    pressure = pressure_function(real, vector)
 
     @wp.kernel(module="unique", enable_backward=False)
     def shares_of_supply(
@@ -47,7 +48,7 @@ def share_kernel(real, vector: bool):
     ):
         e, i = wp.tid()
         e += first_env
-        p = load(x, normals, areas, e, i)
+        p = pressure(x, normals, areas, e, i)
         u = wp.pow(p / half, exponent)
         if p == real(0.0):
             u = real(0.0)
@@ -58,7 +59,7 @@ def share_kernel(real, vector: bool):
 
 @functools.cache
 def readout_kernel(real, push: bool, ghosts: bool):
-    """What is read of it: a resistance, or a push."""
+    """Return the kernel that computes readings from the dividers' outputs: resistances, or with ``push`` forces."""
     vec3 = wp.types.vector(3, real)
 
     @wp.kernel(module="unique", enable_backward=False)
@@ -115,37 +116,37 @@ def readout_kernel(real, push: bool, ghosts: bool):
 
 @dataclass(frozen=True, kw_only=True)
 class Piezoresistive(Transducer):
-    """Gives the resistance of each taxel [Ohm], or with ``rated_n`` a push of which it is a share."""
+    """A transducer that provides the resistance of each taxel [Ohm], or with ``rated_n`` a share of this force."""
 
     half: float = 5e4
     """Pressure at which the taxel's resistance is that of the divider [Pa]."""
     exponent: float = 1.5
-    """Of resistance over pressure: R ∝ p^-n."""
+    """Exponent n of resistance over pressure: R ∝ p^-n."""
     fixed: float = 1e4
     """Resistor of the divider [Ohm]."""
     r_open: float = 1e8
-    """Resistance of a taxel that nothing touches [Ohm]."""
+    """Resistance of an unloaded taxel [Ohm]."""
     rated_n: float | None = None
-    """Force of a reading at full supply [N]; with a model that gives pressure [Pa]."""
+    """Reading at full supply [N]; [Pa] with a model that provides pressure."""
     ghosts: float = 0.0
-    """Share of a ghost at the fourth corner of three that are pressed; the layout must be a grid."""
+    """Strength of the ghost at the fourth corner of three that are pressed; the layout must be a grid."""
     threshold: float = 0.0
     """Share of the supply below which the reading is 0."""
     gain: float = 1.0
-    """Gain register."""
+    """Gain of the read-out."""
     temperature: float = 25.0
-    """[degC]"""
+    """Temperature of the skin [degC]."""
     temperature_reference: float = 25.0
-    """Where the parameters hold [degC]."""
+    """Temperature at which the parameters hold [degC]."""
     half_per_k: float = 0.0
     """Growth of u with warmth [1/K]."""
     gain_per_k: float = 0.0
     """Growth of the gain with warmth [1/K]."""
     zero_per_k: float = 0.0
-    """Growth of the zero with warmth, of the supply [1/K]."""
+    """Growth of the zero with warmth, as a share of the supply [1/K]."""
 
     takes = TAKES
-    valid = "One resistor for each taxel. Ghosts are those of three corners of a rectangle, to first order."
+    valid = "One resistor for each taxel. Ghosts come from three pressed corners of a rectangle, to first order."
     source = "Percolating composites: R ∝ p^-n. Velostat: n 1.57; Weiss DSA: 2 (docs/realism.md)."
 
     def check(self, where: str) -> None:
@@ -169,14 +170,14 @@ class Piezoresistive(Transducer):
     def compile(self, site: TransducerSite, x: wp.array, taken: SignalType) -> tuple[wp.array, Sequence[Stage]]:
         context, real = site.context, site.context.real
         if self.ghosts and len(site.layout) != 2:
-            raise SceneError(f"sensor {site.name!r}: ghosts need taxels in rows and columns, not {site.layout}")
+            raise SceneError(f"sensor {site.name!r}: ghosts need taxels in rows and columns, got {site.layout}")
         rows, cols = site.layout if len(site.layout) == 2 else (1, len(site.positions))
         normals, areas = skin_arrays(site)
         share = wp.zeros((context.n_envs, len(site.positions)), dtype=real, device=context.device)
         warm = self.temperature - self.temperature_reference
         half = self.half * 2.718281828459045 ** (-self.half_per_k * warm / self.exponent)
         inputs = [x, normals, areas, half, self.exponent]
-        feel = context.record(share_kernel(real, taken.vector), share.shape, inputs, [share])
+        divide = context.record(share_kernel(real, taken.vector), share.shape, inputs, [share])
         kind = self.gives(taken)
         out = site.zeros(kind.n_channels)
         inputs = [
@@ -186,6 +187,6 @@ class Piezoresistive(Transducer):
         kernel = readout_kernel(real, self.rated_n is not None, bool(self.ghosts))
         launch = context.record(kernel, share.shape, inputs, [out])
         return out, [
-            Stage(name=f"{site.name}: resistors", reason="resistance falls with pressure", launch=feel),
+            Stage(name=f"{site.name}: resistors", reason="resistance falls with pressure", launch=divide),
             Stage(name=f"{site.name}: divider", reason=kind.quantity, launch=launch),
         ]

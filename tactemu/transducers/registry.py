@@ -1,4 +1,4 @@
-"""Transducers by name: one line each."""
+"""The transducers by name, one line each."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from tactemu.transducers.transducer import Transducer
 
 TRANSDUCERS: dict[str, str] = {
-    # kind in scene files: "module:Class", imported only when asked for
+    # kind in scene files: "module:Class", imported only when needed
     "material": "tactemu.transducers.material:Material",
     "magnetic": "tactemu.transducers.magnetic:Magnetic",
     "piezoresistive": "tactemu.transducers.piezoresistive:Piezoresistive",
@@ -23,10 +23,10 @@ TRANSDUCERS: dict[str, str] = {
 
 
 def transducer_class(name: str) -> type[Transducer]:
-    """Return the class of a transducer, by its name or as ``"module:Class"`` of the user's own.
+    """Return the class of a transducer, given its name or the ``"module:Class"`` of your own.
 
     Raises:
-        SceneError: there is none of this name.
+        SceneError: there is no transducer of this name.
     """
     module, _, kind = TRANSDUCERS.get(name, name).partition(":")
     try:
@@ -37,10 +37,10 @@ def transducer_class(name: str) -> type[Transducer]:
 
 
 def make_transducer(where: str, table: Mapping[str, Any]) -> Transducer:
-    """Return a transducer of a scene file's table: its ``kind``, and options.
+    """Return the transducer that a table of a scene file describes: its ``kind``, and options.
 
     Raises:
-        SceneError: no such kind, or an option that it does not have or does not accept.
+        SceneError: there is no such kind, or the transducer does not have or accept an option.
     """
     options = dict(table)
     kind = options.pop("kind", None)

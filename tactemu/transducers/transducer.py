@@ -1,12 +1,12 @@
-"""What a transducer is, and how to write one.
+"""The base class of transducers, and how to write one.
 
 A transducer is a frozen dataclass of options, one file, derived from :class:`Transducer`, with one line in
-:mod:`tactemu.transducers.registry`. Several follow one another: each takes what the one before gives, the first what
-the sensor model gives. They stand between the memory of the material and the electronics: noise, resolution and
+:mod:`tactemu.transducers.registry`. Several follow one another: each receives the signal of the one before, the first
+that of the sensor model. They come after the memory of the material and before the electronics: noise, resolution and
 saturation of the sensor are then in the unit of the last one.
 
 ``compile`` allocates with ``site.context`` and returns the array that it fills and its stages, as a sensor model does.
-It is called for the ground truth and for the measured branch, unless both are one.
+It is called for the ground truth and for the measured branch, unless the two are the same.
 """
 
 from __future__ import annotations
@@ -27,16 +27,18 @@ Channels = Literal["scalar", "force", "displacement"]
 
 @dataclass(frozen=True, kw_only=True)
 class SignalType:
-    """What an array ``(n_envs, n_taxels, channels)`` holds."""
+    """The quantity in an array ``(n_envs, n_taxels, channels)``, with its unit and number of channels."""
 
     quantity: str
-    """See :data:`firmware_protocols.device.Quantity`."""
+    """The quantity's name, as in :data:`firmware_protocols.device.Quantity`."""
     unit: str
+    """The SI unit."""
     vector: bool
+    """True for a vector of three channels, false for one number."""
 
     @property
     def n_channels(self) -> int:
-        """Numbers of one taxel."""
+        """The number of channels of one taxel."""
         return 3 if self.vector else 1
 
 
@@ -55,26 +57,28 @@ SIGNAL_TYPES = {
 
 @dataclass(frozen=True, kw_only=True)
 class TransducerSite:
-    """Where a transducer is compiled: the skin on its link."""
+    """The skin on its link, for which a transducer is compiled."""
 
     name: str
-    """Of the sensor."""
+    """Name of the sensor."""
     context: Context
+    """The scene's context, which allocates arrays and records launches."""
     positions: np.ndarray
-    """Of the taxels in the link's frame [m], ``(n, 3)``."""
+    """Positions of the taxels in the link's frame [m], ``(n, 3)``."""
     normals: np.ndarray
-    """Out of the skin, ``(n, 3)``, of unit length."""
+    """Unit normals of the taxels, out of the skin, in the link's frame, ``(n, 3)``."""
     layout: tuple[int, ...]
-    """``(n,)`` or ``(rows, cols)``."""
+    """Layout of the taxels, ``(n,)`` or ``(rows, cols)``."""
     areas: np.ndarray
-    """Of the taxels [m²], ``(n,)``."""
+    """Areas of the taxels [m²], ``(n,)``."""
     link: int
+    """Index of the link among the bodies."""
     world: wp.array
-    """Poses of all bodies, ``(n_envs, n_bodies, 13)``: see :mod:`tactemu.sensors.poses`."""
+    """World poses of all bodies, ``(n_envs, n_bodies, 13)``: see :mod:`tactemu.sensors.poses`."""
     pose: wp.array
-    """The bodies as the link sees them, transforms ``(n_envs, n_bodies)``."""
+    """Poses of the bodies in the link's frame, transforms ``(n_envs, n_bodies)``."""
     bodies: Mapping[str, int]
-    """Their places, by name."""
+    """Indices of the bodies, by name."""
 
     def zeros(self, channels: int) -> wp.array:
         """Return a new array ``(n_envs, n_taxels, channels)`` that is part of the state."""
@@ -87,35 +91,35 @@ class TransducerSite:
 
 @dataclass(frozen=True, kw_only=True)
 class Transducer(ABC):
-    """Options of one transducer. SI units; vectors in the frame of the link."""
+    """The options of one transducer, in SI units, with vectors in the frame of the link."""
 
     takes: ClassVar[tuple[str, ...]]
-    """Quantities that it can begin with, best first."""
+    """The quantities that it accepts, best first."""
     valid: ClassVar[str] = ""
-    """Where its readings mean something."""
+    """The conditions under which its readings are meaningful."""
     source: ClassVar[str] = ""
-    """Where its equations come from."""
+    """The source of its equations."""
 
     def check_all(self, where: str) -> None:
-        """Check every option by its declared type, then what the class itself asks of its options.
+        """Check every option against its declared type, then by :meth:`check`.
 
         Raises:
-            SceneError: an option has another type or shape than declared, or no meaning.
+            SceneError: an option has another type or shape than declared, or a meaningless value.
         """
         check_declared(where, self)
         self.check(where)
 
     def check(self, where: str) -> None:
-        """Check what the class asks of its options beside being finite.
+        """Check the options beyond type and finiteness, as the class needs.
 
         Raises:
-            SceneError: one has no meaning.
+            SceneError: an option has a meaningless value.
         """
 
     @abstractmethod
     def gives(self, taken: SignalType) -> SignalType:
-        """What comes out when this goes in."""
+        """Return the type of the transducer's signal for an input of type ``taken``."""
 
     @abstractmethod
     def compile(self, site: TransducerSite, x: wp.array, taken: SignalType) -> tuple[wp.array, Sequence[Stage]]:
-        """Return the array that it fills and its stages; ``x`` is ``(n_envs, n_taxels, channels)``."""
+        """Return the array that the transducer fills and its stages; ``x`` is ``(n_envs, n_taxels, channels)``."""
