@@ -1,4 +1,4 @@
-"""What real tactile sensors say on their wires. Needs numpy only; knows nothing of simulation, ports or clocks.
+"""Firmware models of real tactile sensors: the bytes on their wires, without simulation, ports or clocks.
 
 >>> import firmware_protocols as fp
 >>> device = fp.create("anyskin")
@@ -13,7 +13,7 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:  # what an editor sees; the table below says the same to Python
+if TYPE_CHECKING:  # for editors; the table below serves Python
     from firmware_protocols.commands import Command as Command
     from firmware_protocols.connectors import USB as USB
     from firmware_protocols.connectors import Can as Can
@@ -54,7 +54,7 @@ if TYPE_CHECKING:  # what an editor sees; the table below says the same to Pytho
     from firmware_protocols.registry import names as names
 
 _PUBLIC = {
-    # module: the public names that it defines
+    # module: its public names
     "commands": ("Command",),
     "connectors": ("USB", "Can", "Connector", "Dds", "Rs485", "Serial", "Tcp", "Topic", "Udp", "WebSocket"),
     "device": (
@@ -73,7 +73,7 @@ _MODULE_OF = {name: module for module, names in _PUBLIC.items() for name in name
 __all__ = list(_MODULE_OF)  # pyright: ignore[reportUnsupportedDunderAll]
 
 
-if not TYPE_CHECKING:  # a checker takes a module with __getattr__ to have every name there is
+if not TYPE_CHECKING:  # a type checker would accept any name of a module that has __getattr__
 
     def __getattr__(name: str):
         if name not in _MODULE_OF:

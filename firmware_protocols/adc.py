@@ -1,4 +1,4 @@
-"""From SI to counts: the converter and the filter before it."""
+"""The analogue-to-digital converter, from SI units to counts, and the filter before it."""
 
 from __future__ import annotations
 
@@ -13,21 +13,22 @@ def quantize(
     high: float = 0xFFFF,
     rest: float | np.ndarray = 0.0,
 ) -> np.ndarray:
-    """``rest + values * counts_per_unit``, rounded to nearest and saturated to ``low..high``; int64, so nothing wraps.
+    """Return ``rest + values * counts_per_unit``, rounded to nearest and saturated to ``low..high``.
 
-    ``values`` may have any shape; ``counts_per_unit`` and ``rest`` (the reading of zero) broadcast against it.
+    ``values`` may have any shape; ``counts_per_unit`` and ``rest`` (the reading of zero) broadcast against it. The
+    counts are int64, so that they do not wrap.
     """
     counts = np.rint(np.asarray(values, float) * counts_per_unit + rest)
     return np.minimum(np.maximum(counts, low), high).astype(np.int64)
 
 
 def int16(values: ArrayLike, order: str = ">") -> bytes:
-    """Rounded, saturated and packed as signed 16 bit; ``order`` is ``">"`` (high byte first) or ``"<"``."""
+    """Pack values as signed 16 bit, rounded and saturated; ``order`` is ``">"`` (high byte first) or ``"<"``."""
     return np.asarray(quantize(values, 1.0, -0x8000, 0x7FFF), f"{order}i2").tobytes()
 
 
 def pack_12_bits(values: np.ndarray) -> bytes:
-    """Integers 0..4095 as a stream of 12 bits each, low bits first: two in three bytes, a last one alone in two."""
+    """Pack integers 0..4095 as a stream of 12 bits each, low bits first: two in three bytes, an odd last one in two."""
     pairs = np.append(values, np.zeros(len(values) % 2, np.int64))
     even, odd = pairs[0::2], pairs[1::2]
     packed = np.stack([even & 0xFF, even >> 8 | (odd & 0x0F) << 4, odd >> 4], axis=-1)
@@ -43,11 +44,11 @@ class LowPass:
     def __init__(self, cutoff_hz: float | None = None):
         self.cutoff_hz = cutoff_hz
         self.value: np.ndarray | None = None
-        """What came out last, of the shape that went in."""
+        """The latest output, of the shape of the input."""
         self._t_ns = 0
 
     def __call__(self, values: ArrayLike, t_ns: int) -> np.ndarray:
-        """What comes out at ``t_ns`` when ``values`` have been there since the call before."""
+        """Return the output at ``t_ns`` for an input that has been ``values`` since the previous call."""
         values = np.asarray(values, float)
         out = values
         if self.value is not None and self.cutoff_hz is not None:

@@ -1,4 +1,4 @@
-"""Many CAN frames at once, as Linux lays them out: for devices that send dozens a sample, encoded by NumPy."""
+"""Arrays of CAN frames in Linux's memory layout, for devices that send dozens a sample and encode them with NumPy."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ CAN_FRAME = np.dtype([("can_id", "=u4"), ("len", "u1"), ("pad", "V3"), ("data", 
 
 
 class CanFrames(Sequence[CanFrame]):
-    """Classic data frames with standard identifiers, in the order in which they leave.
+    """A sequence of classic data frames with standard identifiers, in the order in which they leave.
 
-    To whoever takes them one by one they are :class:`CanFrame`; what carries them may keep them together.
+    Its items are :class:`CanFrame`; a transport may send the array as it is.
 
     Args:
-        array: frames as :data:`CAN_FRAME`, shape ``(n,)``; it is not copied and must not change any more.
+        array: frames as :data:`CAN_FRAME`, shape ``(n,)``; it is not copied, so do not change it afterwards.
     """
 
     __slots__ = ("array",)

@@ -1,4 +1,4 @@
-"""Documented commands, each with a worked example and where it comes from."""
+"""Documented commands, each with a worked example and its origin."""
 
 from __future__ import annotations
 
@@ -11,24 +11,24 @@ from firmware_protocols.frames import WireFrame, frame_of, matches
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Command:
-    """One documented command: what a driver sends and what the firmware answers. `tactemu check` sends each.
+    """One documented command: a driver's request and the firmware's answer. `tactemu check` sends each.
 
-    Frames are written as text (hex for bytes, candump notation for CAN) and are literal: bytes that the code under
-    test makes would only agree with themselves. In an answer ``..`` is any byte, ``..{12}`` twelve of them, ``*`` any
-    rest.
+    Frames are written as text (hex for bytes, candump notation for CAN) and are literal: bytes from the code under
+    test would only agree with themselves. In an answer ``..`` is any byte, ``..{12}`` twelve of them, ``*`` any
+    number of them.
     """
 
     name: str
     request: WireFrame | str
     reply: WireFrame | str | Sequence[WireFrame | str] | Callable[[list[Any]], bool] | None = None
-    """The answer, or several in order; ``None``: documented silence; a predicate where no pattern can say it."""
+    """The answer, or several in order; ``None``: documented silence; a predicate where no pattern can describe it."""
     about: str = ""
     after: Sequence[WireFrame | str] = ()
     """Requests to send first (select a port, unlock ...)."""
     port: str = ""
-    """Where it is sent; default: the device's first port."""
+    """The port that it is sent to; default: the device's first port."""
     origin: str = ""
-    """Where the example comes from: a manual's page, a capture, the driver that sends it."""
+    """The source of the example: a manual's page, a capture, the driver that sends it."""
 
     @property
     def frame(self) -> WireFrame:
@@ -36,7 +36,7 @@ class Command:
         return frame_of(self.request)
 
     def agrees(self, frames: Sequence[Any]) -> bool:
-        """Whether these frames are the documented answer."""
+        """Return True if these frames are the documented answer."""
         if callable(self.reply):
             return bool(self.reply(list(frames)))
         wanted: list[Any] = [] if self.reply is None else [self.reply]

@@ -1,4 +1,4 @@
-"""What a device can be plugged into. A connector says what is soldered on; how its line behaves is the line model's."""
+"""The connectors that a device can have. A connector describes the hardware; its line model describes the timing."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import ClassVar, Literal
 
 @dataclass(frozen=True)
 class USB:
-    """What a USB port says of itself when it is listed. Vendor and product ids as the vendor registered them."""
+    """The identity of a USB port in a list of ports; vendor and product ids as the vendor registered them."""
 
     vid: int
     pid: int
@@ -16,21 +16,21 @@ class USB:
     product: str = ""
     serial: str = ""
     interface: int = 0
-    """Number of the interface, for boards with several ports."""
+    """The number of the interface, for boards with several ports."""
     node: Literal["ttyACM", "ttyUSB"] = "ttyACM"
-    """The kernel's name for it: CDC-ACM, or a USB-serial bridge."""
+    """The kernel's name of the port: CDC-ACM, or a USB-serial bridge."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Connector:
-    """Any connector."""
+    """A connector of any kind."""
 
     name: str = ""
-    """Needed where a device has several."""
-    plugged: bool = True
-    """Whether it is in use unless the user says otherwise. The first connector always is."""
-    whole: ClassVar[bool] = False
-    """Frames arrive as they were sent, none in pieces: not a stream of bytes."""
+    """The port's name; needed where a device has several ports."""
+    is_plugged: bool = True
+    """True if the connector is in use without the user asking for it. The first connector always is."""
+    is_framed: ClassVar[bool] = False
+    """True if frames arrive as they were sent, never in pieces; False for a stream of bytes."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,43 +42,43 @@ class Serial(Connector):
     parity: Literal["N", "E", "O"] = "N"
     stopbits: int = 1
     usb: bool | USB = False
-    """USB-CDC: the baud rate is a number that nobody uses; neither pacing nor mismatch applies. A bridge (``ttyUSB``)
+    """True for USB-CDC: the baud rate has no effect, so neither pacing nor mismatch applies. A bridge (``ttyUSB``)
     has a true UART behind it."""
 
     @property
     def is_cdc(self) -> bool:
-        """USB all the way."""
+        """True if no UART is behind the USB port."""
         return bool(self.usb) and getattr(self.usb, "node", "") != "ttyUSB"
 
     @property
     def bits_per_byte(self) -> int:
-        """Start, data, parity and stop bits."""
+        """The number of start, data, parity and stop bits together."""
         return 1 + self.bytesize + (self.parity != "N") + self.stopbits
 
 
 @dataclass(frozen=True, kw_only=True)
 class Rs485(Serial):
-    """A half-duplex line (RS-485, one-wire TTL): one talks, all hear. Several devices may share it."""
+    """A half-duplex line (RS-485, one-wire TTL): one node transmits, all receive. Several devices may share it."""
 
     turnaround_ns: int = 0
-    """From the last bit heard until the first that this device can send."""
+    """The time from the last bit received to the first that this device can send."""
     echo: bool = False
-    """The host hears what it sends."""
+    """True if the host receives its own bytes."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Can(Connector):
     """A CAN bus; ``data_bitrate`` makes it CAN-FD with bit rate switching."""
 
-    whole = True
+    is_framed = True
     bitrate: int = 1_000_000
     data_bitrate: int | None = None
-    hears: tuple[tuple[int, int], ...] = ()
-    """``(id, mask)`` pairs that the device's controller takes, of 29 bits where either needs them; empty: all that the
-    host sends."""
+    filters: tuple[tuple[int, int], ...] = ()
+    """The controller's acceptance filters, pairs ``(id, mask)``, of 29 bits where either needs them. Empty: it accepts
+    every frame of the host."""
     addressed: tuple[tuple[int, int], ...] = ()
-    """Such pairs of the frames that are meant for this device. One that its controller does not take is counted as
-    ``ignored``: the driver wants something of it that it does not have."""
+    """The device's own address range, also as pairs. A frame in it that no filter accepts is counted as ``ignored``:
+    the driver asks for a function that the device does not have."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,9 +90,9 @@ class Tcp(Connector):
 
 @dataclass(frozen=True, kw_only=True)
 class Udp(Connector):
-    """A UDP port: each frame is one datagram. What the device sends goes to whoever spoke to it last."""
+    """A UDP port: each frame is one datagram. The device sends to the client from which it last received."""
 
-    whole = True
+    is_framed = True
     port: int
 
 
@@ -100,13 +100,13 @@ class Udp(Connector):
 class WebSocket(Connector):
     """A WebSocket server: each frame is one text message, in UTF-8."""
 
-    whole = True
+    is_framed = True
     port: int
 
 
 @dataclass(frozen=True, kw_only=True)
 class Topic:
-    """A topic of DDS: its name, and the name of its type in the IDL."""
+    """A topic of DDS, with the name of its type in the IDL."""
 
     name: str
     type: str
@@ -116,10 +116,10 @@ class Topic:
 class Dds(Connector):
     """A writer and a reader in a DDS domain: each frame is a sample, in CDR, little-endian, from its first member on.
 
-    ``idl`` has their types, as :mod:`firmware_protocols.idl` reads them.
+    ``idl`` declares their types, in the part of the language that :mod:`firmware_protocols.idl` supports.
     """
 
-    whole = True
+    is_framed = True
     writes: Topic
     reads: Topic | None = None
     idl: str

@@ -1,4 +1,4 @@
-"""Frame tables with a CAN identifier as the text of a DBC file, for cantools, SavvyCAN and the like."""
+"""A converter of frame tables with a CAN identifier to a DBC file, for cantools, SavvyCAN and similar programs."""
 
 from __future__ import annotations
 
@@ -9,22 +9,25 @@ import numpy as np
 from firmware_protocols.tables import Field, Frame
 
 _EXTENDED = 1 << 31
-"""Marks 29-bit identifiers in a DBC file."""
+"""The bit that marks 29-bit identifiers in a DBC file."""
 
 
 def dbc(messages: Iterable[tuple[Frame, Mapping[str, int]]]) -> str:
-    """Return the messages by frame and parts of its identifier: ``dbc([(TAIL, {"board": 1, "triangle": 0})])``.
+    """Return the text of a DBC file, for frames with parts of their identifiers.
 
-    Frames that share an identifier are told apart by their first byte, which must be constant then: a multiplexer
-    named ``kind``. Constants are no signals; an array is a signal per element.
+    ``dbc([(TAIL, {"board": 1, "triangle": 0})])``: frames that share an identifier are distinguished by their first
+    byte, which must be constant then: a multiplexer named ``kind``. Constants are no signals; an array is a signal per
+    element.
 
     Raises:
-        ValueError: a frame of open length or without identifier, or frames that nothing tells apart.
+        ValueError: a frame has an open length or no identifier, or frames of one identifier cannot be distinguished.
     """
     by_identifier: dict[int, list[tuple[str, Frame]]] = {}
     for frame, parts in messages:
         if frame.id is None or frame.size is None:
-            raise ValueError(f"{frame.name}: a DBC message has an identifier and a size: say `id ...`, bind its counts")
+            raise ValueError(
+                f"{frame.name}: a DBC message needs an identifier and a size: add `id ...`, bind its counts"
+            )
         identifier = frame.id.of(**parts) | _EXTENDED * frame.id.extended
         name = "_".join([frame.name, *map(str, parts.values())]).replace(" ", "_")
         by_identifier.setdefault(identifier, []).append((name, frame))
@@ -52,7 +55,7 @@ def _message(identifier: int, frames: list[tuple[str, Frame]]) -> str:
 
 
 def _signals(field: Field, at: int, kind: str) -> list[str]:
-    """Return one for a number, one per element of an array."""
+    """Return the signal of a number, or one per element of an array."""
     n, width = int(np.prod(field.shape, dtype=int)), field.dtype.itemsize
     big = field.byte_order == ">"
     sign = "-" if field.dtype.kind in "if" else "+"

@@ -1,13 +1,13 @@
-"""The contract between a sensor's firmware model and whoever runs it.
+"""The contract between a sensor's firmware model and the program that runs it.
 
 A :class:`Device` is a state machine: readings and the driver's bytes go in, frames come out. It does no I/O, owns
 no clock and draws no random number, so that every test is instant and the same inputs give the same bytes.
 
 * ``__init__`` is power-up: what it sets is the firmware's memory, and a restart runs it again. Only ``flash`` survives.
-* Time is an argument: ``t_ns``, integer nanoseconds on the device's own clock. Nothing here asks for it.
+* Time is an argument: ``t_ns``, integer nanoseconds on the device's own clock. A device reads no clock.
 * A method returns what the firmware does, in order: frames to send, :class:`Sent`, :class:`Convert`, :class:`Restart`.
 
-Frames and signs, once and for all:
+Frames of reference and signs:
 
 * SI units up to the ADC, counts only after it.
 * Vectors are in the frame of the *link that carries the skin*; a taxel's normal points out of the skin.
@@ -37,7 +37,7 @@ Quantity = Literal[
     "force", "pressure", "depth", "displacement", "touch", "field", "resistance", "capacitance",
     "temperature", "acceleration", "angular_velocity", "wrench", "vibration", "load",
 ]  # fmt: skip
-"""What transducers see, at the n points of a layout.
+"""A quantity that transducers measure, at the n points of a layout.
 
 Per taxel: ``force`` [N] (n, 3), ``pressure`` [Pa] (n,), ``depth`` [m] (n,), ``displacement`` [m] (n, 3), ``touch`` bool
 (n,); where the scene has a transducer: ``field`` [T] (n, 3), ``resistance`` [Ohm] (n,), ``capacitance`` [F] (n,).
@@ -48,23 +48,24 @@ Around it: ``temperature`` [°C] (n,), ``acceleration`` [m/s²] (n, 3), proper, 
 """
 
 TOUCH = ("force", "pressure", "depth", "displacement", "touch")
-"""Quantities of each taxel by itself, which a model of touch gives."""
+"""The quantities that a sensor model computes for each taxel by itself."""
 TRANSDUCED = ("field", "resistance", "capacitance")
-"""Those that a transducer of the scene makes of them, for a device that sees them (its option ``sees``)."""
+"""The quantities that a transducer of the scene derives from them, for a device that reads them (option ``sees``)."""
 CONTACT = (*TOUCH, *TRANSDUCED)
+"""All quantities of single taxels that contact changes."""
 VECTORS = ("force", "displacement", "field")
-"""Quantities of three numbers."""
+"""The quantities of three numbers."""
 _DERIVED = {"wrench": "force", "vibration": "force"}
-"""Quantities of all taxels together, and what they follow from."""
+"""The quantities of all taxels together, with the quantity that they follow from."""
 
 Axis = Literal["", "x", "y", "z"]
 
 Evidence = Literal["captured", "vendor document", "firmware", "driver", "assumed"]
-"""Where a byte table comes from, best first."""
+"""The kinds of source of a byte table, best first."""
 
-Kind = Literal["hand", "fingertip", "glove", "force-torque sensor", "skin", ""]
-"""What is bought: a hand, a gripper or its servos; a fingertip or a pad; a glove; a force-torque sensor; a skin, or
-what joins many sensors to one line; or something else."""
+DeviceKind = Literal["hand", "fingertip", "glove", "force-torque sensor", "skin", ""]
+"""The kind of product: a hand, a gripper or its servos; a fingertip or a pad; a glove; a force-torque sensor; a skin,
+or a hub that joins many sensors to one line; empty for any other."""
 
 if TYPE_CHECKING:  # a device's frames are bytes unless it says Device[CanFrame]
     from typing_extensions import TypeVar
@@ -78,20 +79,20 @@ else:
 
 @dataclass(frozen=True, slots=True)
 class Sent(Generic[F]):
-    """A frame that is not simply sent now, where the cause came from."""
+    """A frame that leaves later, on another port, or in turn; a plain frame leaves at once on the request's port."""
 
     frame: F
     port: str = ""
-    """Default: where the request came in, else the device's first port."""
+    """The port; default: the one on which the request arrived, else the device's first."""
     delay_ns: int = 0
-    """After the call (conversion, flash write ...); for an answer: after the request's last bit."""
+    """The delay after the call (conversion, flash write ...); of an answer: after the request's last bit."""
     turn: int = 0
-    """Place among the answers to one broadcast on a shared line: it begins when those before have ended."""
+    """The place among the answers to one broadcast on a shared line: it begins when those before it have ended."""
 
 
 @dataclass(frozen=True, slots=True)
 class Convert:
-    """One conversion of a stream, out of its period: the runner calls ``measure`` and ``stream`` then."""
+    """A conversion of a stream outside its period: the runner then calls ``measure`` and ``stream``."""
 
     stream: str = ""
     delay_ns: int = 0
@@ -99,14 +100,15 @@ class Convert:
 
 @dataclass(frozen=True, slots=True)
 class Restart:
-    """Power-up again (reset command, watchdog, DTR), boot time included."""
+    """A restart (reset command, watchdog, DTR): power-up again, boot time included."""
 
     delay_ns: int = 0
 
 
 Transmissions = Sequence["F | Sent[F] | Convert | Restart"]
+"""The actions of the firmware, in order."""
 Counts = np.ndarray | Mapping[str, np.ndarray]
-"""What a perfect driver would decode, points in layout order; by sense where a stream converts several."""
+"""The values that a perfect driver would decode, points in layout order; by sense where a stream converts several."""
 
 
 @dataclass(frozen=True)
@@ -116,29 +118,30 @@ class Sense:
     quantity: Quantity
     at: Layout | None = None
     name: str = ""
-    """Key in the reading and in the counts; default: the quantity."""
+    """The key in the reading and in the counts; default: the quantity."""
     burst: int = 1
-    """Values per conversion, evenly over the time since the last, oldest first: a last axis of this length."""
+    """The number of values per conversion, spread evenly over the time since the previous one, oldest first: a last
+    axis of this length."""
 
     @property
     def key(self) -> str:
-        """Its name in readings and counts."""
+        """The sense's name in readings and counts."""
         return self.name or self.quantity
 
 
 @dataclass(frozen=True)
 class Stream:
-    """Conversions at one rate, of some of the senses."""
+    """Conversions of some of the senses at one rate."""
 
     rate_hz: float
-    """After power-up; 0 waits for the firmware to set a period, or for :class:`Convert`."""
+    """The rate after power-up; 0: no conversion until the firmware sets a period or returns :class:`Convert`."""
     senses: tuple[str, ...] = ()
-    """Keys; default: all."""
+    """The keys of the senses; default: all."""
 
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """What the senses of one stream see at one instant: ``reading["force"]``, SI, points in layout order."""
+    """The values at the senses of one stream at one instant: ``reading["force"]``, SI, points in layout order."""
 
     values: Mapping[str, np.ndarray]
     stream: str = ""
@@ -151,41 +154,41 @@ class Reading:
 
 @dataclass(frozen=True, kw_only=True)
 class Column:
-    """One number of what :meth:`Device.measure` returns for a point: a column of the counts."""
+    """A column of the counts: one of the numbers that :meth:`Device.measure` returns for a point."""
 
     name: str
     axis: Axis = ""
-    """Of the taxel's own frame; "" for a magnitude. A name tells columns apart, this does not."""
+    """The axis of the taxel's own frame; "" for a magnitude. Several columns may have one axis, but not one name."""
     unit: str = ""
-    """SI unit; "" where no scale is published."""
+    """The SI unit; "" where no scale is published."""
     counts_per_unit: float | None = None
-    """``None`` where it is not published, or the law is no line."""
+    """The scale; ``None`` where it is not published, or the law is not linear."""
     low: float
-    """The least count that it can show."""
+    """The smallest possible count."""
     high: float
-    """The greatest count that it can show."""
+    """The largest possible count."""
     rest: float = 0
-    """The count when nothing touches it, at 25 °C."""
+    """The count without contact, at 25 °C."""
     push: Literal[-1, 0, 1] = 0
-    """Which way it goes as its taxel is pushed; 0: it need not move."""
+    """The sign of the count's change under a push on its taxel; 0: it may stay the same."""
     sense: str = ""
-    """Key of the counts, where a device has several senses."""
+    """The key of the counts, where a device has several senses."""
     shared: bool = False
-    """One number for all points, not one each."""
+    """True for one number for all points instead of one each."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Rollover:
-    """A counter or clock on the wire that begins anew when it is full."""
+    """A counter or clock on the wire that starts again at 0 when it is full."""
 
     name: str
     bits: int
     step: int = 1
-    """Per frame; of a clock: per second."""
+    """The increment per frame; of a clock: per second."""
     clock: bool = False
-    """It counts time, not frames."""
+    """True if it counts time, not frames."""
     state: str = ""
-    """The attribute that holds it (of a clock: what is added to the time), so that :meth:`Device.preset` can set it."""
+    """The attribute of its value (of a clock: of the offset to the time), which :meth:`Device.preset` sets."""
 
 
 class Device(ABC, Generic[F]):
@@ -197,46 +200,49 @@ class Device(ABC, Generic[F]):
     """
 
     name: ClassVar[str]
-    """Registry name, lower case with underscores."""
+    """The name in the registry, lower case with underscores."""
     title: str
     """Vendor and model as people call it."""
-    kind: Kind = ""
-    """Where a list of devices has it."""
+    kind: DeviceKind = ""
+    """The heading of the device in lists of devices."""
     ports: tuple[Connector, ...]
-    """Its connectors, the usual one first. Live: a firmware that changes its baud rate replaces one."""
+    """The connectors, the usual one first. Live: a firmware that changes its baud rate replaces one."""
     senses: tuple[Quantity | Sense, ...] = ("force",)
+    """The quantities that its transducers measure."""
     rate_hz: float = 100.0
-    """Conversions per second after power-up, of a device with one stream. The user's wish overrides it."""
+    """The conversions per second after power-up, of a device with one stream. An option of the run overrides it."""
     streams: Mapping[str, Stream] = {}
-    """Of a device with several, by name."""
+    """The streams of a device with several, by name."""
     columns: tuple[Column, ...] = ()
-    """What the counts mean."""
+    """The meaning of the counts."""
     rollovers: tuple[Rollover, ...] = ()
+    """The counters and clocks on the wire."""
     boot_s: float = 0.0
-    """After power-up or a restart: how long it neither samples nor hears [s]."""
+    """The time after power-up or a restart in which it neither samples nor receives [s]."""
     evidence: tuple[Evidence, ...]
+    """The kinds of source of its byte tables."""
     sources: tuple[str, ...]
-    """Where each table comes from: repository@commit file, manual page, capture."""
+    """The source of each table: repository@commit file, manual page, capture."""
     judge: str = "none"
     """The unmodified driver (package and version) that has read this device."""
     facts: tuple[Fact, ...] = ()
-    """What is known beside the byte tables, and what each of it rests on."""
+    """The facts beside the byte tables, each with its basis."""
     scene: ClassVar[str] = ""
-    """Default scene in the scene file's TOML (``docs/scene-files.md``), for a class outside the tree; it is not
+    """The default scene in the scene file's TOML (``docs/scene-files.md``), for a class outside the tree; it is not
     inherited. Empty: one is made from the layout, a ball that presses the middle of each patch."""
 
     layout: Layout
-    """Where the taxels are. From the options alone: a restart makes an equal one."""
+    """The positions of the taxels. They follow from the options alone: a restart makes an equal layout."""
 
     options: Mapping[str, Any]
-    """Given: what ``__init__`` got."""
+    """The arguments of ``__init__``; set for you."""
     flash: dict[str, Any]
-    """Given: survives power-off; empty in a new device."""
+    """The memory that survives power-off, empty in a new device; set for you."""
     counters: Counter[str]
-    """Given: what became of the driver's bytes (``requests``, ``bad_checksum``, ``unknown_command`` ...). Of the
-    emulation, not of the firmware: survives too."""
+    """The counts of requests and errors in the driver's bytes (``requests``, ``bad_checksum``, ``unknown_command``
+    ...); set for you. They belong to the emulation, not to the firmware, and survive, too."""
     wake_ns: int | None
-    """Set it, and :meth:`wake` is called at that time of the device's clock."""
+    """The time of the device's clock at which :meth:`wake` is called; ``None``: never. Set it in your methods."""
 
     if not TYPE_CHECKING:  # editors and checkers see the signature of __init__
 
@@ -245,11 +251,11 @@ class Device(ABC, Generic[F]):
             device.options, device.flash, device.counters, device.wake_ns = options, {}, Counter(), None
             return device
 
-    # -- what the runner asks --------------------------------------------------------------------------------------
+    # -- called by the runner --------------------------------------------------------------------------------------
 
     @cached_property
     def periods(self) -> dict[str, int]:
-        """The firmware's sampling periods by stream [ns]; 0 is off. A change starts counting anew."""
+        """The firmware's sampling periods by stream [ns]; 0 is off. A change restarts the period."""
         streams = self.streams or {"": Stream(self.rate_hz)}
         return {name: round(1e9 / each.rate_hz) if each.rate_hz else 0 for name, each in streams.items()}
 
@@ -266,54 +272,52 @@ class Device(ABC, Generic[F]):
 
     @property
     def sensed(self) -> tuple[Sense, ...]:
-        """``senses`` in full."""
-        whole = (Sense(each) if isinstance(each, str) else each for each in self.senses)
-        return tuple(s if s.at is not None else Sense(s.quantity, self.layout, s.name, s.burst) for s in whole)
+        """``senses`` as :class:`Sense`, each with its layout."""
+        senses = (Sense(each) if isinstance(each, str) else each for each in self.senses)
+        return tuple(s if s.at is not None else Sense(s.quantity, self.layout, s.name, s.burst) for s in senses)
 
     @property
     def contact(self) -> tuple[str, ...]:
-        """What a model of touch must give at the taxels of :attr:`layout`, first sense first; ``force`` if nothing."""
+        """The quantities that a sensor model must compute at the taxels, first sense first; ``force`` if none."""
         wanted = [_DERIVED.get(sense.quantity, sense.quantity) for sense in self.sensed]
         return tuple(dict.fromkeys(name for name in wanted if name in CONTACT)) or ("force",)
 
     @property
     def drives(self) -> Motors | None:
-        """What a physics engine may move: its attribute ``motors``, if those have the names of joints."""
+        """The motors that a physics engine may move: the attribute ``motors``, if it names joints."""
         motors = vars(self).get("motors")
         return motors if isinstance(motors, Motors) and motors.names else None
 
     def senses_of(self, stream: str) -> tuple[Sense, ...]:
-        """What one stream converts."""
+        """Return the senses that one stream converts."""
         wanted = self.streams[stream].senses if self.streams else ()
         return tuple(sense for sense in self.sensed if not wanted or sense.key in wanted)
 
     def connector(self, port: str) -> Connector:
-        """Return the connector called ``port``; a client of one (``tcp/2``) is the connector's own."""
+        """Return the connector called ``port``; the port of one client (``tcp/2``) belongs to the connector ``tcp``."""
         name = port.partition("/")[0]
         return next(each for each in self.ports if each.name == name)
 
     def power_cycle(self) -> None:
-        """Forget everything but options, flash and counters, and power up. The runner's, as is the time it takes."""
+        """Forget everything but options, flash and counters, and power up. Only the runner calls it."""
         kept = {name: getattr(self, name) for name in ("options", "flash", "counters")}
         vars(self).clear()
         vars(self).update(kept, wake_ns=None)
         self.__init__(**self.options)
 
     def snapshot(self) -> dict[str, Any]:
-        """Return the whole state as plain data, for :meth:`restore` of a device with the same options, also
-        elsewhere.
-        """
-        return plain.save(self)
+        """Return the whole state as plain data, for :meth:`restore` of a device with these options in any process."""
+        return plain.snapshot(self)
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Go on from a snapshot, as often as you like."""
-        plain.load(self, state)
+        """Set the state to that of a snapshot, which may be used many times."""
+        plain.restore(self, state)
 
     def preset(self, name: str, value: int) -> None:
         """Set a counter or clock of :attr:`rollovers`, so that a test need not wait until it is full.
 
         Raises:
-            KeyError: it has none of this name that can be set.
+            KeyError: the device has no counter or clock of this name that can be set.
         """
         for each in self.rollovers:
             if each.name == name and each.state:
@@ -321,42 +325,47 @@ class Device(ABC, Generic[F]):
                 return
         raise KeyError(f"{self.name}: no counter {name!r} to preset: {[r.name for r in self.rollovers if r.state]}")
 
-    # -- what a device writes --------------------------------------------------------------------------------------
+    # -- written by the author of a device -------------------------------------------------------------------------
 
     @abstractmethod
     def measure(self, reading: Reading, t_ns: int) -> Counts:
-        """Return the ADC: SI values into state; returns what a perfect driver would decode, saturation included.
+        """Convert SI values, keep the counts in the state, and return them: the ADC, saturation included.
 
-        Points in layout order, shape ``(n_points,)`` or ``(n_points, n_columns)``; by sense where there are several.
-        Sends nothing. Called once after boot, before the first period, so that a polled device knows a value.
+        They are the values that a perfect driver would decode, points in layout order, shape ``(n_points,)`` or
+        ``(n_points, n_columns)``; by sense where there are several. The method sends nothing. It is also called once
+        after boot, before the first period, so that a polled device has a value.
         """
 
     def stream(self, t_ns: int, name: str) -> Transmissions[F]:
-        """What leaves unasked after each conversion of the stream ``name``."""
+        """Return the transmissions that follow each conversion of the stream ``name`` without a request."""
         return ()
 
     def receive(self, data: F, t_ns: int, port: str) -> Transmissions[F]:
-        """Return bytes in chunks of any size, or one CAN frame, from the driver; the firmware's answers.
+        """Return the firmware's answers to bytes in chunks of any size, or to one CAN frame, from the driver.
 
-        Never raises on bad input: it is counted in ``self.counters`` and answered as the firmware would, or not at all.
+        The method never raises on bad input: it counts it in ``self.counters`` and answers as the firmware would, if at
+        all.
         """
         self.counters["ignored"] += 1
         return ()
 
     def boot(self, t_ns: int) -> Transmissions[F]:
-        """What it says when it has booted."""
+        """Return the transmissions at the end of booting, such as a banner."""
         return ()
 
     def lines(self, dtr: bool, rts: bool, t_ns: int, port: str) -> Transmissions[F]:
-        """Modem lines moved; where there are none, both follow the port: opened or connected, closed."""
+        """Return the answers to a change of the modem lines.
+
+        Where there are none, both follow the port: high when it is opened or connected, low when it is closed.
+        """
         return ()
 
     def wake(self, t_ns: int) -> Transmissions[F]:
-        """``wake_ns`` has come (and is ``None`` again)."""
+        """Return the transmissions at the time ``wake_ns``, which is ``None`` again."""
         return ()
 
     def joints(self, t_ns: int) -> Mapping[str, float]:
-        """Where its actuators are [rad, m]; bodies of the scene may follow."""
+        """Return the positions of the actuators by joint [rad, m]; bodies of the scene may follow them."""
         return {}
 
     @property

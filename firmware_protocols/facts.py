@@ -1,7 +1,7 @@
-"""What is known about a sensor beside its byte tables, and what each fact rests on.
+"""The facts about a sensor beside its byte tables, each with its basis.
 
 A device declares them: ``facts = (stated(...), measured(...), assumed(...))``. A datasheet counts them by part, so that
-whoever writes a driver sees how far each part may be trusted.
+the author of a driver sees how far each part can be trusted.
 """
 
 from __future__ import annotations
@@ -10,14 +10,14 @@ from dataclasses import dataclass
 from typing import Literal
 
 Part = Literal["touch", "identity", "configuration", "timing"]
-"""Values that drivers decode; what the sensor says of itself; settings, power-up state, refusals; rates and clocks."""
+"""The values that drivers decode; the sensor's identification; settings, power-up state, refusals; rates and clocks."""
 Basis = Literal["stated", "measured", "assumed"]
-"""What a fact rests on, best first: a source, a recording of a real sensor, or nothing but our choice."""
+"""The basis of a fact, best first: a source, a recording of a real sensor, or our choice alone."""
 
 
 @dataclass(frozen=True, slots=True)
 class Fact:
-    """One fact, and what it rests on."""
+    """One fact with its basis."""
 
     part: Part
     what: str
@@ -40,5 +40,5 @@ def measured(part: Part, what: str, recording: str) -> Fact:
 
 
 def assumed(part: Part, what: str, looked: str) -> Fact:
-    """Return a fact that we chose, with the files that were read whole and do not state it."""
+    """Return a fact that we chose, with the files that we read from end to end and that do not state it."""
     return Fact(part, what, "assumed", looked.removeprefix("looked in: "))

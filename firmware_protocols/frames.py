@@ -1,4 +1,4 @@
-"""What travels: a serial frame is ``bytes``, a CAN frame a :class:`CanFrame`; and both as text, for tables and logs."""
+"""Frames on the wire: ``bytes`` on a serial line, :class:`CanFrame` on CAN; and both as text, for tables and logs."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import re
 from dataclasses import dataclass, replace
 
 FD_LENGTHS = (*range(9), 12, 16, 20, 24, 32, 48, 64)
-"""Numbers of data bytes that a CAN-FD frame can have."""
+"""The numbers of data bytes that a CAN-FD frame can have."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -20,10 +20,10 @@ class CanFrame:
     is_fd: bool = False
     bitrate_switch: bool = False
     is_error_frame: bool = False
-    """Not a frame of a device: the bus was disturbed while this frame was on it (made by faults, seen by drivers)."""
+    """True for an error frame: the bus was disturbed while this frame was on it. Faults make it, no device does."""
 
     def __str__(self) -> str:
-        """``candump`` notation: ``027#B1C6`` (classic), ``18FF0000##1AABB`` (FD, flags digit)."""
+        """Return the frame in ``candump`` notation: ``027#B1C6`` (classic), ``18FF0000##1AABB`` (FD, flags digit)."""
         ident = f"{self.arbitration_id:08X}" if self.is_extended_id else f"{self.arbitration_id:03X}"
         if self.is_error_frame:
             return f"{ident}#ERROR"
@@ -34,22 +34,22 @@ class CanFrame:
 
     @staticmethod
     def parse(text: str) -> CanFrame:
-        """Return the frame that ``str`` wrote; spaces between bytes are allowed.
+        """Return the frame of a text in ``candump`` notation; spaces between bytes are allowed.
 
         Raises:
-            ValueError: it is not candump notation.
+            ValueError: the text is not candump notation.
         """
-        ident, mark, rest = text.replace(" ", "").partition("#")
+        ident, mark, content = text.replace(" ", "").partition("#")
         if not mark:
             raise ValueError(f"not a CAN frame: {text!r}; expected candump notation such as 027#B1C6")
-        is_fd, remote, error = rest.startswith("#"), rest == "R", rest == "ERROR"
+        is_fd, remote, error = content.startswith("#"), content == "R", content == "ERROR"
         return CanFrame(
             arbitration_id=int(ident, 16),
-            data=b"" if remote or error else bytes.fromhex(rest[2:] if is_fd else rest),
+            data=b"" if remote or error else bytes.fromhex(content[2:] if is_fd else content),
             is_extended_id=len(ident) > 3,
             is_remote_frame=remote,
             is_fd=is_fd,
-            bitrate_switch=is_fd and bool(int(rest[1:2] or "0", 16) & 1),
+            bitrate_switch=is_fd and bool(int(content[1:2] or "0", 16) & 1),
             is_error_frame=error,
         )
 
@@ -59,10 +59,10 @@ WireFrame = bytes | CanFrame
 
 
 def frame_of(text: WireFrame | str) -> WireFrame:
-    """``"AA 07"`` or ``"201#0700"`` as a frame; frames pass.
+    """Return the frame of a text such as ``"AA 07"`` or ``"201#0700"``; return a frame as it is.
 
     Raises:
-        ValueError: it is neither hex nor candump notation.
+        ValueError: the text is neither hex nor candump notation.
     """
     if not isinstance(text, str):
         return text
@@ -80,7 +80,7 @@ def payload(frame: WireFrame) -> bytes:
 
 
 def with_payload(frame: WireFrame, data: bytes) -> WireFrame:
-    """Return the frame with other data; a CAN-FD frame is filled up with zeros to the next length that exists."""
+    """Return the frame with other data; a CAN-FD frame is padded with zeros to the next valid length."""
     if not isinstance(frame, CanFrame):
         return data
     if frame.is_fd:
@@ -89,8 +89,10 @@ def with_payload(frame: WireFrame, data: bytes) -> WireFrame:
 
 
 def matches(pattern: WireFrame | str, frame: WireFrame) -> bool:
-    """Whether a frame fits a pattern: a frame itself, or text in which ``..`` is any byte, ``..{12}`` twelve of them
-    and ``*`` any rest."""
+    """Return True if a frame matches a pattern.
+
+    The pattern is a frame itself, or text in which ``..`` is any byte, ``..{12}`` twelve of them and ``*`` any number.
+    """
     if not isinstance(pattern, str):
         return pattern == frame
     regex = re.sub(r"(\.\.|[0-9A-F]{2})\{(\d+)\}", r"(?:\1){\2}", pattern.upper().replace(" ", ""))

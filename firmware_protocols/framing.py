@@ -1,13 +1,13 @@
-"""Cutting packets from a stream of bytes that comes in chunks of any size.
+"""Cutters, which extract packets from a stream of bytes in chunks of any size.
 
-Packets that begin with a head and say their length::
+Packets that begin with a head and state their length::
 
     self.packets = Packets(b"\\x55\\xaa", _size, _check, counters=self.counters)     # in the device's __init__
     for packet in self.packets.cut(data, t_ns): ...                                 # in its receive
 
 Packets that end with a byte: :class:`Ppp` and :class:`Cobs` (escaped content), :class:`Lines` (text).
 
-All are plain data, so that a device can be saved: the functions are given by name, as functions of a module.
+All are plain data, so that a device can be saved: the functions must be functions of a module, which have a name.
 """
 
 from __future__ import annotations
@@ -17,18 +17,18 @@ from collections import Counter
 from collections.abc import Callable
 
 MORE = 0
-"""What ``size`` returns while too little is there to tell."""
+"""The result of ``size`` while there are too few bytes to know the size."""
 NO_PACKET = "skipped_bytes"
-"""What ``size`` returns where no packet begins."""
+"""The result of ``size`` where no packet begins; also the counter of such bytes."""
 SOUND = ""
-"""What ``check`` returns of a packet without fault."""
+"""The result of ``check`` for a packet without fault."""
 
 Size = Callable[[bytes], "int | str"]
 Check = Callable[[bytes], str]
 
 
 class Broken(bytes):
-    """What begins like a packet and is none; ``why`` is the counter that it went to. Only some firmwares answer one."""
+    """A broken packet; ``why`` is the counter that it was counted in. Only some firmwares answer one."""
 
     why: str
 
@@ -40,29 +40,29 @@ class Broken(bytes):
 
 
 def sound(packet: bytes) -> str:
-    """Return the check of packets that have none."""
+    """Return :data:`SOUND`: the check of packets without a checksum."""
     return SOUND
 
 
 class Packets:
-    """Cuts packets of one protocol from a stream, and finds the next one after garbage.
+    """A cutter of packets of one protocol, which finds the next packet after garbage.
 
-    What is no packet is dropped as far as the next head can begin, and counted.
+    It drops and counts bytes that belong to no packet, up to the first at which the next head can begin.
 
     Args:
-        head: what every packet begins with; may be empty.
-        size: ``size(data)`` is the length of the packet that begins ``data``, :data:`MORE` while that cannot be known,
-            :data:`NO_PACKET` where none begins, or the name of the counter that says what is wrong (``"bad_length"``).
-        check: ``check(packet)`` is :data:`SOUND`, or the name of a counter (``"bad_checksum"``, ``"bad_tail"``).
-        counters: the device's; also gets ``requests`` (sound packets), ``skipped_bytes`` and ``broken_frames``.
-        gap_ns: a silence longer than this forgets what is not whole. 0: never.
-        broken: hand out what ``size`` or ``check`` named a fault of, too, as :class:`Broken`. One that ``size``
-            refused begins with the bytes that it saw, and may have more.
-        longest: no packet has more bytes than this.
+        head: the bytes that every packet begins with; may be empty.
+        size: ``size(data)`` returns the length of the packet that begins ``data``, :data:`MORE` while that cannot be
+            known, :data:`NO_PACKET` where none begins, or the name of a counter for what is wrong (``"bad_length"``).
+        check: ``check(packet)`` returns :data:`SOUND`, or the name of a counter (``"bad_checksum"``, ``"bad_tail"``).
+        counters: the device's; also counts ``requests`` (sound packets), ``skipped_bytes`` and ``broken_frames``.
+        gap_ns: a longer silence discards an incomplete packet. 0: never.
+        broken: return packets that ``size`` or ``check`` refused, too, as :class:`Broken`. One that ``size`` refused
+            begins with the bytes that it was given, and may have more.
+        longest: the largest number of bytes in a packet.
 
     Raises:
-        TypeError: ``size`` or ``check`` is a lambda, a method or a function inside a function: a saved device could
-            not name it.
+        TypeError: ``size`` or ``check`` is a lambda, a method or a function inside a function, which a saved device
+            could not name.
     """
 
     def __init__(
@@ -77,16 +77,16 @@ class Packets:
         longest: int = 4096,
     ):
         for function in (size, check):
-            _needs_name(function)
+            _require_name(function)
         self._head, self._size, self._check, self._counters = head, size, check, counters
         self._gap_ns, self._broken, self._longest = gap_ns, broken, longest
-        # Where the next head can begin, at the earliest: FF FF may overlap itself, 55 AA cannot.
+        # The next head can begin so many bytes later at the earliest: FF FF may overlap itself, 55 AA cannot.
         self._step = next(n for n in range(1, len(head) + 2) if head.startswith(head[n:]))
         self._buffer = b""
         self._heard_ns = 0
 
     def reset(self) -> None:
-        """Forget what has come in: a new connection."""
+        """Discard the bytes received so far, for a new connection."""
         self._buffer = b""
 
     def cut(self, data: bytes, t_ns: int = 0) -> list[bytes]:
@@ -117,7 +117,7 @@ class Packets:
         return packets
 
     def _find(self, buffer: bytes, at: int) -> int:
-        """Where the next head is, or begins at the end of ``buffer``."""
+        """Return the index of the next head, or of its first bytes at the end of ``buffer``."""
         head = self._head
         if (start := buffer.find(head, at)) >= 0:
             return start
@@ -125,7 +125,7 @@ class Packets:
         return next((start for start in tails if head.startswith(buffer[start:])), len(buffer))
 
     def _take(self, data: bytes) -> bytes | None:
-        """Return the packet that begins ``data``, :class:`Broken` if none does, ``None`` until more bytes come."""
+        """Return the packet that begins ``data``, :class:`Broken` if there is none, ``None`` until it is complete."""
         if len(data) < len(self._head):
             return None
         size = self._size(data)
@@ -139,7 +139,7 @@ class Packets:
         return Broken(data[:size], fault) if fault else data[:size]
 
 
-def _needs_name(function: Callable) -> None:
+def _require_name(function: Callable) -> None:
     if "<" in getattr(function, "__qualname__", "<") or hasattr(function, "__self__"):
         raise TypeError(
             f"expected a function of a module (a saved device names it), got {function!r}: "
@@ -148,12 +148,12 @@ def _needs_name(function: Callable) -> None:
 
 
 class Lines:
-    """Pieces that end with one byte: lines of text. Empty ones are not handed out.
+    """A cutter of pieces that end with one byte, such as lines of text. It drops empty ones.
 
     Args:
         ends: each of these bytes ends a line, so CR, LF and CR LF all do.
-        counters: the device's; gets ``bad_length`` for each piece above ``longest`` bytes, which is dropped.
-        longest: of a piece as it is sent.
+        counters: the device's; counts ``bad_length`` for each piece above ``longest`` bytes, which is dropped.
+        longest: the largest number of bytes in a piece as it is sent.
     """
 
     def __init__(self, ends: bytes = b"\r\n", *, counters: Counter[str], longest: int = 256):
@@ -161,38 +161,38 @@ class Lines:
         self._buffer = b""
 
     def reset(self) -> None:
-        """Forget what has come in: a new connection."""
+        """Discard the bytes received so far, for a new connection."""
         self._buffer = b""
 
     def cut(self, data: bytes) -> list[bytes]:
         """Return the lines that these bytes complete, without their ends."""
-        *whole, rest = re.split(b"[" + re.escape(self._ends) + b"]", self._buffer + data)
-        # One byte beyond the longest is kept, so that the rest of a line that is too long is not taken for another.
-        self._buffer = rest[: self._longest + 1]
-        lines = [line for line in whole if line]
+        *complete, partial = re.split(b"[" + re.escape(self._ends) + b"]", self._buffer + data)
+        # One byte beyond the longest is kept, so that the end of a line that is too long is not taken for another.
+        self._buffer = partial[: self._longest + 1]
+        lines = [line for line in complete if line]
         fitting = [line for line in lines if len(line) <= self._longest]
         if len(fitting) < len(lines):
             self._counters["bad_length"] += len(lines) - len(fitting)
         return fitting
 
     @property
-    def begun(self) -> bool:
-        """Whether a piece has begun that has not ended."""
+    def has_partial(self) -> bool:
+        """True while a piece has begun that has not ended."""
         return bool(self._buffer)
 
     def end(self) -> list[bytes]:
-        """Return the piece that has begun, where a silence ends it."""
+        """End the piece that has begun, after a silence, and return it."""
         return self.cut(self._ends[:1])
 
 
 class Ppp(Lines):
-    """Frames between flags 7E, with 7D before an escaped byte, as in HDLC-like framing (RFC 1662)."""
+    """A cutter of frames between flags 7E, with 7D before an escaped byte, as in HDLC-like framing (RFC 1662)."""
 
     def __init__(self, *, counters: Counter[str], longest: int = 256):
         super().__init__(b"\x7e", counters=counters, longest=2 * longest)
 
     def cut(self, data: bytes) -> list[bytes]:
-        """Return the contents, unescaped."""
+        """Return the contents of the frames that these bytes complete, unescaped."""
         return [re.sub(b"\x7d+(.?)", _unescaped, frame, flags=re.DOTALL) for frame in super().cut(data)]
 
 
@@ -201,29 +201,30 @@ def _unescaped(found: re.Match[bytes]) -> bytes:
 
 
 def ppp(content: bytes) -> bytes:
-    """``content`` escaped, with a flag at either end."""
+    """Return ``content`` escaped, with a flag at either end."""
     return b"\x7e" + content.replace(b"\x7d", b"\x7d\x5d").replace(b"\x7e", b"\x7d\x5e") + b"\x7e"
 
 
 class Cobs(Lines):
-    """Frames that end with 00 and have none inside (Cheshire and Baker, Consistent Overhead Byte Stuffing, 1999)."""
+    """A cutter of frames that end with 00 and contain none (Cheshire and Baker, Consistent Overhead Byte Stuffing,
+    1999)."""
 
     def __init__(self, *, counters: Counter[str], longest: int = 256):
         super().__init__(b"\0", counters=counters, longest=longest + longest // 254 + 1)
 
     def cut(self, data: bytes) -> list[bytes]:
-        """Return the contents; a frame that cannot be one counts as ``broken_frames``."""
+        """Return the contents of the frames that these bytes complete; an invalid one counts as ``broken_frames``."""
         contents = []
         for frame in super().cut(data):
-            if (content := _uncobbed(frame)) is None:
+            if (content := _decoded_cobs(frame)) is None:
                 self._counters["broken_frames"] += 1
             else:
                 contents.append(content)
         return contents
 
 
-def _uncobbed(frame: bytes) -> bytes | None:
-    """Return the content, or ``None`` if a block points beyond the end."""
+def _decoded_cobs(frame: bytes) -> bytes | None:
+    """Return the content of a frame, ``None`` if a block reaches beyond the end."""
     content, at, code = bytearray(), 0, 0xFF
     while at < len(frame):
         if code != 0xFF:
@@ -237,7 +238,7 @@ def _uncobbed(frame: bytes) -> bytes | None:
 
 
 def cobs(content: bytes) -> bytes:
-    """``content`` without zeros, and the zero that ends it."""
+    """Return ``content`` encoded without zeros, with the zero that ends it."""
     out = bytearray()
     for block in content.split(b"\0"):
         while len(block) >= 254:

@@ -1,7 +1,7 @@
-"""Types of DDS by their IDL: one text says what is on the wire, and what two participants compare when they meet.
+"""Types of DDS from their IDL, which defines the bytes on the wire and the type that two participants compare.
 
-What is read of the language: ``module`` and ``struct``; ``float``, ``int8`` to ``uint32``; other structs declared
-before, by their whole name or within their module; arrays ``T name[n]`` and sequences ``sequence<T> name``. Types are
+The supported part of the language: ``module`` and ``struct``; ``float``, ``int8`` to ``uint32``; structs declared
+earlier, by their full name or within their module; arrays ``T name[n]`` and sequences ``sequence<T> name``. Types are
 ``@final``, members numbered in order, and none is larger than four bytes, so that CDR of version 1 and 2 are the same.
 """
 
@@ -24,17 +24,17 @@ class Member:
 
     name: str
     type: str
-    """A number, or the whole name of a struct."""
+    """A type of number, or the full name of a struct."""
     sequence: bool = False
     count: int = 0
-    """Of an array; 0: it is none."""
+    """The number of elements of an array; 0 for a single value."""
 
 
 def structs(text: str) -> dict[str, tuple[Member, ...]]:
-    """Return the members of each struct, by its whole name, ``module::Name``.
+    """Return the members of each struct, by its full name, ``module::Name``.
 
     Raises:
-        ValueError: a type that is not declared before.
+        ValueError: a type is not declared before its use.
     """
     found: dict[str, tuple[Member, ...]] = {}
     words, scope = _TOKEN.findall(text)[::-1], []
@@ -63,7 +63,7 @@ def _members(words: list[str], module: str, known: dict[str, tuple[Member, ...]]
         kind = next((each for each in (word, f"{module}::{word}") if each in NUMBERS or each in known), None)
         name, count = words.pop(), 0
         if kind is None:
-            raise ValueError(f"IDL: {word} {name}: no such type before it")
+            raise ValueError(f"IDL: {word} {name}: declare the type {word} before its use")
         if words[-1] == "[":
             words.pop()
             count = int(words.pop())
@@ -72,19 +72,19 @@ def _members(words: list[str], module: str, known: dict[str, tuple[Member, ...]]
 
 
 def layout(text: str, name: str, **lengths: int) -> np.dtype:
-    """How a sample lies in CDR, little-endian; a sequence ``s`` is a count ``n_s``, and as many elements.
+    """Return the memory layout of a sample in CDR, little-endian; a sequence ``s`` is a count ``n_s`` and its elements.
 
     Args:
         text: IDL.
-        name: of the struct, without its modules.
-        lengths: of each sequence in it.
+        name: the struct's name, without its modules.
+        lengths: the number of elements of each sequence in it.
 
     Raises:
-        KeyError: no such struct, or a sequence without a length.
+        KeyError: there is no such struct, or a sequence has no length.
     """
     known = structs(text)
-    whole = {each.rpartition("::")[2]: each for each in known}
-    return _layout(known, whole[name], lengths)
+    full_names = {each.rpartition("::")[2]: each for each in known}
+    return _layout(known, full_names[name], lengths)
 
 
 def _layout(known: dict[str, tuple[Member, ...]], name: str, lengths: dict[str, int]) -> np.dtype:

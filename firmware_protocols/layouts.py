@@ -1,4 +1,4 @@
-"""Where the transducers are: points with a frame each, in patches that sit on links; and how to build such a skin."""
+"""Layouts of transducers: points with a frame each, in patches on links; and functions that build such a skin."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import numpy as np
 
 @dataclass(frozen=True, kw_only=True)
 class Patch:
-    """A run of taxels that forms a picture: ``rows * cols`` taxels from index ``start``, row-major.
+    """A run of taxels that forms an image: ``rows * cols`` taxels from index ``start``, row-major.
 
     ``rows = 0`` marks a free layout of ``cols`` taxels that is drawn by position.
     """
@@ -23,11 +23,11 @@ class Patch:
     rows: int
     cols: int
     pitch: float = 0.002
-    """Distance of neighbours [m]: sets default probe radii and drawing."""
+    """The distance between neighbours [m], used for default probe radii and drawings."""
     area: float = 0.0
-    """Area that one taxel stands for [m²]; default ``pitch**2``."""
+    """The area of one taxel [m²]; default ``pitch**2``."""
     link: str = ""
-    """Which of the device's links carries it; "" the device's own."""
+    """The link that carries the patch; "" for the device's own."""
 
     def __post_init__(self):
         if not self.area:
@@ -38,13 +38,13 @@ class Patch:
 
     @property
     def taxels(self) -> slice:
-        """Indices of this patch in every ``(n_taxels, ...)`` array."""
+        """The indices of this patch in every ``(n_taxels, ...)`` array."""
         return slice(self.start, self.start + len(self))
 
 
 @dataclass(frozen=True, kw_only=True)
 class Layout:
-    """Where the taxels are. All arrays in the frames of the links that carry them (one link unless patches say more).
+    """The positions and frames of the taxels, each in the frame of the link that carries it (one link by default).
 
     Raises:
         ValueError: shapes disagree, a normal is not a unit vector, ``wire_order`` is not a permutation, or the patches
@@ -52,11 +52,11 @@ class Layout:
     """
 
     positions: np.ndarray
-    """Taxel centres [m], shape ``(n_taxels, 3)``."""
+    """The taxel centres [m], shape ``(n_taxels, 3)``."""
     normals: np.ndarray
-    """Unit normals out of the skin, shape ``(n_taxels, 3)``."""
+    """The unit normals out of the skin, shape ``(n_taxels, 3)``."""
     x_axes: np.ndarray = field(default=None)  # type: ignore[assignment]
-    """Unit x axes of the taxels' own frames (z is the normal), shape ``(n_taxels, 3)``; default: link x projected."""
+    """The unit x axes of the taxels' own frames (z: normal), shape ``(n_taxels, 3)``; default: link x projected."""
     wire_order: np.ndarray = field(default=None)  # type: ignore[assignment]
     """``wire_order[k]`` is the taxel sent at place k, shape ``(n_taxels,)``; default: as listed."""
     patches: tuple[Patch, ...] = ()
@@ -87,27 +87,27 @@ class Layout:
 
     @cached_property
     def links(self) -> tuple[str, ...]:
-        """Names of the links that carry patches."""
+        """The names of the links that carry patches."""
         return tuple(dict.fromkeys(patch.link for patch in self.patches))
 
     @property
     def pitches(self) -> np.ndarray:
-        """Each taxel's pitch [m], shape ``(n_taxels,)``."""
+        """The pitch of each taxel [m], shape ``(n_taxels,)``."""
         return self._by_taxel("pitch")
 
     @property
     def areas(self) -> np.ndarray:
-        """The area that each taxel stands for [m²], shape ``(n_taxels,)``."""
+        """The area of each taxel [m²], shape ``(n_taxels,)``."""
         return self._by_taxel("area")
 
     @cached_property
     def y_axes(self) -> np.ndarray:
-        """Unit y axes of the taxels' own frames, shape ``(n_taxels, 3)``."""
+        """The unit y axes of the taxels' own frames, shape ``(n_taxels, 3)``."""
         return np.cross(self.normals, self.x_axes)
 
     @cached_property
     def axes(self) -> np.ndarray:
-        """Unit axes of the taxels' own frames, shape ``(n_taxels, 3, 3)``: x, y and normal of each."""
+        """The unit axes of the taxels' own frames, shape ``(n_taxels, 3, 3)``: x, y and normal of each."""
         return np.stack([self.x_axes, self.y_axes, self.normals], axis=1)
 
     def _by_taxel(self, name: str) -> np.ndarray:
@@ -130,7 +130,7 @@ class Layout:
         return part, taxels
 
     def on_wire(self, values: np.ndarray) -> np.ndarray:
-        """Per-taxel values in the order in which they are sent."""
+        """Return per-taxel values in the order in which they are sent."""
         return values[self.wire_order]
 
     def to_taxel_frame(self, vectors: np.ndarray) -> np.ndarray:
@@ -138,17 +138,15 @@ class Layout:
         return (self.axes * np.asarray(vectors)[:, None]).sum(-1)
 
     def push(self, forces: np.ndarray) -> np.ndarray:
-        """How hard each taxel is pushed into the skin [N], shape ``(n_taxels,)``, by forces on the skin ``(n, 3)``."""
+        """Return the normal force that pushes each taxel inwards [N], shape ``(n_taxels,)``, of forces ``(n, 3)``."""
         return -(np.asarray(forces) * self.normals).sum(-1)
 
     def _repr_html_(self) -> str:
-        """For a notebook: its picture."""
+        """Return the drawing that a notebook displays."""
         return self.picture()
 
     def picture(self, width_px: int = 480) -> str:
-        """Return the taxels as SVG, seen along the axis in which they spread least, each with its number, patch and
-        place.
-        """
+        """Return a drawing of the taxels as SVG, along the axis of least extent, with number, patch and place."""
         if not len(self):
             return "<p>no taxels</p>"
         across = np.sort(np.argsort(-np.ptp(self.positions, axis=0), kind="stable")[:2])
@@ -172,7 +170,7 @@ class Layout:
 
 
 def _default_x_axes(normals: np.ndarray) -> np.ndarray:
-    """Link x projected on each tangent plane; link y where the normal is (nearly) along x."""
+    """Return link x projected on each tangent plane; link y where the normal is (nearly) along x."""
     seed = np.where(np.abs(normals[:, :1]) > 0.9, [[0.0, 1.0, 0.0]], [[1.0, 0.0, 0.0]])
     tangent = seed - normals * (seed * normals).sum(-1, keepdims=True)
     return tangent / np.linalg.norm(tangent, axis=-1, keepdims=True)
@@ -191,14 +189,17 @@ def grid_layout(
 
 
 def points(places: Mapping[str, Sequence[float]], *, pitch: float = 0.02, link: str = "") -> Layout:
-    """Single points by name [m], each a patch of its own, axes as the link's: chips, frames of force sensors, domes."""
+    """Return a layout of single named points [m], each a patch of its own with the link's axes.
+
+    Examples are chips, frames of force sensors, and domes.
+    """
     patches = tuple(Patch(name=name, start=k, rows=0, cols=1, pitch=pitch, link=link) for k, name in enumerate(places))
     positions = np.array(list(places.values()), float).reshape(-1, 3)
     return Layout(positions=positions, normals=np.array([0.0, 0.0, 1.0]), patches=patches)
 
 
 def place(layout: Layout, origin: Sequence[float], *, x_axis=(1.0, 0.0, 0.0), normal=(0.0, 0.0, 1.0)) -> Layout:
-    """``layout`` moved rigidly: its origin to ``origin`` [m], its x and z axes to ``x_axis`` and ``normal`` (unit)."""
+    """Return ``layout`` moved rigidly: origin to ``origin`` [m], x and z axes to ``x_axis`` and ``normal`` (unit)."""
     turn = np.stack([x_axis, np.cross(normal, x_axis), normal], axis=-1)
     return replace(
         layout,
@@ -209,9 +210,7 @@ def place(layout: Layout, origin: Sequence[float], *, x_axis=(1.0, 0.0, 0.0), no
 
 
 def stack(*layouts: Layout) -> Layout:
-    """Return one layout of all the taxels, in this order on the skin and on the wire; patches keep pitch, area and
-    link.
-    """
+    """Return one layout of all the taxels, in this order also on the wire; patches keep pitch, area and link."""
     starts = [int(start) for start in np.cumsum([0, *map(len, layouts)])]
     pairs = list(zip(layouts, starts))
     return Layout(
@@ -224,9 +223,9 @@ def stack(*layouts: Layout) -> Layout:
 
 
 def filled(n_taxels: int, width: float, height: float, *, name: str, link: str = "") -> Layout:
-    """``n_taxels`` spread evenly over a flat pad of ``width`` x ``height`` [m] (x, y), normal +z, in centred rows.
+    """Return ``n_taxels`` spread evenly over a pad of ``width`` x ``height`` [m] (x, y), normal +z, in centred rows.
 
-    For sensors whose taxel positions no source gives: the number of taxels is right, their places are an assumption.
+    Use it for a sensor whose taxel positions no source gives: the number of taxels is right, their places are assumed.
     """
     rows = max(1, round(math.sqrt(n_taxels * height / width)))
     per_row = [n_taxels // rows + (row < n_taxels % rows) for row in range(rows)]

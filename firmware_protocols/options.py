@@ -1,8 +1,8 @@
-"""Options of a device: declared once, as annotated keyword arguments of its ``__init__``::
+"""The options of a device, declared once, as annotated keyword arguments of its ``__init__``::
 
     def __init__(self, *, rows: Annotated[int, Option("as the board was flashed", low=1)] = 12): ...
 
-From that come the checks of :func:`checked`, the command line (``rows=16``), scene files and the datasheet.
+The checks of :func:`checked`, the command line (``rows=16``), scene files and the datasheet follow from that.
 """
 
 from __future__ import annotations
@@ -15,26 +15,26 @@ from difflib import get_close_matches
 from typing import Any
 
 LARGEST = 1e12
-"""Largest magnitude of a number that is no integer, in SI units: the product of three still fits float32."""
+"""The largest magnitude of a number that is no integer, in SI units: the product of three still fits float32."""
 LARGEST_INT = 2**63 - 1
-"""Largest magnitude of an integer; serial numbers and times in nanoseconds fit."""
+"""The largest magnitude of an integer; serial numbers and times in nanoseconds fit."""
 
 
 @dataclass(frozen=True)
 class Option:
-    """What an option means, in which unit, and within which bounds."""
+    """The meaning, unit and bounds of an option."""
 
     about: str = ""
     unit: str = ""
     low: float | None = None
-    """The least value."""
+    """The smallest valid value."""
     high: float | None = None
-    """The greatest value."""
+    """The largest valid value."""
 
 
 @dataclass(frozen=True)
 class Declared:
-    """One option as a device declares it."""
+    """An option as a device declares it."""
 
     name: str
     annotation: Any
@@ -62,10 +62,10 @@ def declared(device: type) -> dict[str, Declared]:
 
 
 def checked(device: type, options: Mapping[str, Any]) -> dict[str, Any]:
-    """``options`` as the annotations want them; text is read as what it stands for (``"6"`` as a number).
+    """Return ``options`` converted to their annotated types, text such as ``"6"`` to a number.
 
     Raises:
-        ValueError: an option that the device does not have (the nearest is named), or a value that it does not take.
+        ValueError: the device has no such option (the message names the nearest), or its value is invalid.
     """
     known = declared(device)
     return {name: _checked(known, name, value) for name, value in options.items()}
@@ -81,7 +81,7 @@ def _checked(known: dict[str, Declared], name: str, value: Any) -> Any:
     each = known[name]
     try:
         config = ConfigDict(arbitrary_types_allowed=True, allow_inf_nan=False)
-        value = TypeAdapter(each.annotation, config=config).validate_python(_worded(value, each.annotation))
+        value = TypeAdapter(each.annotation, config=config).validate_python(_from_text(value, each.annotation))
     except ValidationError as error:
         first = error.errors()[0]
         raise ValueError(f"option {name}: {first['msg'][0].lower()}{first['msg'][1:]}, got {_shown(value)}") from None
@@ -91,8 +91,8 @@ def _checked(known: dict[str, Declared], name: str, value: Any) -> Any:
     return value
 
 
-def _worded(value: Any, annotation: Any) -> Any:
-    """Text that is a list, as on a command line (``1,2,3`` or ``[1, 2, 3]``), or a number of a ``Literal``."""
+def _from_text(value: Any, annotation: Any) -> Any:
+    """Return the list of a text ``[1, 2, 3]``, or the number of a ``Literal`` in it, or else the value itself."""
     kind = typing.get_args(annotation)[0] if typing.get_origin(annotation) is typing.Annotated else annotation
     if typing.get_origin(kind) is typing.Literal:
         return next((member for member in typing.get_args(kind) if str(member) == value), value)
@@ -102,7 +102,7 @@ def _worded(value: Any, annotation: Any) -> Any:
 
 
 def _check_bounds(name: str, number: float, option: Option, value: Any) -> None:
-    """Raise ValueError where a number is outside the bounds of its option, or no number of a device is so large."""
+    """Raise ValueError if a number is outside the bounds of its option, or larger than any number of a device."""
     largest = LARGEST_INT if isinstance(number, int) else LARGEST
     low = -largest if option.low is None else option.low
     high = largest if option.high is None else option.high
@@ -118,10 +118,10 @@ def _shown(value: Any) -> str:
 
 
 def from_words(words: typing.Iterable[str]) -> dict[str, str]:
-    """``["axes=6", "rows=16"]`` as a table of options, still text.
+    """Return the options in words such as ``["axes=6", "rows=16"]``, by name, still text.
 
     Raises:
-        ValueError: a word without ``=``, or an option given twice.
+        ValueError: a word has no ``=``, or an option is given twice.
     """
     found: dict[str, str] = {}
     for word in words:

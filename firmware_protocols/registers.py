@@ -1,4 +1,4 @@
-"""Registers by table: the memory that a firmware shows its host, whatever protocol asks for it.
+"""Registers from a table: the memory of a firmware that its host reads and writes, by any protocol.
 
     MAP = RegisterMap('''
         1000  u1          unit           1..254  = 1       flash     from the next power-up
@@ -9,17 +9,17 @@
     ''', size=6000)
 
     self.registers = Registers(MAP, kept=self.flash)      # in __init__, which is power-up
-    self.registers["force"] = forces                      # rounded, kept in range
+    self.registers["force"] = forces                      # rounded, limited to the range
     self.registers["unit"]                                # a number; .all("force") is the list
     self.flash.update(self.registers.kept())              # where the firmware saves
 
-A line is byte address (decimal), type, name, then what there is of: ``low..high``, ``= default`` (several with
-commas), access (``r``, ``w``, ``rw``; ``rw`` if it says nothing), ``flash`` for what survives power-off, and a remark.
-Types are ``u1 i1``, ``<u2 <i2 <u4 <i4 <f4`` and the same with ``>``.
+A line is byte address (decimal), type, name, then, each optional: ``low..high``, ``= default`` (several with commas),
+access (``r``, ``w``, ``rw``; default ``rw``), ``flash`` for a register that survives power-off, and a remark. Types are
+``u1 i1``, ``<u2 <i2 <u4 <i4 <f4`` and the same with ``>``.
 
-**The seam** is :class:`Memory`: ``read(address, n, t_ns)`` and ``write(address, data, t_ns)`` in bytes. Protocols
-(:mod:`firmware_protocols.protocols`) are written on it. A device whose registers follow its state, or act, is a memory
-itself: it brings the registers up to date before it reads, and does what the names that ``write`` returns stand for.
+**The interface** is :class:`Memory`: ``read(address, n, t_ns)`` and ``write(address, data, t_ns)`` in bytes. Protocols
+(:mod:`firmware_protocols.protocols`) use it. A device whose registers follow its state, or act, is a memory itself: it
+updates the registers before it reads them, and acts on the register names that ``write`` returns.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ Why = Literal["address", "access", "value", "function", "busy", "failure"]
 
 
 class Refused(Exception):
-    """A read or write that the firmware does not do; each protocol has its own answer to it."""
+    """A read or write that the firmware refuses; each protocol has its own answer to it."""
 
     def __init__(self, why: Why):
         super().__init__(why)
@@ -48,14 +48,14 @@ class Refused(Exception):
 
 
 class Memory(Protocol):
-    """What a protocol reads and writes, by byte address."""
+    """The memory that a protocol reads and writes, by byte address."""
 
     def read(self, address: int, n: int, t_ns: int) -> bytes:
-        """``n`` bytes; may raise :class:`Refused`."""
+        """Return ``n`` bytes; may raise :class:`Refused`."""
         ...
 
     def write(self, address: int, data: bytes, t_ns: int) -> Sequence[str]:
-        """Store ``data`` and name the registers that it touched; may raise :class:`Refused`, nothing is stored then."""
+        """Store ``data`` and return the names of the registers in it, or raise :class:`Refused` and store nothing."""
         ...
 
 
@@ -64,36 +64,36 @@ _CODES = {"u1": "B", "i1": "b", "u2": "H", "i2": "h", "u4": "I", "i4": "i", "f4"
 
 @dataclass(frozen=True)
 class Reg:
-    """One line: ``count`` numbers from ``address``."""
+    """A line of the table: ``count`` numbers from ``address``."""
 
     address: int
     name: str
     type: str = "<u2"
     count: int = 1
     low: float | None = None
-    """Least number that a host may write, and that the firmware shows. None: what the type holds."""
+    """The smallest number that a host may write or read; ``None``: the smallest of the type. ``high`` likewise."""
     high: float | None = None
     default: float | tuple[float, ...] = 0
     access: Literal["rw", "r", "w"] = "rw"
     flash: bool = False
-    """Survives power-off."""
+    """True if it survives power-off."""
     sign_bit: int | None = None
-    """Sign and magnitude, with the sign in this bit."""
+    """The bit of the sign, for numbers stored as sign and magnitude."""
     about: str = ""
 
     @cached_property
     def format(self) -> str:
-        """For :mod:`struct`, of all its numbers."""
+        """The format of all its numbers for :mod:`struct`."""
         return f"{self.type[0] if self.type[0] in '<>' else '<'}{self.count}{_CODES[self.type.lstrip('<>')]}"
 
     @cached_property
     def end(self) -> int:
-        """Address of the first byte after it."""
+        """The address of the first byte after it."""
         return self.address + struct.calcsize(self.format)
 
     @cached_property
     def range(self) -> tuple[float, float]:
-        """Least and greatest number that it holds."""
+        """The smallest and the largest number that it holds."""
         bits = 8 * int(self.type[-1])
         if self.sign_bit is not None:
             low, high = -(1 << self.sign_bit) + 1, (1 << self.sign_bit) - 1
@@ -104,7 +104,7 @@ class Reg:
         return (low if self.low is None else self.low, high if self.high is None else self.high)
 
     def encode(self, values: ArrayLike) -> bytes:
-        """``values`` rounded and kept in range, as they lie in memory; one value stands for all."""
+        """Return the bytes of ``values``, rounded and limited to the range; one value stands for all numbers."""
         low, high = self.range
         if type(values) is int and self.count == 1 and self.sign_bit is None:  # the usual case, fast
             return struct.pack(self.format, min(max(values, low), high))
@@ -116,7 +116,7 @@ class Reg:
         return numbers.astype(self.type).tobytes()
 
     def decode(self, memory: bytes | bytearray) -> list[Any]:
-        """Its numbers in ``memory``."""
+        """Return its numbers in ``memory``."""
         numbers = struct.unpack_from(self.format, memory, self.address)
         if self.sign_bit is None:
             return list(numbers)
@@ -125,16 +125,16 @@ class Reg:
 
 
 class RegisterMap:
-    """The lines of a table, checked. Immutable; one for all devices of a kind.
+    """The checked lines of a table. Immutable; one for all devices of a class.
 
     Args:
         rows: a text as above, or :class:`Reg` s in any order.
         size: bytes of memory. By default it ends with the last register.
-        writable: address ranges ``(first, end)`` whose gaps between registers can be written: stored, no more.
-        gaps: whether a read may touch bytes of no register, which are 0 then.
+        writable: address ranges ``(first, end)`` in which a host may also write between registers; this only stores.
+        gaps: whether a read may include bytes between registers, which are 0 then.
 
     Raises:
-        ValueError: with the line: it cannot be read, overlaps another one, or its default is out of range.
+        ValueError: a line cannot be read, overlaps another one, or its default is out of range; the message names it.
     """
 
     def __init__(
@@ -157,7 +157,7 @@ class RegisterMap:
         return self
 
     def _accesses(self, writable: Iterable[tuple[int, int]], gap: bytes) -> dict[str, bytes]:
-        """By ``read`` and ``write``: 0 for each byte that allows it, else the first letter of the reason why not."""
+        """Return, for ``read`` and ``write``, a code for each byte: 0 if allowed, ``a`` address, ``x`` access."""
         readable = bytearray(b"\0" if gap == b"rw" else b"a") * self.size
         writes = bytearray(b"a") * self.size
         for first, end in writable:
@@ -176,7 +176,7 @@ class RegisterMap:
             memory[reg.address : reg.end] = reg.encode(reg.default)
         return bytes(memory)
 
-    def demand(self, what: Literal["read", "write"], address: int, n: int) -> None:
+    def require(self, what: Literal["read", "write"], address: int, n: int) -> None:
         """Raise :class:`Refused` unless ``n`` bytes from ``address`` allow it."""
         if address < 0 or n < 0 or address + n > self.size:
             raise Refused("address")
@@ -184,7 +184,7 @@ class RegisterMap:
             raise Refused("access" if why == b"x" else "address")
 
     def touched(self, address: int, end: int) -> list[Reg]:
-        """Registers with a byte in ``address..end``, in order."""
+        """Return the registers with a byte in ``address..end``, in order."""
         first = max(bisect_right(self.starts, address) - 1, 0)
         return [reg for reg in self.rows[first : bisect_right(self.starts, end - 1)] if reg.end > address]
 
@@ -196,11 +196,11 @@ class RegisterMap:
 
 
 class Registers:
-    """Memory that a :class:`RegisterMap` describes.
+    """A memory with the registers of a :class:`RegisterMap`.
 
     Args:
-        table: its map.
-        kept: numbers by name that the flash kept; all others have their default.
+        table: the map.
+        kept: numbers from the flash, by name; all others have their default.
     """
 
     def __init__(self, table: RegisterMap, *, kept: Mapping[str, ArrayLike] | None = None):
@@ -210,12 +210,12 @@ class Registers:
             self[name] = values
 
     def reset(self, *names: str) -> None:
-        """Defaults; of these registers or of all."""
+        """Set these registers, or all, to their defaults."""
         for name in names or self.table.by_name:
             self[name] = self.table.by_name[name].default
 
     def kept(self) -> dict[str, list]:
-        """What the flash keeps, by name."""
+        """Return the numbers of the registers that the flash keeps, by name."""
         return {reg.name: self.all(reg.name) for reg in self.table.rows if reg.flash}
 
     def __getitem__(self, name: str) -> Any:
@@ -230,24 +230,24 @@ class Registers:
         self._memory[reg.address : reg.end] = reg.encode(values)
 
     def read(self, address: int, n: int, t_ns: int = 0) -> bytes:
-        """``n`` bytes of memory.
+        """Return ``n`` bytes of memory.
 
         Raises:
             Refused: ``address`` beyond the memory, or in a gap that cannot be read; ``access`` where a register can
                 only be written.
         """
-        self.table.demand("read", address, n)
+        self.table.require("read", address, n)
         return bytes(self._memory[address : address + n])
 
     def write(self, address: int, data: bytes, t_ns: int = 0) -> list[str]:
-        """Store bytes and name the registers that they touch, in order; all is stored or nothing.
+        """Store bytes, all or none, and return the names of the registers in them, in order.
 
         Raises:
             Refused: ``address`` beyond the memory or in a gap, ``access`` where a register can only be read, ``value``
                 out of a register's range.
         """
         end = address + len(data)
-        self.table.demand("write", address, len(data))
+        self.table.require("write", address, len(data))
         touched = self.table.touched(address, end) if data else []
         before = self._memory[address:end]
         self._memory[address:end] = data
@@ -275,11 +275,11 @@ def _reg(line: str) -> Reg:
     columns = re.split(r"\s{2,}", line, maxsplit=3)
     if len(columns) < 3 or not columns[0].isdigit():
         raise ValueError(f"{line!r}: expected `address  type  name  ...`, in columns two spaces apart")
-    address, text, name, rest = [*columns, ""][:4]
+    address, text, name, tail = [*columns, ""][:4]
     found = _TYPE.fullmatch(text)
     if not found or (found[2][-1] != "1" and not found[1]):
         raise ValueError(f"{line!r}: type {text!r}: expected u1, <i2, >u4, <f4 ..., `sign BIT`, `x N`")
-    options, about = _options(rest)
+    options, about = _options(tail)
     low, high = map(_number, options.get("range", (None, None)))
     defaults = [_number(text) for text in re.split(", *", options.get("default", ("0",))[0])]
     return Reg(
@@ -298,7 +298,7 @@ def _reg(line: str) -> Reg:
 
 
 def _options(text: str) -> tuple[dict[str, Any], str]:
-    """What stands between a register's name and the remark, by part, and the remark."""
+    """Return the parts between a register's name and its remark, by their name in ``_PARTS``, and the remark."""
     options: dict[str, Any] = {}
     while found := next(
         ((part, match) for part in _PARTS if part not in options and (match := _PARTS[part].match(text))), None
@@ -315,16 +315,16 @@ def _number(text: str | None) -> Any:
 def _check(rows: tuple[Reg, ...], size: int) -> None:
     names = [reg.name for reg in rows]
     if twice := {name for name in names if names.count(name) > 1}:
-        raise ValueError(f"register {sorted(twice)[0]!r} stands there twice")
+        raise ValueError(f"register {sorted(twice)[0]!r} occurs twice: give each line its own name")
     for reg, following in pairwise(rows):
         if reg.end > following.address:
             raise ValueError(
-                f"register {following.name!r} at {following.address}: {reg.name!r} reaches to {reg.end - 1}"
+                f"register {following.name!r} at {following.address} overlaps {reg.name!r}, which ends at {reg.end - 1}"
             )
     for reg in rows:
         defaults = np.atleast_1d(reg.default)
         if reg.end > size:
-            raise ValueError(f"register {reg.name!r} reaches to {reg.end - 1}, the memory to {size - 1}")
+            raise ValueError(f"register {reg.name!r} ends at {reg.end - 1}, beyond the memory's end at {size - 1}")
         if len(defaults) not in (1, reg.count):
             raise ValueError(f"register {reg.name!r}: {len(defaults)} defaults for {reg.count} numbers")
         if defaults.min() < reg.range[0] or defaults.max() > reg.range[1]:

@@ -1,4 +1,4 @@
-"""Every device by name, imported when it is asked for: those of this package, of installed ones, and files."""
+"""The registry of devices: those of this package, of installed packages, and of files, each imported on first use."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from importlib.metadata import entry_points
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:  # numpy is imported by those who ask for a device, not for its name
+if TYPE_CHECKING:  # names of devices must not wait for the import of numpy
     from firmware_protocols.device import Device
 
 _HERE = "firmware_protocols.devices"
@@ -77,14 +77,14 @@ DEVICES: dict[str, str] = {
 }
 
 ENTRY_POINT_GROUP = "tactemu.devices"
-"""An installed package registers a device of its own under this group of entry points: ``name = "module:Class"``."""
+"""The group of entry points under which an installed package registers its devices: ``name = "module:Class"``."""
 
 _FILES: dict[tuple[Path, int], object] = {}
-"""Device files that were run, by path and time of change: a file runs once."""
+"""The modules of device files, by path and time of change, so that each file runs once."""
 
 
 def names() -> list[str]:
-    """Return every device that :func:`device_class` finds by name, those of installed packages included."""
+    """Return the name of every device, those of installed packages included."""
     return sorted({*DEVICES, *(point.name for point in entry_points(group=ENTRY_POINT_GROUP))})
 
 
@@ -92,8 +92,8 @@ def device_class(name: str) -> type[Device]:
     """Return the device class called ``name``: a registered name, or ``path/to/file.py:Class``.
 
     Raises:
-        LookupError: no such device; the message names the nearest.
-        TypeError: it is no device, or one of the contract's first version.
+        LookupError: there is no such device; the message names the nearest.
+        TypeError: the object is no device class, or one of the contract's first version.
     """
     if ".py:" in name:
         return _device(_from_file(name), name)
@@ -109,8 +109,8 @@ def create(name: str, **options) -> Device:
     """Return a new device by name, just powered up, with its options (see the class).
 
     Raises:
-        LookupError: no such device.
-        ValueError: an option that it does not have, or a value that it does not take.
+        LookupError: there is no such device.
+        ValueError: the device has no such option, or its value is invalid.
     """
     from firmware_protocols.options import checked
 
@@ -128,7 +128,7 @@ def _device(found: object, name: str) -> type[Device]:
             "docs/adding-a-device.md (installed: tactemu/docs)"
         )
     if isinstance(found, type) and hasattr(found, "feel"):
-        raise TypeError(f"{name}: feel(reading, t_ns) is called measure(reading, t_ns) now: rename it")
+        raise TypeError(f"{name}: rename feel(reading, t_ns) to measure(reading, t_ns)")
     if not (isinstance(found, type) and issubclass(found, Device)):
         raise TypeError(f"{name} is not a subclass of firmware_protocols.Device")
     return found

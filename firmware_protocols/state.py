@@ -1,9 +1,9 @@
-"""A device's whole state as plain data, and back: for saving, forking, and the check that nothing else is kept.
+"""A device's whole state as plain data, and back: for saving, forking, and the check of restarts.
 
 Plain data are numbers, text, bytes, arrays, and lists, tuples, dicts, sets and deques of them, and objects whose class
-belongs to the kit or to the device's own module, as are functions that such a module names. Any other function, a
-generator, an open file or an object of another library is refused with the name of the attribute that holds it. What
-two attributes share is still shared after a restore.
+belongs to the kit or to the device's own module, as well as named functions of such a module. Any other function, a
+generator, an open file or an object of another library is refused with the name of the attribute that holds it. An
+object that two attributes share is still shared after a restore.
 """
 
 from __future__ import annotations
@@ -20,49 +20,49 @@ from typing import Any
 
 import numpy as np
 
-NOT_STATE = ("layout", "options")
-"""Made anew, and equal, from the options."""
+TRANSIENT_FIELDS = ("layout", "options")
+"""The attributes that are not saved, since they follow from the options."""
 _PLAIN = (type(None), bool, int, float, str, bytes)
 _CONTAINERS: dict[type, str] = {list: "list", tuple: "tuple", set: "set", frozenset: "frozenset"}
 
 
 class NotPlain(TypeError):
-    """An attribute holds what cannot be saved."""
+    """An attribute holds an object that cannot be saved."""
 
 
-def save(device: Any) -> dict[str, Any]:
+def snapshot(device: Any) -> dict[str, Any]:
     """Return the state of a device: nested dicts and lists of plain values and arrays, which share nothing with it.
 
     Raises:
-        NotPlain: an attribute holds what cannot be saved; names it.
+        NotPlain: an attribute holds an object that cannot be saved; the message names the attribute.
     """
     writer = Writer(lambda module: _belongs(module, device), _known(device))
-    state = {name: value for name, value in vars(device).items() if name not in NOT_STATE}
+    state = {name: value for name, value in vars(device).items() if name not in TRANSIENT_FIELDS}
     return {name: writer.write(value, name) for name, value in state.items()}
 
 
-def load(device: Any, state: dict[str, Any]) -> None:
-    """Give a device, made with the same options, a state that :func:`save` returned, of this or another process.
+def restore(device: Any, state: dict[str, Any]) -> None:
+    """Set the state of a device, made with the same options, to a :func:`snapshot` from this or another process.
 
     Raises:
         ValueError: the state is not one of this device, which then stays as it is.
     """
-    take(device, read(device, state))
+    set_attributes(device, decode(device, state))
 
 
-def read(device: Any, state: dict[str, Any]) -> dict[str, Any]:
-    """Return the attributes in a state that :func:`save` returned, for :func:`take`.
+def decode(device: Any, state: dict[str, Any]) -> dict[str, Any]:
+    """Return the attributes in a :func:`snapshot`, for :func:`set_attributes`.
 
     Raises:
         ValueError: the state is not one of this device.
     """
     reader = Reader(lambda module: _belongs(module, device), _known(device), _own_modules(device))
-    return {name: reader.read(value) for name, value in state.items() if name not in NOT_STATE}
+    return {name: reader.read(value) for name, value in state.items() if name not in TRANSIENT_FIELDS}
 
 
-def take(device: Any, attributes: dict[str, Any]) -> None:
-    """Go on with these attributes."""
-    kept = {name: value for name, value in vars(device).items() if name in NOT_STATE}
+def set_attributes(device: Any, attributes: dict[str, Any]) -> None:
+    """Replace the attributes of a device, all but those of :data:`TRANSIENT_FIELDS`."""
+    kept = {name: value for name, value in vars(device).items() if name in TRANSIENT_FIELDS}
     vars(device).clear()
     vars(device).update(kept | attributes)
 
@@ -72,7 +72,7 @@ def _known(device: Any) -> dict[str, Any]:
 
 
 def to_bytes(state: dict[str, Any]) -> bytes:
-    """What :func:`save` returned as the bytes of an ``.npz`` file: the arrays, and the rest as JSON."""
+    """Return a :func:`snapshot` as the bytes of an ``.npz`` file: its arrays, and everything else as JSON."""
     text, arrays = to_text(state)
     file = io.BytesIO()
     np.savez(file, tree=np.frombuffer(text.encode(), np.uint8), **arrays)  # type: ignore[arg-type]
@@ -80,26 +80,26 @@ def to_bytes(state: dict[str, Any]) -> bytes:
 
 
 def from_bytes(data: bytes) -> dict[str, Any]:
-    """What :func:`to_bytes` wrote.
+    """Return the snapshot in the bytes of :func:`to_bytes`.
 
     Raises:
-        ValueError: it is no such file.
+        ValueError: the bytes are no such file.
     """
     with np.load(io.BytesIO(data), allow_pickle=False) as file:
         return from_text(file["tree"].tobytes(), file)
 
 
 def to_text(state: dict[str, Any]) -> tuple[str, dict[str, np.ndarray]]:
-    """What :func:`save` returned as JSON, and its arrays by the names that they have there."""
+    """Return a :func:`snapshot` as JSON, and its arrays by their names in the JSON."""
     arrays: dict[str, np.ndarray] = {}
     return json.dumps(_without_arrays(state, arrays)), arrays
 
 
 def from_text(text: str | bytes, arrays: Mapping[str, np.ndarray]) -> dict[str, Any]:
-    """What :func:`to_text` wrote.
+    """Return the snapshot in the JSON and the arrays of :func:`to_text`.
 
     Raises:
-        ValueError: it is no such text.
+        ValueError: the text is no such JSON.
     """
     try:
         state = _with_arrays(json.loads(text), arrays)
@@ -139,11 +139,11 @@ def _belongs(module: str, device: Any) -> bool:
 
 
 class Writer:
-    """Writes objects as plain data. What several share is written once.
+    """A writer of objects as plain data. It writes an object that several share once.
 
     Args:
-        belongs: whether objects of the classes of a module, and its functions, may be written.
-        known: objects that whoever reads has, too, by the names under which they are referred to.
+        belongs: returns True for a module whose functions and objects of whose classes may be written.
+        known: objects that the reader has, too, by the names that stand for them.
     """
 
     def __init__(self, belongs: Callable[[str], bool], known: Mapping[str, Any]):
@@ -151,13 +151,13 @@ class Writer:
         self._known = {id(value): name for name, value in known.items()}
         self._seen: dict[int, int] = {}
         self._held: list[Any] = []
-        """Keeps what was seen alive, so that no id is used twice."""
+        """The objects written so far, kept alive so that no id is used twice."""
 
     def write(self, value: Any, where: str) -> Any:
         """Return a value as plain data.
 
         Raises:
-            NotPlain: it holds what cannot be saved; names ``where``.
+            NotPlain: it holds an object that cannot be saved; the message names ``where``.
         """
         if type(value) in _PLAIN:
             return value
@@ -174,10 +174,10 @@ class Writer:
         return {"n": number, **self.compound(value, where)}
 
     def compound(self, value: Any, where: str) -> dict[str, Any]:
-        """What consists of parts, without its number.
+        """Return an array, container or object as plain data, without its number.
 
         Raises:
-            NotPlain: it is nothing that can be saved.
+            NotPlain: it is of a type that cannot be saved.
         """
         kind = type(value)
         if kind is bytearray:
@@ -207,17 +207,17 @@ class Writer:
 
 
 def attributes_of(value: Any) -> dict[str, Any]:
-    """What an object is made of; its class may say what suffices to make it again (``__getstate__``, as for pickle)."""
-    if says_itself(type(value)):
+    """Return the attributes of an object, or those that its class chooses to save (``__getstate__``, as for pickle)."""
+    if has_own_state(type(value)):
         return value.__getstate__()
     slots = [name for cls in type(value).__mro__ for name in getattr(cls, "__slots__", ())]
     names = [*(name for name in slots if hasattr(value, name)), *getattr(value, "__dict__", {})]
     return {name: getattr(value, name) for name in names}
 
 
-def says_itself(cls: type) -> bool:
-    """Return True if a class makes its objects anew from what they gave of themselves."""
-    return hasattr(cls, "__setstate__") and not is_dataclass(cls)  # frozen ones with slots have it of themselves
+def has_own_state(cls: type) -> bool:
+    """Return True if a class defines ``__setstate__``, which rebuilds its objects from their ``__getstate__``."""
+    return hasattr(cls, "__setstate__") and not is_dataclass(cls)  # Python gives it to frozen dataclasses with slots
 
 
 def _factory(value: defaultdict, where: str) -> str:
@@ -227,11 +227,11 @@ def _factory(value: defaultdict, where: str) -> str:
 
 
 class Reader:
-    """Makes what a :class:`Writer` wrote. It makes objects of the classes that belong, and of no others.
+    """A reader of the plain data of a :class:`Writer`. It makes objects only of the classes that belong.
 
     Args:
         belongs, known: as the writer's.
-        modules: by name, those that cannot be imported by it.
+        modules: modules that cannot be imported by name, by name.
     """
 
     def __init__(
@@ -241,10 +241,10 @@ class Reader:
         self._made: dict[int, Any] = {}
 
     def read(self, value: Any) -> Any:
-        """Return a value.
+        """Return the object that plain data stand for.
 
         Raises:
-            ValueError: it is nothing that was written.
+            ValueError: the data are not those of a writer.
         """
         try:
             return self._read(value)
@@ -266,7 +266,7 @@ class Reader:
         return self.make(kind, value)
 
     def make(self, kind: str, value: dict[str, Any]) -> Any:
-        """What consists of parts."""
+        """Return the array, container or object that plain data stand for."""
         if kind in ("bytearray", "array"):
             made = bytearray(memoryview(value["value"])) if kind == "bytearray" else value["value"].copy()
             return self.keep(value, made)
@@ -293,7 +293,7 @@ class Reader:
         cls = self._class(value["class"], object)
         made = self.keep(value, object.__new__(cls))
         state = {name: self._read(each) for name, each in value["state"].items()}
-        if says_itself(cls):
+        if has_own_state(cls):
             made.__setstate__(state)
             return made
         if is_dataclass(cls) and (missing := {each.name for each in fields(cls) if each.init} - state.keys()):
@@ -302,35 +302,35 @@ class Reader:
             object.__setattr__(made, name, each)
         frozen = is_dataclass(cls) and cls.__dataclass_params__.frozen  # pyright: ignore[reportAttributeAccessIssue]
         if frozen and hasattr(made, "__post_init__"):
-            made.__post_init__()  # a frozen one can only check there; others may begin anew
+            made.__post_init__()  # a frozen dataclass checks its fields there; others may reset their state there
         return made
 
     def _class(self, name: str, kind: type) -> Any:
         found = self._named(name, type)
         if not issubclass(found, kind):
-            raise ValueError(f"{name} is no {kind.__name__}")
+            raise ValueError(f"{name} is not a {kind.__name__}")
         return found
 
     def _named(self, name: str, kind: type) -> Any:
-        """Return a function or class by its name, if it is one of a module that belongs, and not merely used there."""
+        """Return a function or class by its name, if a module that belongs defines it and does not merely import it."""
         module, _, qualname = name.partition(":")
         if not self.belongs(module):
-            raise ValueError(f"a state holds no {name}")
+            raise ValueError(f"a state cannot hold {name}")
         found: Any = self._modules.get(module) or importlib.import_module(module)
         for part in qualname.split("."):
             found = getattr(found, part)
         if not isinstance(found, kind) or (found.__module__, found.__qualname__) != (module, qualname):
-            raise ValueError(f"a state holds no {name}")
+            raise ValueError(f"a state cannot hold {name}")
         return found
 
     def keep(self, value: dict[str, Any], made: Any) -> Any:
-        """Remember what was made, for those who share it."""
+        """Store an object by its number, for other places that share it, and return it."""
         self._made[value["n"]] = made
         return made
 
 
 def _own_modules(device: Any) -> dict[str, Any]:
-    """Return the modules of a device's classes, by name; a file of the user's own is under a name of its own."""
+    """Return the modules of a device's classes, by name; a user's own file is not importable by its name."""
     modules = {cls.__module__ for cls in type(device).__mro__} - sys.stdlib_module_names
     return {module: sys.modules[module] for module in modules if module in sys.modules}
 

@@ -1,4 +1,4 @@
-"""Checksums by name. Plain sums are ours, CRCs are crcmod's (names and parameters as in Greg Cook's catalogue).
+"""Checksums by name. CRCs are crcmod's, with names and parameters as in Greg Cook's catalogue.
 
 >>> SUMS["crc16_modbus"].function(b"123456789") == 0x4B37
 True
@@ -15,27 +15,27 @@ from crcmod.predefined import mkPredefinedCrcFun
 
 
 def sum8(data: bytes) -> int:
-    """Low byte of the sum."""
+    """Return the low byte of the sum of the bytes."""
     return sum(data) & 0xFF
 
 
 def inv8(data: bytes) -> int:
-    """Low byte of the sum, every bit inverted."""
+    """Return the low byte of the sum of the bytes, every bit inverted."""
     return ~sum(data) & 0xFF
 
 
 def lrc8(data: bytes) -> int:
-    """Negated sum: a message and its LRC add up to 0."""
+    """Return the negated sum of the bytes: a message and its LRC add up to 0."""
     return -sum(data) & 0xFF
 
 
 def xor8(data: bytes) -> int:
-    """Exclusive or of all bytes."""
+    """Return the exclusive or of all bytes."""
     return reduce(xor, data, 0)
 
 
 def sum16(data: bytes) -> int:
-    """Low two bytes of the sum of the bytes."""
+    """Return the low two bytes of the sum of the bytes."""
     return sum(data) & 0xFFFF
 
 
@@ -45,47 +45,47 @@ def _crc(name: str) -> Callable[[bytes], int]:
 
 
 def crc8(data: bytes) -> int:
-    """CRC-8/SMBUS: polynomial 07, start 00."""
+    """Return CRC-8/SMBUS: polynomial 07, start 00."""
     return _crc("crc-8")(data)
 
 
 def crc8_maxim(data: bytes) -> int:
-    """CRC-8/MAXIM-DOW: polynomial 31 reflected, start 00."""
+    """Return CRC-8/MAXIM-DOW: polynomial 31 reflected, start 00."""
     return _crc("crc-8-maxim")(data)
 
 
 def crc16_modbus(data: bytes) -> int:
-    """CRC-16/MODBUS: polynomial 8005 reflected, start FFFF; sent low byte first."""
+    """Return CRC-16/MODBUS: polynomial 8005 reflected, start FFFF; sent low byte first."""
     return _crc("modbus")(data)
 
 
 def crc16_arc(data: bytes) -> int:
-    """CRC-16/ARC: polynomial 8005 reflected, start 0000."""
+    """Return CRC-16/ARC: polynomial 8005 reflected, start 0000."""
     return _crc("crc-16")(data)
 
 
 def crc16_umts(data: bytes) -> int:
-    """CRC-16/UMTS: polynomial 8005, start 0000; Dynamixel 2.0."""
+    """Return CRC-16/UMTS: polynomial 8005, start 0000; Dynamixel 2.0."""
     return _crc("crc-16-buypass")(data)
 
 
 def crc16_xmodem(data: bytes) -> int:
-    """CRC-16/XMODEM: polynomial 1021, start 0000."""
+    """Return CRC-16/XMODEM: polynomial 1021, start 0000."""
     return _crc("xmodem")(data)
 
 
 def crc16_ccitt_false(data: bytes) -> int:
-    """CRC-16/IBM-3740, often called CCITT: polynomial 1021, start FFFF."""
+    """Return CRC-16/IBM-3740, often called CCITT: polynomial 1021, start FFFF."""
     return _crc("crc-ccitt-false")(data)
 
 
 def crc16_kermit(data: bytes) -> int:
-    """CRC-16/KERMIT: polynomial 1021 reflected, start 0000."""
+    """Return CRC-16/KERMIT: polynomial 1021 reflected, start 0000."""
     return _crc("kermit")(data)
 
 
 def crc16_x25(data: bytes) -> int:
-    """CRC-16/IBM-SDLC: polynomial 1021 reflected, start FFFF, inverted."""
+    """Return CRC-16/IBM-SDLC: polynomial 1021 reflected, start FFFF, inverted."""
     return _crc("x-25")(data)
 
 
@@ -95,7 +95,7 @@ def _weiss_table() -> tuple[int, ...]:
 
 
 def crc16_weiss(data: bytes) -> int:
-    """Weiss Robotics: the table of polynomial 1021, stepped as if it were reflected; start FFFF. In no catalogue."""
+    """Return the CRC of Weiss Robotics, in no catalogue: the table of 1021, stepped as if reflected; start FFFF."""
     table, crc = _weiss_table(), 0xFFFF
     for byte in data:
         crc = crc >> 8 ^ table[(crc ^ byte) & 0xFF]
@@ -103,12 +103,12 @@ def crc16_weiss(data: bytes) -> int:
 
 
 def crc32(data: bytes) -> int:
-    """CRC-32/ISO-HDLC: Ethernet, zlib."""
+    """Return CRC-32/ISO-HDLC: Ethernet, zlib."""
     return _crc("crc-32")(data)
 
 
 def crc32_mpeg(data: bytes) -> int:
-    """CRC-32/MPEG-2: polynomial 04C11DB7, start FFFFFFFF, neither reflected nor inverted; STM32."""
+    """Return CRC-32/MPEG-2: polynomial 04C11DB7, start FFFFFFFF, neither reflected nor inverted; STM32."""
     return _crc("crc-32-mpeg")(data)
 
 
@@ -130,4 +130,4 @@ SUMS: dict[str, Sum] = {
     },
     **{function.__name__: Sum(function, 4) for function in (crc32, crc32_mpeg)},
 }  # fmt: skip
-"""By the name that frame tables use."""
+"""The checksums by their names in frame tables."""

@@ -1,4 +1,4 @@
-"""The lines of a frame table, read and checked: :mod:`firmware_protocols.tables` says what may stand in them."""
+"""The reader of the lines of a frame table; :mod:`firmware_protocols.tables` documents their syntax."""
 
 from __future__ import annotations
 
@@ -16,21 +16,21 @@ from firmware_protocols.sums import SUMS, Sum
 
 
 class TableError(ValueError):
-    """A table that contradicts itself, or is bound to what it does not have."""
+    """A table that contradicts itself, or a binding of a name that the table does not have."""
 
 
 @dataclass(frozen=True)
 class Identifier:
-    """Bits of a CAN identifier: ``100 bbbb tttt`` with the parts ``board`` and ``triangle``."""
+    """The bits of a CAN identifier, such as ``100 bbbb tttt`` with the parts ``board`` and ``triangle``."""
 
     bits: str
-    """11 or 29 of them, each 0, 1 or the letter of a part."""
+    """The 11 or 29 bits, each 0, 1 or the letter of a part."""
     parts: Mapping[str, str]
-    """Letter by the name of the part."""
+    """The letters by the name of the part."""
 
     @property
     def extended(self) -> bool:
-        """29 bits."""
+        """True for an identifier of 29 bits."""
         return len(self.bits) == 29
 
     def __str__(self) -> str:
@@ -41,21 +41,21 @@ class Identifier:
         """Return the identifier with these parts, integers or arrays of them.
 
         Raises:
-            TypeError: not the parts that it has.
-            OverflowError: a part that does not fit its bits.
+            TypeError: a part is missing or unknown.
+            OverflowError: a part does not fit its bits.
         """
         if set(parts) != set(self.parts):
             raise TypeError(f"identifier {self.bits} has the parts {sorted(self.parts)}, got {sorted(parts)}")
         return self._with(parts)
 
     def filter(self, **parts: int) -> tuple[int, int]:
-        """Identifier and mask that let all with these parts through; parts not given may have any value."""
+        """Return identifier and mask of a filter for these parts; parts not given may have any value."""
         free = "".join(letter for name, letter in self.parts.items() if name not in parts)
         mask = "".join("0" if bit in free else "1" for bit in self.bits)
         return self._with(parts), int(mask, 2)
 
     def read(self, identifier: int) -> dict[str, int] | None:
-        """Return the parts of an identifier, ``None`` if its constant bits do not fit."""
+        """Return the parts of an identifier, ``None`` if its constant bits differ."""
         base, mask = self.filter()
         if identifier & mask != base:
             return None
@@ -84,29 +84,29 @@ _BYTE = np.dtype("u1")
 
 @dataclass(frozen=True)
 class Field:
-    """One line of a table."""
+    """A line of a table."""
 
     offset: str
     text: str
-    """Type, as it stands there."""
+    """The type as written."""
     name: str
     formula: str = ""
     about: str = ""
     kind: str = "number"
-    """``const``, ``number``, ``bytes``, ``rest`` or ``sum``."""
+    """The kind of field: ``const``, ``number``, ``bytes``, ``ignored`` or ``sum``."""
     dtype: np.dtype = _BYTE
     shape: tuple[Any, ...] = ()
-    """Counts; a name until it is bound."""
+    """The counts, each a name until it is bound."""
     const: bytes = b""
     policy: str = "strict"
-    """``strict``, ``wrap`` or ``clip``."""
+    """The treatment of a number that does not fit: ``strict`` (an error), ``wrap`` or ``clip``."""
     sum: Sum | None = None
     start: int = 0
-    """Bytes that a sum leaves out."""
+    """The number of leading bytes that a sum leaves out."""
 
     @property
     def size(self) -> Any:
-        """Bytes, or ``None`` if that is not known."""
+        """The number of bytes, ``None`` if it is not known."""
         if self.kind == "const":
             return len(self.const)
         if self.is_open or any(isinstance(count, str) for count in self.shape):
@@ -115,37 +115,37 @@ class Field:
 
     @property
     def byte_order_name(self) -> Literal["little", "big"]:
-        """As :meth:`int.to_bytes` wants it."""
+        """The byte order as an argument of :meth:`int.to_bytes`."""
         return "big" if self.byte_order == ">" else "little"
 
     @property
     def is_open(self) -> bool:
-        """Of any length."""
-        return self.kind == "rest" or (self.kind == "bytes" and not self.shape)
+        """True for a field of any length."""
+        return self.kind == "ignored" or (self.kind == "bytes" and not self.shape)
 
     @property
     def is_single(self) -> bool:
-        """One number."""
+        """True for one number, no array."""
         return self.kind == "number" and not self.shape
 
     @property
     def is_single_integer(self) -> bool:
-        """One integer."""
+        """True for one integer, no array."""
         return self.is_single and self.dtype.kind != "f"
 
     @property
     def byte_order(self) -> str:
-        """``<``, ``>``, or nothing for single bytes."""
+        """The byte order: ``<``, ``>``, or empty for single bytes."""
         return self.dtype.str[0] if self.dtype.itemsize > 1 else ""
 
     @property
     def code(self) -> str:
-        """For :mod:`struct`, of one number."""
+        """The format of one number for :mod:`struct`."""
         return _CODES[self.dtype.str[1:]]
 
     @property
-    def per_taxel(self) -> bool:
-        """Whether its first axis is the taxels."""
+    def is_per_taxel(self) -> bool:
+        """True if the first axis counts taxels."""
         return " x taxels" in self.text
 
     @property
@@ -163,15 +163,15 @@ class Field:
         return replace(self, shape=tuple(values.get(n, n) if isinstance(n, str) else n for n in self.shape))
 
     def constant(self, value: int) -> Field:
-        """Return the field with one value for ever."""
+        """Return the field with a constant value."""
         return replace(self, kind="const", const=self.fitted("constant", np.asarray(value)).tobytes())
 
     def fitted(self, frame: str, values: np.ndarray) -> np.ndarray:
-        """``values`` as the field stores them, of its type.
+        """Return ``values`` as the field stores them, of its type.
 
         Raises:
-            OverflowError: they do not fit, and the table does not say what happens then.
-            TypeError: floats for integers.
+            OverflowError: a value does not fit, and the field has neither ``wrap`` nor ``clip``.
+            TypeError: the values are floats, the field holds integers.
         """
         if values.dtype == self.dtype or self.dtype.kind == "f":
             return values.astype(self.dtype, copy=False)
@@ -184,13 +184,13 @@ class Field:
         elif self.policy == "strict" and not self._holds(values):
             raise OverflowError(
                 f"{frame}: {self.name}: {values.min()}..{values.max()} does not fit "
-                f"{self.limits[0]}..{self.limits[1]}: clip in the ADC, or say `wrap` or `clip` behind its type"
+                f"{self.limits[0]}..{self.limits[1]}: clip in the ADC, or write `wrap` or `clip` behind its type"
             )
         return values.astype(self.dtype)
 
     @cached_property
     def limits(self) -> tuple[int, int]:
-        """Least and greatest integer."""
+        """The smallest and the largest integer of its type."""
         return int(np.iinfo(self.dtype).min), int(np.iinfo(self.dtype).max)
 
     def _holds(self, values: np.ndarray) -> bool:
@@ -203,11 +203,11 @@ Header = tuple[str, str, "Identifier | None"]
 
 _FORMULA = re.compile(r"(total|len\((\w+)\))\s*(?:([+-])\s*(\d+))?")
 _HEADER = re.compile(r"([^,]+?)(?:,\s*id ([01a-z ]+?)\s*(?:\(([^)]*)\))?)?(?:,\s*(.*))?")
-_TYPES = "types are hex bytes (55 AA), u1 <u2 >i4 ... with `x N`, f4, f8, bytes, rest and " + ", ".join(SUMS)
+_TYPES = "types are hex bytes (55 AA), u1 <u2 >i4 ... with `x N`, f4, f8, bytes, ignored and " + ", ".join(SUMS)
 
 
 def length_formula(formula: str) -> tuple[str, int]:
-    """What it measures (``total`` or a field), and what it adds [bytes]."""
+    """Return what a length counts (``total`` or the name of a field), and the bytes that it adds."""
     found = _FORMULA.fullmatch(formula)
     assert found is not None
     return found[2] or found[1], int((found[3] or "") + (found[4] or "0"))
@@ -215,10 +215,10 @@ def length_formula(formula: str) -> tuple[str, int]:
 
 @cache
 def parse(text: str) -> tuple[Header, tuple[Field, ...]]:
-    """Header and fields of a table.
+    """Return header and fields of a table.
 
     Raises:
-        TableError: with the frame, the field, and what is wrong.
+        TableError: a line is wrong; the message has the frame, the field and the reason.
     """
     first, *lines = [line.strip() for line in text.splitlines() if line.strip()] or [""]
     header = _header(first)
@@ -267,30 +267,30 @@ def _field(line: str) -> Field:
         raise TableError(f"offset {offset!r}: expected a decimal number, `..` or `last`")
     if found := re.fullmatch(r"([0-9A-F]{2}(?: [0-9A-F]{2})*)(?: x (\d+))?", text):
         return replace(field, kind="const", const=bytes.fromhex(found[1]) * int(found[2] or 1))
-    if not re.fullmatch(r"[A-Za-z]\w*", name) and text != "rest":
+    if not re.fullmatch(r"[A-Za-z]\w*", name) and text != "ignored":
         raise TableError(f"{name!r} is no name: letters, digits and _")
     return _typed(field, *text.split())
 
 
 def _typed(field: Field, word: str, *more: str) -> Field:
-    """Return the field with what its type says."""
+    """Return the field with the type that its words describe."""
     order, bare = (word[0], word[1:]) if word[0] in "<>" else ("", word)
     if bare in SUMS:
         return _with_sum(field, bare, order, more)
-    rest = list(more)
+    words = list(more)
     shape: list[int | str] = []
-    while rest[:1] == ["x"] and len(rest) > 1:
-        shape.append(int(rest[1]) if rest[1].isdigit() else rest[1])
-        rest = rest[2:]
+    while words[:1] == ["x"] and len(words) > 1:
+        shape.append(int(words[1]) if words[1].isdigit() else words[1])
+        words = words[2:]
     if "taxels" in shape[1:]:
         raise TableError("taxels come first: `x taxels x 3`")
-    if bare in ("bytes", "rest") and not order and not rest:
+    if bare in ("bytes", "ignored") and not order and not words:
         return replace(field, kind=bare, shape=tuple(shape))
-    if not re.fullmatch(r"[ui][1248]|f[48]", bare) or rest not in ([], ["wrap"], ["clip"]):
+    if not re.fullmatch(r"[ui][1248]|f[48]", bare) or words not in ([], ["wrap"], ["clip"]):
         raise TableError(f"unknown type {field.text!r}: {_TYPES}")
     if bare[1] != "1" and not order:
         raise TableError(f"{word} needs a byte order, <{bare} or >{bare}")
-    policy = rest[0] if rest else "strict"
+    policy = words[0] if words else "strict"
     return replace(field, dtype=np.dtype(order + bare), shape=tuple(shape), policy=policy)
 
 
@@ -306,9 +306,9 @@ def _with_sum(field: Field, name: str, order: str, more: tuple[str, ...]) -> Fie
 def _check_names(frame: str, fields: list[Field]) -> None:
     names = [field.name for field in fields if field.kind != "const"]
     if twice := {name for name in names if names.count(name) > 1}:
-        raise TableError(f"{frame}: {sorted(twice)[0]!r} stands there twice")
+        raise TableError(f"{frame}: {sorted(twice)[0]!r} occurs twice: give each field its own name")
     if sum(field.is_open for field in fields) > 1:
-        raise TableError(f"{frame}: more than one field of open length: nobody could tell where one ends")
+        raise TableError(f"{frame}: more than one field of open length: give all but one a count or `bytes x N`")
     for field in fields:
         if not field.formula:
             continue
@@ -316,22 +316,24 @@ def _check_names(frame: str, fields: list[Field]) -> None:
         if not field.is_single_integer:
             raise TableError(f"{frame}: {field.name!r}: a length is one integer, got {field.text!r}")
         if of != "total" and of not in names:
-            raise TableError(f"{frame}: {field.name!r} measures {of!r}; there are {names}")
+            raise TableError(f"{frame}: {field.name!r} is the length of {of!r}, which is no field; there are {names}")
 
 
 def _check_offsets(frame: str, fields: list[Field]) -> None:
-    """Written offsets against the sizes of the fields before."""
+    """Raise TableError if a written offset contradicts the sizes of the fields before it."""
     at: int | None = 0
     for k, field in enumerate(fields):
         what = field.name or field.text
         if field.offset == "last" and k < len(fields) - 1:
-            raise TableError(f"{frame}: {what!r} stands at `last`, but {fields[k + 1].name!r} comes after it")
+            raise TableError(f"{frame}: {what!r} is at `last`, but {fields[k + 1].name!r} comes after it")
         if field.offset.isdigit() and at is None:
-            raise TableError(f"{frame}: {what!r} stands at {field.offset}, where nobody can know: say `..`")
+            raise TableError(
+                f"{frame}: {what!r} is at {field.offset}, but the size of the fields before it is not fixed: write `..`"
+            )
         if field.offset.isdigit() and int(field.offset) != at:
-            raise TableError(f"{frame}: {what!r} stands at {field.offset}, the fields before it end at {at}")
+            raise TableError(f"{frame}: {what!r} is at {field.offset}, but the fields before it end at {at}")
         if field.offset == ".." and at is not None:
-            raise TableError(f"{frame}: {what!r} stands at `..`, but the fields before it end at {at}: say so")
+            raise TableError(f"{frame}: {what!r} is at `..`, but the fields before it end at {at}: write {at}")
         if field.kind == "sum" and at is not None and field.start > at:
-            raise TableError(f"{frame}: {what!r} sums from {field.start}, but stands at {at}")
+            raise TableError(f"{frame}: {what!r} sums from {field.start}, but is at {at}")
         at = None if at is None or field.size is None else at + field.size

@@ -1,14 +1,14 @@
-"""Vendor Model: what it is in one line. (Copy this file, rename the class, and replace every line that says "yours".)
+"""Vendor Model: the product in one line. (Copy this file, rename the class, and replace every line marked "yours".)
 
-Wire: USB-CDC, opened at 115200 8N1; the speed matters on a true UART only. (Say the direction and who speaks first.
+Wire: USB-CDC, opened at 115200 8N1; the speed matters on a true UART only. (State the direction and who sends first.
 The frames themselves are tables below: `tactemu devices` prints them.)
 
     request  answer
     3F       one frame, at once
     others   silence
 
-Evidence: where the table comes from, and what is only assumed. (Captured, vendor document, firmware, driver: best
-first. Every source once more in ``sources``; every guess in ``facts``.)
+Evidence: the source of each table, and each assumption. (Captured, vendor document, firmware, driver: best first.
+Repeat every source in ``sources`` and every guess in ``facts``.)
 
 Try it: ``tactemu run path/to/this_file.py:VendorModel``, then a line that makes the real driver read.
 """
@@ -44,16 +44,15 @@ IMAGE = Frame("""
 
 
 class VendorModel(Device):
-    """A 4 x 4 pad that streams, and answers one request."""
+    """A pad of 4 x 4 taxels that streams, and answers one request."""
 
-    # The datasheet: `tactemu devices NAME` prints it, and `tactemu check` wants it whole.
+    # The datasheet: `tactemu devices NAME` prints it, and `tactemu check` requires every part of it.
     name = "template"  # yours: the name in the registry, lower case with underscores
     title = "Template, a 4x4 pad"
-    kind = "fingertip"  # or hand, glove, force-torque sensor, skin: where a list of devices has it
-    ports = (
-        Serial(baud=115200, usb=True),
-    )  # or Rs485, Can, Tcp, Udp, WebSocket, Dds; give each a name if it has several
-    senses = ("force",)  # what the transducers see: force, pressure, depth, displacement, touch, temperature ...
+    kind = "fingertip"  # the heading in lists of devices: or hand, glove, force-torque sensor, skin
+    # Or Rs485, Can, Tcp, Udp, WebSocket, Dds; give each a name if there are several.
+    ports = (Serial(baud=115200, usb=True),)
+    senses = ("force",)  # the measured quantities: force, pressure, depth, displacement, touch, temperature ...
     rate_hz = 100.0
     columns = (Column(name="push", unit="N", counts_per_unit=1000.0, low=0, high=0xFFFF, push=1),)
     evidence = ("assumed",)
@@ -66,22 +65,22 @@ class VendorModel(Device):
         *,
         counts_per_newton: Annotated[float, Option("scale of the converter", unit="1/N", low=0.0)] = 1000.0,
     ):
-        """Power-up: what is set here is the firmware's memory, and a restart runs it again."""
+        """Power up: the attributes set here are the firmware's memory, and a restart runs this again."""
         self.counts_per_newton = counts_per_newton
         self.layout = grid_layout(ROWS, COLUMNS, pitch=0.004)  # metres, link frame, normals out of the skin
         self.image = IMAGE.bind(wire_order=self.layout.wire_order, taxels=len(self.layout))
 
     def measure(self, reading: Reading, t_ns: int) -> Counts:
-        """Return the ADC: SI in, counts out, saturated as the converter saturates; taxels in layout order."""
+        """Convert SI values to counts, saturated like the real converter; taxels in layout order."""
         self.counts = quantize(self.layout.push(reading["force"]), self.counts_per_newton, 0, 0xFFFF)
         return self.counts
 
     def stream(self, t_ns: int, name: str) -> Transmissions:
-        """What leaves after every conversion, unasked. Each frame is written in one piece."""
+        """Return the frames that follow each conversion without a request. Each frame is written in one piece."""
         return [self.image.pack(push=self.counts)]
 
     def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
-        """Bytes come in chunks of any size. What is no request is counted and answered as the firmware would."""
+        """Answer bytes in chunks of any size. Count bytes that are no request; answer them as the firmware would."""
         requests = data.count(REQUEST)
         self.counters["requests"] += requests
         self.counters["unknown_command"] += len(data) - requests
@@ -89,5 +88,5 @@ class VendorModel(Device):
 
     @property
     def commands(self) -> tuple[Command, ...]:
-        """Every documented command, literally: `tactemu check` sends each, damages it, and sends it again."""
+        """Every documented command, as literal bytes: `tactemu check` sends each, whole and damaged."""
         return (Command(name="read", request="3F", reply="A5 ..{32} ..", origin="invented"),)

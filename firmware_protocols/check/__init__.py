@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from firmware_protocols import registry
-from firmware_protocols.calls import AuthorError, place
+from firmware_protocols.calls import AuthorError, source_line
 from firmware_protocols.check import converter, declarations, examples, memory, order, requests, restarts
 from firmware_protocols.check.host import Subject
 from firmware_protocols.check.report import Fault, Report, distinct
@@ -83,7 +83,7 @@ def _tried(subject: Subject, part: str, check: Callable[[], Iterable[Fault]]) ->
     except Exception as error:
         at = traceback.extract_tb(error.__traceback__)[-1]
         text = f"{type(error).__name__}: {error} ({Path(at.filename).name}:{at.lineno}: {at.line})"
-        found.append(Fault(part, text, *place(subject.cls)))
+        found.append(Fault(part, text, *source_line(subject.cls)))
     return found
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from firmware_protocols.calls import AuthorError, misused, place
+from firmware_protocols.calls import AuthorError, error_of_result, source_line
 from firmware_protocols.check.host import SECOND, Host, Subject
 from firmware_protocols.check.report import Fault
 from firmware_protocols.device import CONTACT, Column, Device, Sense
@@ -51,14 +51,16 @@ def by_sense(device: Device, stream: str, counts: Any) -> dict[str, np.ndarray]:
     found = counts if isinstance(counts, Mapping) else {next(iter(senses)): counts}
     for key, values in found.items():
         if key not in senses:
-            raise misused(device, "measure", f"returned counts of {key!r}; stream {stream!r} has {list(senses)}")
+            raise error_of_result(
+                device, "measure", f"returned counts of {key!r}; stream {stream!r} has {list(senses)}"
+            )
         values, at = np.asarray(values), senses[key].at
         assert at is not None
         if values.ndim < 1 or len(values) != len(at):
             what = f"{len(values)} counts" if values.ndim else "one number"
-            raise misused(device, "measure", f"returned {what} for the {len(at)} points of {key!r}")
+            raise error_of_result(device, "measure", f"returned {what} for the {len(at)} points of {key!r}")
         if not np.isfinite(values.astype(float)).all():
-            raise misused(device, "measure", f"returned counts of {key!r} that are not finite")
+            raise error_of_result(device, "measure", f"returned counts of {key!r} that are not finite")
     return {key: np.asarray(values) for key, values in found.items()}
 
 
@@ -79,7 +81,7 @@ def _ramp(subject: Subject) -> Iterator[Fault]:
         for key, counts in found.items():
             rows.setdefault(key, []).append(counts.astype(float).reshape(len(counts), -1))
     device = subject.make()
-    file, line = place(subject.cls, "measure")
+    file, line = source_line(subject.cls, "measure")
     senses = {sense.key: sense for sense in device.sensed}
     texts = [text for key, ramp in rows.items() for text in _judged(device, senses[key], np.array(ramp))]
     if feels_touch(device) and not any(np.ptp(np.array(ramp), axis=0).any() for ramp in rows.values()):

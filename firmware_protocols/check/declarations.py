@@ -15,12 +15,12 @@ import numpy as np
 
 from firmware_protocols import registry
 from firmware_protocols.adc import LowPass
-from firmware_protocols.calls import place
+from firmware_protocols.calls import source_line
 from firmware_protocols.check.converter import feels_touch
 from firmware_protocols.check.host import Subject
 from firmware_protocols.check.report import Fault
 from firmware_protocols.connectors import Can, Connector
-from firmware_protocols.device import Device, Evidence, Kind, Quantity
+from firmware_protocols.device import Device, DeviceKind, Evidence, Quantity
 from firmware_protocols.facts import Fact, Part
 from firmware_protocols.frames import CanFrame, frame_of
 from firmware_protocols.framing import Lines, Packets
@@ -36,7 +36,7 @@ MUTABLE = (bytearray, list, set, deque, np.ndarray, Packets, Lines, LowPass, Mot
 def faults(subject: Subject) -> Iterator[Fault]:
     """What is missing or contradicts itself."""
     device = subject.build()
-    file, line = place(subject.cls)
+    file, line = source_line(subject.cls)
     for text in (
         *_datasheet(subject, device), *_options(subject.cls), *_shared(subject.cls), *_ports(device),
         *_senses(device), *_columns(device), *_commands(subject, device), *_layout(device),
@@ -55,8 +55,8 @@ def _datasheet(subject: Subject, device: Device) -> Iterator[str]:
     for what in ("title", "judge"):
         if not str(getattr(device, what, "")).strip():
             yield f"{what} is empty"
-    if device.kind not in typing.get_args(Kind):
-        yield f"kind {device.kind!r}: expected one of {typing.get_args(Kind)}"
+    if device.kind not in typing.get_args(DeviceKind):
+        yield f"kind {device.kind!r}: expected one of {typing.get_args(DeviceKind)}"
     for what in ("sources", "evidence"):
         found = getattr(device, what, None)
         if not isinstance(found, tuple) or not all(isinstance(each, str) and each.strip() for each in found):
@@ -168,8 +168,8 @@ def _heard(name: str, request: Any, connector: Connector) -> Iterator[str]:
         return
     if isinstance(frame, CanFrame) != isinstance(connector, Can):
         yield f"command {name!r}: {request!r} is no frame of a {type(connector).__name__} port"
-    elif isinstance(frame, CanFrame) and isinstance(connector, Can) and connector.hears:
-        if not any(frame.arbitration_id & mask == ident & mask for ident, mask in connector.hears):
+    elif isinstance(frame, CanFrame) and isinstance(connector, Can) and connector.filters:
+        if not any(frame.arbitration_id & mask == ident & mask for ident, mask in connector.filters):
             yield f"command {name!r}: {request!r} is not among the identifiers that its port hears"
 
 

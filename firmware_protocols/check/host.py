@@ -50,7 +50,7 @@ class Subject:
         try:
             return self.cls(**given)
         except Exception as error:
-            raise calls.blamed(self.cls, self.cls.__name__, "__init__", (), error) from error
+            raise calls.error_of_exception(self.cls, self.cls.__name__, "__init__", (), error) from error
 
     def make(self, options: Mapping[str, Any] | None = None) -> Device:
         """As :meth:`build`, from a snapshot of the first: some layouts take 10 ms to build."""
@@ -83,7 +83,7 @@ class Subject:
         try:
             return device.commands
         except Exception as error:
-            raise calls.blamed(self.cls, device.name, "commands", (), error) from error
+            raise calls.error_of_exception(self.cls, device.name, "commands", (), error) from error
 
     def asked(self) -> list[tuple[Any, str]]:
         """Return every documented request, and what goes before it, with its port."""
@@ -116,7 +116,7 @@ class Host:
         try:
             self.device.power_cycle()
         except Exception as error:
-            raise calls.blamed(type(self.device), self.device.name, "__init__", (), error) from error
+            raise calls.error_of_exception(type(self.device), self.device.name, "__init__", (), error) from error
         return self.boot()
 
     def measure(self, stream: str = "", **values: Any) -> Any:
@@ -147,7 +147,9 @@ class Host:
             sent += self._obeyed("wake", self.t_ns)
             woken += 1
             if woken > MOST_WAKES:
-                raise calls.misused(self.device, "wake", f"was called {woken} times: it sets wake_ns to a time past")
+                raise calls.error_of_result(
+                    self.device, "wake", f"was called {woken} times: it sets wake_ns to a time past"
+                )
         self.t_ns = end_ns
         return sent
 
@@ -169,7 +171,7 @@ class Host:
     def _obeyed(self, method: str, *args: Any) -> list[Any]:
         port = args[2] if method == "receive" else args[3] if method == "lines" else ""
         frames, restarted = [], False
-        for out in calls.outs(self.device, method, *args, port=port):
+        for out in calls.transmissions(self.device, method, *args, port=port):
             if isinstance(out, Restart):
                 restarted = True
             elif isinstance(out, Convert):
@@ -201,7 +203,7 @@ def carries_bytes(subject: Subject, command: Command) -> bool:
     """Whether requests of a command come in chunks of any size."""
     device = subject.make()
     port = command.port or device.ports[0].name
-    return not device.connector(port).whole
+    return not device.connector(port).is_framed
 
 
 def shown(frames: Sequence[Any]) -> str:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from firmware_protocols.calls import AuthorError, blamed
+from firmware_protocols.calls import AuthorError, error_of_exception
 from firmware_protocols.check.host import Host, Subject
 from firmware_protocols.check.report import Fault
 from firmware_protocols.device import Device
@@ -35,7 +35,7 @@ class DeviceMemory:
         except Refused:
             raise
         except Exception as error:
-            raise blamed(type(self.device), self.device.name, method, args, error) from error
+            raise error_of_exception(type(self.device), self.device.name, method, args, error) from error
 
     def everything(self, t_ns: int) -> bytes:
         """Return all that can be read, register by register."""

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from firmware_protocols.calls import AuthorError, place
+from firmware_protocols.calls import AuthorError, source_line
 from firmware_protocols.check.examples import examples_with
 from firmware_protocols.check.facts import order, order_of, reordered, said, ways, words_of
 from firmware_protocols.check.host import Host, Subject
@@ -48,7 +48,7 @@ def faults(subject: Subject) -> Iterator[Fault]:
     except AuthorError as error:
         yield Fault.of("order", error)
         return
-    file, line = place(subject.cls)
+    file, line = source_line(subject.cls)
     yield from (Fault("order", text, file, line) for text in texts)
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from firmware_protocols.calls import AuthorError, place, run
+from firmware_protocols.calls import AuthorError, run, source_line
 from firmware_protocols.check.host import SECOND, Host, Subject, carries_bytes, shown
 from firmware_protocols.check.nonsense import reframed
 from firmware_protocols.check.report import Fault
@@ -57,7 +57,7 @@ def _around(subject: Subject) -> Iterator[Fault]:
         if not isinstance(angles, Mapping) or not all(np.isfinite(float(each)) for each in angles.values()):
             after = f" after {text_of(request)}" if request is not None else ""
             text = f"joints are {angles!r}{after}: return a mapping of names to finite numbers [rad, m]"
-            yield Fault("joints", text, *place(subject.cls, "joints"))
+            yield Fault("joints", text, *source_line(subject.cls, "joints"))
             return
 
 

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from firmware_protocols import state as plain
-from firmware_protocols.calls import AuthorError, place
+from firmware_protocols.calls import AuthorError, source_line
 from firmware_protocols.check.examples import examples_with
 from firmware_protocols.check.host import STEP, Host, Subject, story
 from firmware_protocols.check.nonsense import reframed
@@ -50,7 +50,7 @@ class Baseline:
 def faults(baseline: Baseline) -> Iterator[Fault]:
     """What is other after a restart, or other the second time."""
     subject = baseline.subject
-    file, line = place(subject.cls, "__init__")
+    file, line = source_line(subject.cls, "__init__")
     try:
         texts = [*_after_each(baseline), *_again(subject)]
         texts += [baseline.why] if baseline.why else [*_restarted(baseline)]
@@ -129,7 +129,7 @@ def _state(device: Device) -> dict[str, Any]:
     computed = {
         name for cls in type(device).__mro__ for name, each in vars(cls).items() if isinstance(each, cached_property)
     }
-    return {name: each for name, each in plain.save(device).items() if name not in {*SURVIVE, *computed}}
+    return {name: each for name, each in plain.snapshot(device).items() if name not in {*SURVIVE, *computed}}
 
 
 def _layouts(fresh: Layout, used: Layout) -> Iterator[str]:
@@ -248,7 +248,7 @@ class Elsewhere:
 
     def faults(self) -> Iterator[Fault]:
         """Whether both ends are the same."""
-        file, line = place(self.subject.cls, "__init__")
+        file, line = source_line(self.subject.cls, "__init__")
         here = continued(self.host, self.subject)
         out, err = self.process.communicate(timeout=PATIENCE_S)
         if self.process.returncode:
@@ -273,4 +273,4 @@ def saved_elsewhere(subject: Subject) -> tuple[Elsewhere | None, list[Fault]]:
     except AuthorError as error:
         return None, [Fault.of("restart", error)]
     except plain.NotPlain as error:
-        return None, [Fault("restart", str(error), *place(subject.cls, "__init__"))]
+        return None, [Fault("restart", str(error), *source_line(subject.cls, "__init__"))]

@@ -321,8 +321,8 @@ class AbilityHand(Device):
     def _move(self, kind: int, targets: np.ndarray, t_ns: int) -> None:
         if kind == POSITION:
             self.motors.go(targets / COUNTS_PER_DEG, t_ns)
-        elif kind == CURRENT and self.motors.embodied:
-            self.motors.push(targets / COUNTS_PER_AMPERE * NM_PER_AMPERE, t_ns)
+        elif kind == CURRENT and self.motors.is_in_engine:
+            self.motors.drive_by_force(targets / COUNTS_PER_AMPERE * NM_PER_AMPERE, t_ns)
         else:
             self.motors.drive(targets * DEG_PER_S_PER_COUNT[kind], t_ns)
         self.currents = targets if kind == CURRENT else None
@@ -342,7 +342,7 @@ class AbilityHand(Device):
         joints[:, 0] = _int16(self.motors.positions(t_ns), COUNTS_PER_DEG)
         if variant == 1:
             joints[:, 1] = velocities
-        elif self.motors.embodied:
+        elif self.motors.is_in_engine:
             joints[:, 1] = _int16(self.motors.forces, COUNTS_PER_AMPERE / NM_PER_AMPERE)
         else:
             joints[:, 1] = _int16(speeds, CURRENT_COUNTS_PER_DEG_S) if self.currents is None else self.currents

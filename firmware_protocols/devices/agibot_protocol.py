@@ -77,7 +77,7 @@ class AgibotOmniHand(Device[CanFrame]):
     """The protocol that both hands share."""
 
     kind = "hand"
-    ports = (Can(data_bitrate=5_000_000, hears=(CAN_ID.filter(),)),)
+    ports = (Can(data_bitrate=5_000_000, filters=(CAN_ID.filter(),)),)
     evidence = ("driver", "vendor document")
     model: ClassVar[str]
     parts: ClassVar[Mapping[str, tuple[int, int]]]

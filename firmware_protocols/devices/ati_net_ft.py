@@ -94,7 +94,7 @@ class AtiNetFt(Rdt):
 
     name = "ati_net_ft"
     title = "ATI Net F/T, force and torque"
-    ports = (*Rdt.ports, Tcp(name="http", port=80, plugged=False))
+    ports = (*Rdt.ports, Tcp(name="http", port=80, is_plugged=False))
     rollovers = (*Rdt.rollovers, Rollover(name="sample", bits=32, step=7000, clock=True, state="samples_before"))
     sample_hz = 7000
     evidence = ("vendor document", "driver")

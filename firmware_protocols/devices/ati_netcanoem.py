@@ -187,7 +187,7 @@ class AtiNetcanoem(Device[CanFrame]):
         ] = (0.0, 0.0, 0.05),
     ):
         self.first_id, self.order = self.flash.get("base", base) << 4, [int(gauge) for gauge in order]
-        self.ports = (Can(bitrate=2_000_000 // self.flash.get("divisor", 8), hears=((self.first_id, 0x7F0),)),)
+        self.ports = (Can(bitrate=2_000_000 // self.flash.get("divisor", 8), filters=((self.first_id, 0x7F0),)),)
         self.layout = points({"tool": tool})
         self.serial = serial.encode("ascii")[:8].ljust(8, b"\0")
         self.per_unit = counts_per_force, counts_per_torque

@@ -70,7 +70,7 @@ class Rdt(Device):
     """The part that both share: start, stop and records; the answers over TCP."""
 
     kind = "force-torque sensor"
-    ports = (Udp(name="rdt", port=49152), Tcp(name="tcp", port=49151, plugged=False))
+    ports = (Udp(name="rdt", port=49152), Tcp(name="tcp", port=49151, is_plugged=False))
     rollovers = (Rollover(name="sequence", bits=32, state="sequence"),)
     sample_hz: int
 

@@ -147,7 +147,7 @@ class BarrettBh8(Device[CanFrame]):
     kind = "hand"
     title = "Barrett Hand BH8-282"
     ports = (
-        Can(hears=(*((puck, 0x7FF) for puck in PUCKS), (GROUP, 0x7E0)), addressed=tuple((p, 0x41F) for p in PUCKS)),
+        Can(filters=(*((puck, 0x7FF) for puck in PUCKS), (GROUP, 0x7E0)), addressed=tuple((p, 0x41F) for p in PUCKS)),
     )
     senses = ("pressure",)
     columns = (Column(name="cell", unit="Pa", counts_per_unit=COUNTS_PER_PASCAL, low=0, high=0xFFF, push=1),)

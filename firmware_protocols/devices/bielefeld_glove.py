@@ -81,4 +81,4 @@ class BielefeldGlove(Device):
     def stream(self, t_ns: int, name: str) -> Transmissions:
         """Return one packet for each channel."""
         value = CONVERTER_BITS | ADC_MAX - self.layout.on_wire(self.counts)
-        return PACKET.rows(CHANNELS, index=PACKET_INDEXES, value=value)
+        return PACKET.pack_many(CHANNELS, index=PACKET_INDEXES, value=value)

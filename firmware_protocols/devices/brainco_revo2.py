@@ -93,7 +93,7 @@ class BraincoRevo2CanFd(Revo2):
     title = "BrainCo Revo2 Touch hand on CAN-FD"
 
     def _plug(self) -> None:
-        self.ports = (Can(data_bitrate=5_000_000, hears=((self.unit << 16, 0x1FFF0000),)),)
+        self.ports = (Can(data_bitrate=5_000_000, filters=((self.unit << 16, 0x1FFF0000),)),)
 
     def receive(self, data: CanFrame, t_ns: int, port: str) -> Transmissions[CanFrame]:
         """Answer the request in one frame."""

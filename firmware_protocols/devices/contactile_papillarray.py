@@ -223,7 +223,7 @@ class ContactilePapillArray(Device):
         """Return one packet."""
         self.counter = (self.counter + 1) & 0xFFFFFFFF
         n, counts = len(self.pillar_heads), self.layout.on_wire(self.counts)
-        pillars = PILLAR.rows(n * PILLARS, force=counts[:, :3], displacement=counts[:, 3:])
+        pillars = PILLAR.pack_many(n * PILLARS, force=counts[:, :3], displacement=counts[:, 3:])
         data = [self.head, TIME.pack(counter=self.counter, time=t_ns // 1000)]
         for k, head in enumerate(self.pillar_heads):
             data += [head, *pillars[k * PILLARS : (k + 1) * PILLARS]]

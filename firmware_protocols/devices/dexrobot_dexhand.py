@@ -163,7 +163,7 @@ class DexrobotDexHand(Device[CanFrame]):
         self.ports = (
             Can(
                 data_bitrate=5_000_000,
-                hears=tuple((to | b, 0x7FF) for to in (TO_BOARD, MOVE) for b in boards),
+                filters=tuple((to | b, 0x7FF) for to in (TO_BOARD, MOVE) for b in boards),
                 addressed=tuple((b, 0x7F) for b in boards),
             ),
         )

@@ -347,7 +347,7 @@ class FeetechSts3215(Device):
         self.since_ns = np.where(heavy, self.since_ns, t_ns)
         self.overloaded = heavy & (t_ns - self.since_ns >= [10_000_000 * each("overload_time") for each in get])
         strengths = np.array([each("torque_limit") for each in get]) * self.full_torque / 1000
-        self.motors.load(reading["load"], strengths, t_ns)
+        self.motors.apply_loads(reading["load"], strengths, t_ns)
         return self.counts
 
     def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:

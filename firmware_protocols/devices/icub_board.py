@@ -88,7 +88,7 @@ def _blank(_tables: tuple[str, str], ident: int, enabled: bytes) -> Blank:
     head, tail = HEAD.pack(pads=[0] * 7), TAIL.pack(pads=[0] * 5, out_of_range=0, ending=0)
     data = np.frombuffer((head + tail) * len(which), np.uint8).reshape(-1, 2, 8)
     frames = CanFrames.of(np.repeat(ident | which, 2), data.reshape(-1, 8))
-    return Blank(frames, data, HEAD.place("pads"), *map(TAIL.place, ("pads", "out_of_range", "ending")))
+    return Blank(frames, data, HEAD.slice_of("pads"), *map(TAIL.slice_of, ("pads", "out_of_range", "ending")))
 
 
 @dataclass(eq=False)

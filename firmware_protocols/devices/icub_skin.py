@@ -263,7 +263,7 @@ class IcubSkin(Device[CanFrame]):
                 OLD_NO_LOAD_COUNTS if firmware == "old" else NO_LOAD_COUNTS,
             )
         addresses = [*(board.address for board in self.boards.values()), TO_ALL]
-        self.ports = (Can(hears=tuple((klass << 8 | each, 0x70F) for klass in (2, 7) for each in addresses)),)
+        self.ports = (Can(filters=tuple((klass << 8 | each, 0x70F) for klass in (2, 7) for each in addresses)),)
         self.streams = {name: Stream(1e9 / board.period_ns) for name, board in self.boards.items()}
         self.counts = np.full(len(self.layout), OLD_NO_LOAD_COUNTS if firmware == "old" else NO_LOAD_COUNTS, np.uint8)
 

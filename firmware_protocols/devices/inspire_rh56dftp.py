@@ -228,13 +228,13 @@ class InspireRh56dftp(Device):
         self.registers["speed_set"] = self.registers.all("speed_default")
         self.registers["force_set"] = self.registers.all("force_default")
         self.unit, speed = self.registers["unit"], BAUDS[self.registers["baud"]]
-        self.ports = (Rs485(name="rtu", baud=speed), Tcp(name="tcp", port=6000, plugged=False))
+        self.ports = (Rs485(name="rtu", baud=speed), Tcp(name="tcp", port=6000, is_plugged=False))
         self.rtu = Rtu(counters=self.counters, gap_ns=silence_ns(speed))
         self.native = Eb90(counters=self.counters) if line == "native" else None
         self.clients: dict[str, Mbap] = {}
         self.motors = Motors(
             [OPEN] * 6, low=0.0, high=OPEN, time_constant_s=0.0, speed_limit=self._speeds(),
-            names=ACTUATORS, unit=-STROKE_RAD / OPEN, zero=OPEN, strength=STRENGTH_NM, give=0.3,
+            names=ACTUATORS, unit=-STROKE_RAD / OPEN, zero=OPEN, strength=STRENGTH_NM, deflection=0.3,
         )  # fmt: skip
         self._limit_forces()
         self.counts = np.zeros(len(self.layout), np.int64)
@@ -313,8 +313,10 @@ class InspireRh56dftp(Device):
         registers["position"] = CLOSED_POSITION - 2 * angles
         registers["force"] = self.forces - self.zero
         motors = self.motors
-        registers["current"] = FULL_MA * np.abs(motors.forces) / STRENGTH_NM if motors.embodied else MOVING_MA * moving
-        held = motors.stalled & motors.embodied
+        registers["current"] = (
+            FULL_MA * np.abs(motors.forces) / STRENGTH_NM if motors.is_in_engine else MOVING_MA * moving
+        )
+        held = motors.stalled & motors.is_in_engine
         status = np.select([held, ~moving, motors.goals < angles], [AT_ITS_FORCE, 2, 1], 0)
         registers["status"] = self._in_pairs(status)
 

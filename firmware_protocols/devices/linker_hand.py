@@ -391,7 +391,7 @@ class LinkerHand(Device[CanFrame]):
         self.touch, self.has_matrix = sensors[kind], kind != "quantities"
         self.arbitration_id = self.flash.get("id", 0x28 if side == "left" else 0x27)
         self.heard = (self.arbitration_id, BROADCAST) if self.in_table else (self.arbitration_id,)
-        self.ports = (Can(hears=tuple((ident, 0x7FF) for ident in self.heard)),)
+        self.ports = (Can(filters=tuple((ident, 0x7FF) for ident in self.heard)),)
         self.side = side[0].upper()
         self.serial_number = serial_number or f"LH{self.model}-{self.series}-001-{self.side}-{self.touch.letter}-1-A"
         self.layout = pads(self.touch.finger, self.touch.palm)
@@ -528,7 +528,7 @@ class LinkerHand(Device[CanFrame]):
         motors = self.motors
         if not self.shows_limits and quantity in MOTION:
             return bytes(MOST_JOINTS)
-        if motors is None or not motors.embodied:
+        if motors is None or not motors.is_in_engine:
             return self.state[quantity]
         share = np.abs(motors.forces) / motors.strength
         match quantity:

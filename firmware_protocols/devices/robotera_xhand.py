@@ -288,11 +288,12 @@ class RoboteraXhand(Device):
 
     def _state(self, t_ns: int) -> bytes:
         positions = self.motors.positions(t_ns).astype(np.float32)
-        joints = JOINT.rows(JOINTS, number=np.arange(JOINTS), position=positions, temperature=25)
+        joints = JOINT.pack_many(JOINTS, number=np.arange(JOINTS), position=positions, temperature=25)
         wire = self.layout.on_wire(self.counts & 0xFF).reshape(len(FINGERTIP_CENTRES_M), POINTS_PER_TIP, 3)
         warm = np.repeat(self.warmth[:, None], 21, axis=1)
         return b"".join(
-            joints + self.tip.rows(len(FINGERTIP_CENTRES_M), force=self.tips & 0xFF, points=wire, temperatures=warm)
+            joints
+            + self.tip.pack_many(len(FINGERTIP_CENTRES_M), force=self.tips & 0xFF, points=wire, temperatures=warm)
         )
 
     def joints(self, t_ns: int) -> Mapping[str, float]:

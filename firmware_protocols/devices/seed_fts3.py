@@ -155,7 +155,7 @@ class SeedFts3(Device):
     def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
         """Obey commands, which arrive in chunks of any size, with or without a line end."""
         lines = self.lines_in.cut(data)
-        self.wake_ns = t_ns + SILENCE_NS if self.lines_in.begun else None
+        self.wake_ns = t_ns + SILENCE_NS if self.lines_in.has_partial else None
         return [answer for line in lines for answer in self._obey(line, t_ns)]
 
     def wake(self, t_ns: int) -> Transmissions:

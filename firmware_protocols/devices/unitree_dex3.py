@@ -143,7 +143,7 @@ class UnitreeDex3(Device):
         order = Topic(name=f"rt/dex3/{side}/cmd", type=command)
         self.ports = (
             Dds(name="hand", writes=Topic(name=f"rt/dex3/{side}/state", type=state), reads=order, idl=IDL),
-            Dds(name="lf", writes=Topic(name=f"rt/lf/dex3/{side}/state", type=state), idl=IDL, plugged=False),
+            Dds(name="lf", writes=Topic(name=f"rt/lf/dex3/{side}/state", type=state), idl=IDL, is_plugged=False),
         )
         live = [sorted({k % SLOTS_PER_PAD for k in (odd_cells if pad in ODD_PADS else cells)}) for pad in range(PADS)]
         self.layout = _pads(live)

@@ -129,7 +129,7 @@ class Wiresens(Device):
         touch, self.kept = np.split(values, [n * self.values])
         numbers = (self.number + np.arange(n)) & 0xFFFFFFFF
         self.number = (self.number + n) & 0xFFFFFFFF
-        return self.packet.rows(
+        return self.packet.pack_many(
             n, sensor=self.sensor, start=starts, touch=touch.reshape(n, self.values), number=numbers
         )
 

@@ -104,7 +104,7 @@ class XelaUskin(Device[CanFrame]):
             Option("field per force along x, y and z of a taxel, z out of the skin", unit="uT/N"),
         ] = GAIN_UT_PER_N,
     ):
-        self.ports = (Can(hears=((0x200 | board, 0x7FF),), addressed=((0x200 | board, 0x70F),)),)
+        self.ports = (Can(filters=((0x200 | board, 0x7FF),), addressed=((0x200 | board, 0x70F),)),)
         row, col = np.divmod(np.arange(self.rows * self.cols), self.cols)
         by_grid = ids == "grid"
         order = np.lexsort((row, col)) if by_grid else None

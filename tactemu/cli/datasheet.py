@@ -37,7 +37,7 @@ def ports_of(device: Device) -> list[str]:
     for k, connector in enumerate(device.ports):
         text = line_model_for(connector).describe()
         text = f"{connector.name}: {text}" if connector.name else text
-        lines.append(text if connector.plugged or not k else f"{text} (if asked for)")
+        lines.append(text if connector.is_plugged or not k else f"{text} (if asked for)")
     return lines
 
 

@@ -20,7 +20,7 @@ from firmware_protocols.registry import DEVICES, names
 FILE = Path(__file__).with_name("devices.json")
 
 KINDS = {
-    # firmware_protocols.device.Kind: the heading
+    # firmware_protocols.device.DeviceKind: the heading
     "hand": "Hands, grippers and their servos",
     "fingertip": "Fingertips and pads",
     "glove": "Gloves",

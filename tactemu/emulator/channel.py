@@ -291,6 +291,6 @@ class Channel:
         """
         port = args[2] if method == "receive" else args[3] if method == "lines" else ""
         try:
-            return calls.outs(self.device, method, *args, port=port)
+            return calls.transmissions(self.device, method, *args, port=port)
         except calls.AuthorError as error:
             raise DeviceError(str(error)) from error

@@ -73,11 +73,11 @@ def _assign_ports_of(
         if name not in connectors:
             raise DeviceError(f"{device.name} has no port {name!r} (ports: {', '.join(map(repr, connectors))})")
     first = device.ports[0]
-    used = {each.name for each in device.ports if each is first or each.plugged or each.name in named}
+    used = {each.name for each in device.ports if each is first or each.is_plugged or each.name in named}
     if single is not None:
         chosen = _fitting(device, single)
         named = {chosen.name: single} | named
-        if not chosen.plugged:
+        if not chosen.is_plugged:
             used.discard(first.name)
         used.add(chosen.name)
     return [
@@ -89,7 +89,7 @@ def _assign_ports_of(
 
 def _default_port(skin: str, device: Device, connector: Connector, fresh: tuple[bool, bool]) -> str:
     name = skin if len(device.ports) == 1 or not connector.name else f"{skin}-{connector.name}"
-    name = skin if connector is device.ports[0] and not any(each.plugged for each in device.ports[1:]) else name
+    name = skin if connector is device.ports[0] and not any(each.is_plugged for each in device.ports[1:]) else name
     line_model = line_model_for(connector)
     return line_model.fresh_port(name) if fresh[not line_model.is_network] else line_model.usual_port(name)
 

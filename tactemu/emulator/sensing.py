@@ -74,7 +74,7 @@ class SenseReader:
                 return np.full(len(at), push / self._layout.areas.sum())
             case "load":  # what an engine's joints do to the motors
                 motors = self._device.drives
-                return np.zeros(len(at)) if motors is None or not motors.embodied else motors.loads()
+                return np.zeros(len(at)) if motors is None or not motors.is_in_engine else motors.loads()
             case quantity:
                 if self._ambient[0] != t_ns:  # looked at once for all that is converted at a time
                     self._ambient = (t_ns, {})

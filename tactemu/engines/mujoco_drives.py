@@ -110,7 +110,7 @@ class Drive:
             if model.jnt_limited[joint] and span < ENDLESS_TRAVEL * abs(ratio):
                 self._check_range(name, span, model.jnt_range[joint], int(model.jnt_type[joint]))
         inertia = np.maximum(1 / model.dof_invweight0, model.dof_armature)[self._speeds]  # MuJoCo forgets it at times
-        wanted = self._motors.wants(0).stiffness[self._motor] / self._ratio**2
+        wanted = self._motors.setpoints(0).stiffness[self._motor] / self._ratio**2
         self._stiffness = np.minimum(wanted, MAX_STIFFNESS_SHARE * inertia / model.opt.timestep**2)
         self._damping = 2 * np.sqrt(self._stiffness * inertia)
         soft = [name for name, have, want in zip(self.joints, self._stiffness, wanted) if have < want / 2]
@@ -141,23 +141,23 @@ class Drive:
 
     def release(self) -> None:
         """The model starts anew."""
-        self._motors.released()
+        self._motors.leave_engine()
 
     def command(self, model: Any, data: Any, t_s: float, since_s: float) -> None:
         """What the firmware wants at ``t_s`` becomes what the actuators do.
 
         The speed is the mean since ``since_s``: a short move between two steps is no kick at full speed.
         """
-        if not self._motors.embodied:
+        if not self._motors.is_in_engine:
             self.report(data, t_s)
         t_ns = self._local_ns(round(t_s * 1e9))
         self._device.joints(t_ns)  # a firmware may do something because time has passed
-        before = self._motors.wants(self._local_ns(round(since_s * 1e9))).positions
-        wants = self._motors.wants(t_ns)
+        before = self._motors.setpoints(self._local_ns(round(since_s * 1e9))).positions
+        setpoints = self._motors.setpoints(t_ns)
         of, ratio = self._motor, self._ratio
-        place = self._zero + ratio * wants.positions[of]
-        speed = ratio * (wants.positions - before)[of] / (t_s - since_s) if t_s > since_s else 0.0 * place
-        force, most = wants.forces[of] / ratio, wants.most[of] / np.abs(ratio)
+        place = self._zero + ratio * setpoints.positions[of]
+        speed = ratio * (setpoints.positions - before)[of] / (t_s - since_s) if t_s > since_s else 0.0 * place
+        force, most = setpoints.forces[of] / ratio, setpoints.max_forces[of] / np.abs(ratio)
         held = np.isnan(force)
         data.ctrl[self._actuators] = np.where(held, self._stiffness * place + self._damping * speed, force)
         model.actuator_biasprm[self._actuators, 1] = np.where(held, -self._stiffness, 0.0)
@@ -167,12 +167,12 @@ class Drive:
     def report(self, data: Any, t_s: float) -> None:
         """What the joints and their actuators did becomes what the firmware measures."""
         t_ns, motors, of = self._local_ns(round(t_s * 1e9)), self._motors, self._motor
-        wants = motors.wants(t_ns)
-        places, speeds, forces = wants.positions.copy(), wants.speeds.copy(), np.zeros(len(wants.positions))
+        setpoints = motors.setpoints(t_ns)
+        places, speeds, forces = setpoints.positions.copy(), setpoints.speeds.copy(), np.zeros(len(setpoints.positions))
         places[of] = (data.qpos[self._places] - self._zero) / self._ratio
         speeds[of] = data.qvel[self._speeds] / self._ratio
         forces[of] = data.actuator_force[self._actuators] * self._ratio
-        motors.moved(places, speeds, forces, t_ns)
+        motors.follow_engine(places, speeds, forces, t_ns)
 
 
 def check_apart(drives: Iterable[Drive]) -> None:

@@ -50,7 +50,7 @@ def test_the_write_bit_is_clear_in_the_answer_and_the_number_is_its_own():
     device = hand(O10, device=5)
     assert [f.arbitration_id for f in send(device, f"01050185##1{ZEROS}")] == [0x01050105]
     assert send(device, f"01050101##1{ZEROS}") == [] and device.counters["other_device"] == 1
-    ident, mask = device.ports[0].hears[0]
+    ident, mask = device.ports[0].filters[0]
     assert 0x07130185 & mask == ident and 0x07130284 & mask != ident
 
 

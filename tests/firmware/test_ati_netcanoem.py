@@ -103,7 +103,7 @@ def test_another_base_and_baud_rate_are_in_force_from_the_next_power_up_on():
     assert (device.first_id, device.ports[0].bitrate) == (0x200, 250_000)
     device.power_cycle()
     sample(device)
-    assert (device.first_id, device.ports[0].bitrate, device.ports[0].hears) == (0x7F0, 500_000, ((0x7F0, 0x7F0),))
+    assert (device.first_id, device.ports[0].bitrate, device.ports[0].filters) == (0x7F0, 500_000, ((0x7F0, 0x7F0),))
     assert len(send(device, "7F0#")) == 2
 
 

@@ -22,14 +22,14 @@ STARTED = "self.streaming, self.number = False, 0"
 
 PLANTS = {
     # mistake: replacements in the palm, what the report says
-    "offset: a line lost": ([(RESERVED, "")], r"import: .*'touch' stands at 1, the fields before it end at 0"),
+    "offset: a line lost": ([(RESERVED, "")], r"import: .*'touch' is at 1, but the fields before it end at 0"),
     "offset: a byte nobody knew of": (
         [(RESERVED, ""), ("    1     <u2 x taxels", "    0     <u2 x taxels")],
         r"it fits with one byte more before reading\.touch",
     ),
     "endianness: an array": ([("<u2 x taxels", ">u2 x taxels")], r"it fits with reading\.touch as <u2 x taxels"),
     "endianness: a number": ([("<u2 wrap", ">u2 wrap")], r"it fits with reading\.time as <u2 wrap"),
-    "wrap: a clock": ([("<u2 wrap ", "<u2 ")], r"range: .*reading: time: 70000.* does not fit 0\.\.65535.*say `wrap`"),
+    "wrap: a clock": ([("<u2 wrap ", "<u2 ")], r"range: .*reading: time: 70000.* does not fit 0\.\.65535.*`wrap`"),
     "wrap: a counter": (
         [("u1 wrap ", "u1 "), ("self.number = (self.number + 1) & 0xFF", "self.number += 1")],
         r"range: .*reading: number: 256.* does not fit 0\.\.255",

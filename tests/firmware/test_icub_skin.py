@@ -122,7 +122,7 @@ def test_what_is_no_message_changes_nothing(request_):
 
 
 def test_the_controller_takes_what_is_for_its_boards():
-    hears = fp.create("icub_skin", triangles=6).ports[0].hears
+    hears = fp.create("icub_skin", triangles=6).ports[0].filters
     assert hears == tuple((klass << 8 | to, 0x70F) for klass in (2, 7) for to in (1, 2, 15))
 
 

@@ -138,7 +138,7 @@ def test_codes_of_line_speeds(device, code, baud):
 
 def test_delivered_with_another_unit_and_speed():
     device = fp.create("inspire_rh56dftp", unit=9, baud="921600")
-    assert device.ports == (Rs485(name="rtu", baud=921600), Tcp(name="tcp", port=6000, plugged=False))
+    assert device.ports == (Rs485(name="rtu", baud=921600), Tcp(name="tcp", port=6000, is_plugged=False))
     assert read(device, 1000, 2) == [9, 4 - 1]
     assert len(send(device, "090303e800010532", port="rtu")) == 1
 

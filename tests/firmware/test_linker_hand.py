@@ -68,7 +68,7 @@ def test_sides_do_not_hear_each_other():
     left, right = hand(L6), hand(L6, side="right")
     assert ask(left, "027#C2") == [] and left.counters["ignored"] == 1
     assert ask(right, "027#C2") == ["027#C2010203"]
-    assert left.ports[0].hears == ((0x28, 0x7FF),) and right.ports[0].hears == ((0x27, 0x7FF),)
+    assert left.ports[0].filters == ((0x28, 0x7FF),) and right.ports[0].filters == ((0x27, 0x7FF),)
 
 
 @pytest.mark.parametrize(
@@ -169,7 +169,7 @@ def test_an_id_is_set_for_the_next_power_up_and_asked_of_all(name, options):
     assert ask(device, "028#C302") == ["028#C328"] and ask(device, "0FF#C3") == ["028#C328"]
     device.power_cycle()
     assert ask(device, "028#C3") == [] and ask(device, "0FF#C3") == ["002#C302"] == ask(device, "002#C3")
-    assert device.ports[0].hears == ((2, 0x7FF), (0xFF, 0x7FF))
+    assert device.ports[0].filters == ((2, 0x7FF), (0xFF, 0x7FF))
 
 
 def test_an_l25_takes_five_speeds_of_a_finger():

@@ -96,7 +96,7 @@ def test_board_number_moves_the_ids():
     send(device, "205#0700")
     assert [f.arbitration_id for f in sample(device)] == list(range(0x750, 0x760))
     send(device, _transmit(stop=1))
-    assert device.streaming and device.ports[0].hears == ((0x205, 0x7FF),), "board 1's stop is not for board 5"
+    assert device.streaming and device.ports[0].filters == ((0x205, 0x7FF),), "board 1's stop is not for board 5"
 
 
 def test_forces_reach_their_axes_and_saturate():

@@ -190,8 +190,8 @@ def test_lines_end_with_any_of_their_ends():
 
 def test_a_silence_may_end_a_line():
     lines = Lines(counters=Counter())
-    assert lines.cut(b"one\ntw") == [b"one"] and lines.begun
-    assert lines.end() == [b"tw"] and not lines.begun and lines.end() == []
+    assert lines.cut(b"one\ntw") == [b"one"] and lines.has_partial
+    assert lines.end() == [b"tw"] and not lines.has_partial and lines.end() == []
 
 
 def test_a_line_without_end_is_bounded_and_counted_once():

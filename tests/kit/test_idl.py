@@ -22,7 +22,7 @@ def test_structs_with_their_modules():
 
 
 def test_a_type_that_is_not_there_is_named():
-    with pytest.raises(ValueError, match="Other x: no such type"):
+    with pytest.raises(ValueError, match="Other x: declare the type Other"):
         structs("struct A { Other x; };")
     with pytest.raises(KeyError, match="inner"):
         layout(TEXT, "Outer")

@@ -90,18 +90,18 @@ def test_a_new_order_begins_where_the_joint_is():
 def test_a_load_that_is_too_strong_stalls_the_joint_that_pushes_against_it():
     motors = fingers(time_constant_s=0.0, speed_limit=10.0)
     motors.go([100.0, 100.0, 0.0], 0)
-    motors.load([-5.0, 5.0, -5.0], 3.0, S)
+    motors.apply_loads([-5.0, 5.0, -5.0], 3.0, S)
     assert motors.stalled.tolist() == [True, False, False]
     assert motors.positions(2 * S).tolist() == [10.0, 20.0, 30.0]
     assert motors.moving(2 * S).tolist() == [False, True, True]
-    motors.load([-2.0, 0.0, 0.0], 3.0, 2 * S)
+    motors.apply_loads([-2.0, 0.0, 0.0], 3.0, 2 * S)
     assert motors.positions(3 * S).tolist() == [20.0, 30.0, 20.0]
 
 
 def test_a_stalled_joint_that_is_sent_back_goes():
     motors = fingers(time_constant_s=0.0, speed_limit=10.0)
     motors.go(100.0, 0)
-    motors.load(-5.0, 3.0, S)
+    motors.apply_loads(-5.0, 3.0, S)
     assert motors.stalled.all()
     motors.go([0.0, np.nan, 40.0], 2 * S)
     assert motors.positions(3 * S).tolist() == [0.0, 10.0, 50.0]
@@ -121,56 +121,58 @@ def gripper(**options):
     """Two joints in counts, 0 open and 100 closed after 1 rad, the second turned the other way."""
     return Motors(
         [0.0, 0.0], low=0.0, high=100.0, time_constant_s=0.0, speed_limit=100.0, names=("a", "b"),
-        unit=[0.01, -0.01], strength=2.0, give=0.1, **options,
+        unit=[0.01, -0.01], strength=2.0, deflection=0.1, **options,
     )  # fmt: skip
 
 
 def test_in_an_engine_they_are_where_it_has_them_and_want_what_they_would_do():
     motors = gripper()
-    motors.moved([0.2, -0.3], [0.0, 0.0], [0.0, 0.0], 0)
+    motors.follow_engine([0.2, -0.3], [0.0, 0.0], [0.0, 0.0], 0)
     assert motors.positions(0) == pytest.approx([20, 30])
     assert motors.joints(0) == pytest.approx({"a": 0.2, "b": -0.3})
-    assert motors.wants(S).positions == pytest.approx([0.2, -0.3]), "it holds still where it begins"
+    assert motors.setpoints(S).positions == pytest.approx([0.2, -0.3]), "it holds still where it begins"
     motors.go(100.0, S)
-    wants = motors.wants(S + S // 2)
-    assert wants.positions == pytest.approx([0.7, -0.8]) and wants.speeds == pytest.approx([1.0, -1.0])
-    assert wants.stiffness == pytest.approx([20.0, 20.0]) and wants.most == pytest.approx([2.0, 2.0])
+    setpoints = motors.setpoints(S + S // 2)
+    assert setpoints.positions == pytest.approx([0.7, -0.8]) and setpoints.speeds == pytest.approx([1.0, -1.0])
+    assert setpoints.stiffness == pytest.approx([20.0, 20.0]) and setpoints.max_forces == pytest.approx([2.0, 2.0])
     assert motors.positions(S + S // 2) == pytest.approx([20, 30]), "until the engine has moved them"
-    motors.released()
+    motors.leave_engine()
     assert motors.positions(S + S // 2) == pytest.approx([70, 80])
 
 
 def test_a_joint_that_is_held_stalls_and_a_new_order_is_not_wound_up():
     motors = gripper()
-    motors.moved([0.2, -0.2], [0.0, 0.0], [0.0, 0.0], 0)
+    motors.follow_engine([0.2, -0.2], [0.0, 0.0], [0.0, 0.0], 0)
     motors.limit_force([0.5, 1.0])
     motors.go([100.0, np.nan], 0)
     for t in range(0, 2 * S, S // 50):
-        motors.moved([0.25, -0.2], [0.0, 0.0], [1.0, 0.0], t)
+        motors.follow_engine([0.25, -0.2], [0.0, 0.0], [1.0, 0.0], t)
     assert motors.stalled.tolist() == [True, False]
     assert motors.loads().tolist() == [-1.0, 0.0]
     motors.go([0.0, np.nan], 2 * S)
-    assert motors.wants(2 * S).positions[0] == pytest.approx(0.25 + 1.0 / 20), "as far ahead as half its force takes"
-    motors.moved([0.2, -0.2], [-1.0, 0.0], [-1.0, 0.0], 2 * S + 1)
+    assert motors.setpoints(2 * S).positions[0] == pytest.approx(0.25 + 1.0 / 20), (
+        "as far ahead as half its force takes"
+    )
+    motors.follow_engine([0.2, -0.2], [-1.0, 0.0], [-1.0, 0.0], 2 * S + 1)
     assert not motors.stalled.any(), "it moves"
 
 
 def test_force_drives_a_joint_until_it_gets_a_place_and_outside_an_engine_loads_hold_it():
     motors = gripper()
-    motors.load([5.0, 0.0], [1.0, 1.0], 0)
-    motors.moved([0.0, 0.0], [0.0, 0.0], [0.0, 0.0], 0)
-    motors.push([1.5, np.nan], 0)
-    assert motors.wants(S).forces == pytest.approx([1.5, np.nan], nan_ok=True)
-    motors.load([-5.0, 0.0], [1.0, 1.0], S)
+    motors.apply_loads([5.0, 0.0], [1.0, 1.0], 0)
+    motors.follow_engine([0.0, 0.0], [0.0, 0.0], [0.0, 0.0], 0)
+    motors.drive_by_force([1.5, np.nan], 0)
+    assert motors.setpoints(S).forces == pytest.approx([1.5, np.nan], nan_ok=True)
+    motors.apply_loads([-5.0, 0.0], [1.0, 1.0], S)
     assert not motors.stalled.any(), "the engine has the loads"
     motors.go(10.0, S)
-    assert np.isnan(motors.wants(S).forces).all()
+    assert np.isnan(motors.setpoints(S).forces).all()
 
 
 def test_in_an_engine_the_state_can_be_saved():
     motors = gripper()
-    motors.moved([0.2, -0.2], [0.1, 0.0], [1.0, 0.0], S)
-    motors.push([1.0, np.nan], S)
+    motors.follow_engine([0.2, -0.2], [0.1, 0.0], [1.0, 0.0], S)
+    motors.drive_by_force([1.0, np.nan], S)
     again = restored(saved(motors))
-    assert again.embodied and again.positions(S).tolist() == motors.positions(S).tolist()
-    assert again.wants(2 * S).forces.tolist()[0] == 1.0
+    assert again.is_in_engine and again.positions(S).tolist() == motors.positions(S).tolist()
+    assert again.setpoints(2 * S).forces.tolist()[0] == 1.0

@@ -128,15 +128,15 @@ def test_text_and_rows_are_the_same():
 @pytest.mark.parametrize(
     "text, message",
     [
-        ("0  <u2  a\n1  u1  b", "'b' at 1: 'a' reaches to 1"),
-        ("0  <u2  a\n2  <u2  a", "'a' stands there twice"),
+        ("0  <u2  a\n1  u1  b", "'b' at 1 overlaps 'a', which ends at 1"),
+        ("0  <u2  a\n2  <u2  a", "'a' occurs twice"),
         ("0  u2  a", "type 'u2': expected"),
         ("0  <u3  a", "type '<u3': expected"),
         ("a  <u2  a", "expected `address  type  name"),
         ("0 <u2 a", "expected `address  type  name"),
         ("0  <u2  a  1..5  = 9", "default 9 is not in 1..5"),
         ("0  u1 x 3  a  = 1, 2", "2 defaults for 3 numbers"),
-        ("9  <u2  a", "reaches to 10, the memory to 9"),
+        ("9  <u2  a", "ends at 10, beyond the memory's end at 9"),
     ],
 )
 def test_a_wrong_line_does_not_import_and_is_named(text, message):

@@ -114,7 +114,7 @@ def test_wrap_and_clip_do_what_the_firmware_does():
         ({"acceleration": np.zeros(3)}, TypeError, "mixed: acceleration: expected integers, got float64"),
         ({"acceleration": [1, 2]}, ValueError, r"mixed: acceleration: expected shape \(3,\), got \(2,\)"),
         ({"tag": b"long"}, ValueError, "mixed: tag: expected 2 bytes, got 4"),
-        ({"other": 1}, TypeError, r"mixed: missing \[\], without field \['other'\]"),
+        ({"other": 1}, TypeError, r"mixed: .* no field for the values \['other'\]"),
     ],
 )
 def test_values_that_do_not_fit_are_named(changes, error, message):
@@ -123,7 +123,7 @@ def test_values_that_do_not_fit_are_named(changes, error, message):
 
 
 def test_a_missing_value_is_named():
-    with pytest.raises(TypeError, match=r"request: missing \['count'\]"):
+    with pytest.raises(TypeError, match=r"request: .*fields \['count'\]"):
         REQUEST.pack(device=1, function=2, address=3)
 
 
@@ -135,9 +135,9 @@ def test_a_lost_clip_is_an_error_in_arrays_of_any_size(counts):
 
 
 def test_counts_must_be_bound_and_are_named():
-    with pytest.raises(ValueError, match=r"image: how many\? bind\(taxels=\.\.\.\)"):
+    with pytest.raises(ValueError, match=r"image: .*bind\(taxels=\.\.\.\)"):
         IMAGE.pack(touch=[1])
-    with pytest.raises(TableError, match=r"image: cannot bind taxel: it has \['taxels'\]"):
+    with pytest.raises(TableError, match=r"image: cannot bind taxel: the table has \['taxels'\]"):
         IMAGE.bind(taxel=3)
     with pytest.raises(TableError, match=r"image: wire_order must hold each of 0\.\.1 once"):
         IMAGE.bind([1, 1])
@@ -170,7 +170,7 @@ def test_what_the_firmware_ignores_is_read_over():
         start
         0   07      op
         1   u1      stop
-        2   rest
+        2   ignored
     """)
     assert start.unpack(b"\x07\x01\xff\xff") == start.unpack(b"\x07\x01") == {"stop": 1}
     assert start.pack(stop=0) == b"\x07\x00"
@@ -187,13 +187,13 @@ def test_rows_are_the_frames_one_by_one():
         last  sum8 from 1   sum
     """).bind(ORDER)
     pads, status, warmth = np.arange(24).reshape(4, 6), np.arange(4) * 300, np.array([0, 40_000, -40_000, 5])
-    rows = frame.rows(4, pads=pads, status=status, tag=b"x", warmth=warmth)
+    rows = frame.pack_many(4, pads=pads, status=status, tag=b"x", warmth=warmth)
     assert rows == [frame.pack(pads=pads[k], status=status[k], tag=b"x", warmth=warmth[k]) for k in range(4)]
-    assert frame.rows(2, pads=pads[:2], status=7, tag=b"x", warmth=0)[1][7:9] == b"\x00\x07"
+    assert frame.pack_many(2, pads=pads[:2], status=7, tag=b"x", warmth=0)[1][7:9] == b"\x00\x07"
     with pytest.raises(ValueError, match=r"row: pads: expected shape \(4, 6\), got \(6, 4\)"):
-        frame.rows(4, pads=pads.T, status=0, tag=b"x", warmth=0)
+        frame.pack_many(4, pads=pads.T, status=0, tag=b"x", warmth=0)
     with pytest.raises(OverflowError, match="row: status"):
-        frame.rows(4, pads=pads, status=status * 1000, tag=b"x", warmth=warmth)
+        frame.pack_many(4, pads=pads, status=status * 1000, tag=b"x", warmth=warmth)
 
 
 def test_can_identifiers_are_made_filtered_and_read():
@@ -233,23 +233,23 @@ def test_a_table_prints_itself_with_what_is_bound():
 @pytest.mark.parametrize(
     "lines, message",
     [
-        ("0  AA 55  marker\n1  u1  touch", "'touch' stands at 1, the fields before it end at 2"),
-        ("0  u1  a\n..  u1  b", "'b' stands at `..`, but the fields before it end at 1"),
-        ("0  u1 x n  a\n1  u1  b", "'b' stands at 1, where nobody can know"),
+        ("0  AA 55  marker\n1  u1  touch", "'touch' is at 1, but the fields before it end at 2"),
+        ("0  u1  a\n..  u1  b", "'b' is at `..`, but the fields before it end at 1"),
+        ("0  u1 x n  a\n1  u1  b", "'b' is at 1, but the size of the fields before it is not fixed"),
         ("0  u2  a", "line '0  u2  a': u2 needs a byte order, <u2 or >u2"),
         ("0  >u3  a", "unknown type '>u3': types are"),
         ("0  <i2 round  a", "unknown type '<i2 round'"),
         ("0  u1", "'' is no name"),
         ("0 u1 a", "expected `offset  type  name  about`, in columns two spaces apart"),
         ("x  u1  a", "offset 'x': expected a decimal number"),
-        ("0  u1  a\n1  u1  a", "'a' stands there twice"),
+        ("0  u1  a\n1  u1  a", "'a' occurs twice"),
         ("0  bytes  a\n..  bytes  b", "more than one field of open length"),
-        ("0  u1  n = len(b)\n1  u1  a", "'n' measures 'b'; there are"),
+        ("0  u1  n = len(b)\n1  u1  a", "'n' is the length of 'b', which is no field"),
         ("0  u1  n = a | 4\n1  u1  a", "only lengths"),
         ("0  u1 x 2  n = total", "a length is one integer"),
-        ("0  u1  a\nlast  sum8  s\n2  u1  b", "'s' stands at `last`, but 'b' comes after it"),
+        ("0  u1  a\nlast  sum8  s\n2  u1  b", "'s' is at `last`, but 'b' comes after it"),
         ("0  u1  a\n1  sum16  s", "sum16 needs a byte order"),
-        ("0  u1  a\n1  sum8 from 2  s", "'s' sums from 2, but stands at 1"),
+        ("0  u1  a\n1  sum8 from 2  s", "'s' sums from 2, but is at 1"),
         ("0  u1  a\n1  sum8 of 2  s", "expected `from N`"),
         ("0  u1 x 3 x taxels  a", "taxels come first"),
         ("", "broken: no fields"),

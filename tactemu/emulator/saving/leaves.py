@@ -108,7 +108,7 @@ class LeafCheck:
         found, there = _attributes(value), [_attributes(each) for each in here]
         if missing := [name for each in there for name in each if name not in found and not _is_cached(value, name)]:
             raise StateError(f"{where}: lacks {missing[0]}")
-        if plain.says_itself(type(value)):  # and has checked the sizes of its arrays
+        if plain.has_own_state(type(value)):  # and has checked the sizes of its arrays
             there = [{k: each for k, each in one.items() if not isinstance(each, np.ndarray)} for one in there]
         self.attributes(type(value), found, there, where)
 

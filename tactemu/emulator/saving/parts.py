@@ -110,7 +110,7 @@ def _prepare_restore(part: Any, name: str, state: Any, reader: _Reader, leaves: 
         raise StateError(f"{where}: expected a table, got {type(state).__name__}")
     try:
         if isinstance(part, Device):
-            return partial(plain.take, part, _device_attributes(part, where, state, leaves))
+            return partial(plain.set_attributes, part, _device_attributes(part, where, state, leaves))
         here = part.state() if hasattr(part, "state") else _own(part)
         _check_names(where, "attribute", here, state)
         attributes = {key: reader.read(value) for key, value in state.items()}
@@ -130,12 +130,14 @@ def _device_attributes(device: Device, where: str, state: Mapping[str, Any], lea
         ValueError, StateError: a device of this kind does not have such, or raises with them.
     """
     fresh, other = type(device)(**device.options), type(device)(**device.options)
-    there = [{key: each for key, each in vars(one).items() if key not in plain.NOT_STATE} for one in (device, fresh)]
+    there = [
+        {key: each for key, each in vars(one).items() if key not in plain.TRANSIENT_FIELDS} for one in (device, fresh)
+    ]
     if missing := sorted(there[1].keys() - state.keys()):
         raise ValueError(f"the state of {device.name} lacks {', '.join(missing)}")
-    attributes = plain.read(device, dict(state))
+    attributes = plain.decode(device, dict(state))
     leaves.attributes(type(device), attributes, there, where)
-    plain.take(other, plain.read(other, dict(state)))
+    plain.set_attributes(other, plain.decode(other, dict(state)))
     rehearse(other, fresh.periods.keys(), leaves.t_ns)
     return attributes
 

@@ -20,11 +20,11 @@ def rehearse(copy: Device, streams: Collection[str], t_ns: int) -> None:
     try:
         for stream in copy.periods:
             calls.measure(copy, reading_of(copy, stream=stream), t_ns)
-            calls.outs(copy, "stream", t_ns, stream)
+            calls.transmissions(copy, "stream", t_ns, stream)
         if copy.wake_ns is not None:
-            calls.outs(copy, "wake", t_ns)
+            calls.transmissions(copy, "wake", t_ns)
         for command in copy.commands:
             port = command.port or copy.ports[0].name
-            calls.outs(copy, "receive", frame_of(command.request), t_ns, port, port=port)
+            calls.transmissions(copy, "receive", frame_of(command.request), t_ns, port, port=port)
     except calls.AuthorError as error:
         raise ValueError(f"cannot go on: {error}") from None

@@ -53,9 +53,9 @@ class CanLine(LineModel):
 
     def accepts(self, connector: Any, frame: WireFrame, *, of_peer: bool) -> bool:
         """Return True if the controller's filters take a frame; without filters, if the driver has sent it."""
-        if not connector.hears:
+        if not connector.filters:
             return not of_peer
-        return _is_one_of(connector.hears, frame)
+        return _is_one_of(connector.filters, frame)
 
     def is_addressed_to(self, connector: Any, frame: WireFrame) -> bool:
         """Return True if a frame has one of the identifiers that are meant for the device."""
@@ -64,9 +64,9 @@ class CanLine(LineModel):
     def filters(self, connectors: Iterable[Any]) -> list[CanFilter]:
         """Return the filters of all controllers and the identifiers meant for them; empty if one takes all."""
         connectors = list(connectors)
-        if not connectors or not all(connector.hears for connector in connectors):
+        if not connectors or not all(connector.filters for connector in connectors):
             return []
-        pairs = [pair for connector in connectors for pair in (*connector.hears, *connector.addressed)]
+        pairs = [pair for connector in connectors for pair in (*connector.filters, *connector.addressed)]
         return [CanFilter(ident, mask, max(ident, mask) > 0x7FF) for ident, mask in pairs]
 
     def carries(self, frame: WireFrame) -> bool:

@@ -110,7 +110,7 @@ class LineModel(ABC):
 
     def agrees(self, other: Connector) -> bool:
         """Return True if a device with the ``other`` connector may share the line."""
-        plain = {"name": "", "plugged": True}
+        plain = {"name": "", "is_plugged": True}
         return self.is_shared and replace(self.connector, **plain) == replace(other, **plain)
 
     @abstractmethod
