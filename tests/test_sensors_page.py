@@ -25,22 +25,22 @@ HEAD = """# Sensor models
 
 <!-- written from the models' declarations: python tests/test_sensors_page.py --write -->
 
-A sensor model turns contact into what a taxel reads. A scene file names one (`model = "kinematic_taxel"`, or
+A sensor model turns contact into the readings of taxels. A scene file names one (`model = "kinematic_taxel"`, or
 `"module:Class"` of your own), Python makes one (`tt.KinematicTaxel(...)`); without a name a skin takes the cheapest
-model that gives what its device senses. Positions, normals and readings are in the frame of the link, normals point out
-of the skin, units are SI. Costs and errors below are those of [speed for accuracy](accuracy.md): one step of 1024
-taxels on one core, and median errors over contacts that nothing was fitted on. How deep a body is in a probe:
-[contact](contact.md). Where the models differ from those of Genesis whose options they share:
-[differences](differences.md). A model of your own: [adding a sensor model](adding-a-sensor-model.md).
+model that gives the quantity of its device. Positions, normals and readings are in the frame of the link, normals
+point out of the skin, units are SI. Costs and errors below are those of [speed for accuracy](accuracy.md): one step of
+1024 taxels on one core, and median errors over contacts that were not used for fitting. [Contact](contact.md) explains
+the depth of a body in a probe, [differences](differences.md) where the models differ from those of Genesis whose
+options they share, and [adding a sensor model](adding-a-sensor-model.md) how to write your own.
 """
 ALL_MODELS = "## Options of every model"
 IMPERFECTIONS = """## Imperfections
 
-Options of every model too, off by default; [imperfections](imperfections.md) says how they act.
+Every model has these options, too. They are off by default; [imperfections](imperfections.md) describes them.
 """
 DRAWING = """## Drawing
 
-Options of every model too, those of Genesis: what viewers draw of a sensor. They change no reading.
+Every model has these options of Genesis, too. They set how viewers draw a sensor, and change no reading.
 """
 
 
@@ -123,10 +123,10 @@ def section(name: str) -> str:
     cls = model_class(name)
     gives = ", ".join(f"{quantity}{' (by default)' if cheapest(quantity) == name else ''}" for quantity in cls.layouts)
     scaled = ", ".join(f"`{option}`" for option in cls.strengths)
-    strengths = f"\n\nOptions that scale the whole reading, for a calibration: {scaled}." if scaled else ""
+    strengths = f"\n\nOptions that scale every channel of the reading, for a calibration: {scaled}." if scaled else ""
     return f"""## {cls.__name__}
 
-`model = "{name}"`, level {cls.level}. Gives a device: {gives}. {words(cls.__doc__ or "")}
+`model = "{name}"`, level {cls.level}. Quantities for a device: {gives}. {words(cls.__doc__ or "")}
 
 {formula(cls)}
 

@@ -164,7 +164,7 @@ class SensorModel(ImperfectionOptions, DrawOptions, ABC):
     probe_local_pos: Sequence | np.ndarray = ((0.0, 0.0, 0.0),)
     """Probe positions [m], ``(n, 3)``, or ``(rows, cols, 3)`` for a grid; readings have the same layout."""
     probe_local_normal: Sequence | np.ndarray = (0.0, 0.0, 1.0)
-    """Directions out of the skin: one, or one per probe. Need not be unit vectors."""
+    """Directions out of the skin: one, or one per probe; of any length."""
     probe_radius: float | Sequence | np.ndarray = 0.01
     """Sensing radius [m]: one, or one per probe. 0 marks a filler, which reads 0 and has no effect."""
     pos_offset: Sequence[float] = (0.0, 0.0, 0.0)

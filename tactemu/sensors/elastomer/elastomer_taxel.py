@@ -44,7 +44,7 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ElastomerTaxel(SensorModel):
-    """Reads the motion of each marker [m], link frame, shape ``([n_envs,] layout, 3)``.
+    """The reading is the motion of each marker [m], link frame, shape ``([n_envs,] layout, 3)``.
 
     ``probe_radius`` only marks fillers (0): depth is that of the marker itself.
     """

@@ -74,10 +74,10 @@ class LayerReading(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ElasticLayerTaxel(SensorModel):
-    """Reads :class:`LayerReading`: pressure [Pa], traction [Pa], force [N], displacement [m], slip state, residual;
-    vectors in the link's frame, forces on the skin. The taxels lie on a flat rectangular grid, or on several such pads,
-    each a layer of its own; or on a gently bent grid (a cylinder, a ball, a saddle), one layer in arc length. Contact
-    is computed only where taxels are."""
+    """The reading is a :class:`LayerReading`: pressure [Pa], traction [Pa], force [N], displacement [m], slip state,
+    residual; vectors in the link's frame, forces on the skin. The taxels lie on a flat rectangular grid, or on several
+    such pads, each a layer of its own; or on a gently bent grid (a cylinder, a ball, a saddle), one layer in arc
+    length. Contact is computed only where taxels are."""
 
     young_modulus: float = 1.0e5
     """Young's modulus of the skin [Pa]."""

@@ -103,7 +103,7 @@ def proximity_kernel(real, moving: bool, has_gain: bool):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ProximityTaxel(SensorModel):
-    """Reads :class:`ForceTorque`: force [N], and torque about the link's origin [N m].
+    """The reading is a :class:`ForceTorque`: force [N], and torque about the link's origin [N m].
 
     ``track_link_idx`` names the bodies whose points it senses (default: all others).
     """
@@ -131,8 +131,8 @@ class ProximityTaxel(SensorModel):
     strengths = ("stiffness", "shear_coupling", "twist_scalar")
     examples = {", 500 points": {"probe_radius": 0.004, "n_sample_points": 500}}
     valid = (
-        "What is near, before it touches. As a force sensor it is slower and worse than springs: the sum over points "
-        "depends on where they happen to lie."
+        "Bodies that are near, before they touch. As a force sensor it is slower and less accurate than springs: the "
+        "sum over points depends on their random places."
     )
     source = "Sums over points. Option names and numbers are those of the sensor of this name in Genesis."
 

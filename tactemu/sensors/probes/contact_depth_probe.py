@@ -47,7 +47,7 @@ def compile_depth(site: Site, why: str) -> Compiled:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ContactDepthProbe(SensorModel):
-    """Reads depth [m], shape ``([n_envs,] layout)``."""
+    """The reading is depth [m], shape ``([n_envs,] layout)``."""
 
     level = 1
     unit = "m"

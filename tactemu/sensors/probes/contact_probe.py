@@ -55,7 +55,7 @@ def compile_latch(depth: wp.array, enter: float, leave: float, name: str, contex
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ContactProbe(SensorModel):
-    """Reads bool, shape ``([n_envs,] layout)``."""
+    """The reading is bool, shape ``([n_envs,] layout)``."""
 
     contact_threshold: float = 1e-4
     """Touch begins above this depth [m]."""

@@ -110,7 +110,7 @@ def springs_formula(real, moving: bool):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class KinematicTaxel(SensorModel):
-    """Reads :class:`ForceTorque`: force [N], and torque about the link's origin [N m]."""
+    """The reading is a :class:`ForceTorque`: force [N], and torque about the link's origin [N m]."""
 
     normal_stiffness: float = 1000.0
     """Normal force of a probe per depth [N/m**normal_exponent]."""
