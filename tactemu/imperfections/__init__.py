@@ -1,4 +1,4 @@
-"""Wrong the way real taxels are wrong: laws on values, between a sensor's raw readings and what is read from it."""
+"""The imperfections of real taxels: laws that change a sensor's raw readings into those that a device reads."""
 
 from tactemu.imperfections.adjustments import Adjustments
 from tactemu.imperfections.compile import Imperfections

@@ -1,4 +1,4 @@
-"""Changing imperfections while running, in the environments named and in no others."""
+"""The setters by which imperfections change while the scene runs, in chosen environments only."""
 
 from __future__ import annotations
 
@@ -6,44 +6,46 @@ from abc import ABC, abstractmethod
 
 
 class Adjustments(ABC):
-    """The setters under the names that Genesis has: of a sensor's handle, and of its ``imperfections``.
+    """The setters of a sensor's handle, and of its ``imperfections``, under Genesis's names.
 
     ``envs_idx`` is ``None`` (all environments), a list of numbers or a mask. A value is one number, one per column, or
-    one of these for each environment named. Each setter raises :class:`~tactemu.base.errors.SceneError` if the option
+    one of these for each chosen environment. Each setter raises :class:`~tactemu.base.errors.SceneError` if the option
     was off when the scene was built and is not in ``adjustable``, or if the value does not fit.
     """
 
     @abstractmethod
     def set(self, option: str, value, envs_idx=None, taxels=None) -> None:
-        """Change an option by its name: ``noise_density``, ``temperature_offset``, ``saturation_range`` ...; of some
-        taxels only, to one number or one for each of them, where the option has a number per column."""
+        """Change an option by its name: ``noise_density``, ``temperature_offset``, ``saturation_range`` ...
+
+        With ``taxels`` only these change, to one number or one for each, if the option has a number per column.
+        """
 
     @abstractmethod
     def set_dead(self, taxels, dead: bool = True, value: float | None = None, envs_idx=None) -> None:
-        """Kill taxels, or revive them; without a value they are stuck at their last reading."""
+        """Make taxels dead, or revive them; without a value they are stuck at their last reading."""
 
     def set_bias(self, bias, envs_idx=None) -> None:
-        """Constant offset [unit]."""
+        """Set the constant offset [unit]."""
         self.set("bias", bias, envs_idx)
 
     def set_noise(self, noise, envs_idx=None) -> None:
-        """Standard deviation of white noise in each sample [unit]."""
+        """Set the standard deviation of white noise in each sample [unit]."""
         self.set("noise", noise, envs_idx)
 
     def set_random_walk(self, random_walk, envs_idx=None) -> None:
-        """Standard deviation of the walk's increment at each step [unit]. Where the walk is now stays."""
+        """Set the standard deviation of the walk's increment at each step [unit]; its present value stays."""
         self.set("random_walk", random_walk, envs_idx)
 
     def set_resolution(self, resolution, envs_idx=None) -> None:
-        """Step of the quantiser [unit]; 0 is none."""
+        """Set the step of the quantiser [unit]; 0 switches it off."""
         self.set("resolution", resolution, envs_idx)
 
     def set_probe_radius_noise(self, half_width, envs_idx=None) -> None:
-        """Half-width of the noise on the probe radius [m]."""
+        """Set the half-width of the noise on the probe radius [m]."""
         self.set("probe_radius_noise", half_width, envs_idx)
 
     def set_saturation_range(self, low, high, envs_idx=None) -> None:
-        """Range that readings are clipped to [unit]."""
+        """Set the range that readings are clipped to [unit]."""
         self.set("saturation_range", (low, high), envs_idx)
 
     def set_jitter(self, jitter, envs_idx=None) -> None:
@@ -51,5 +53,5 @@ class Adjustments(ABC):
         self.set("jitter", jitter, envs_idx)
 
     def set_probe_gain(self, gain, envs_idx=None) -> None:
-        """Gains of the taxels: one number, ``(n_taxels,)``, or ``(len(envs_idx), n_taxels)``."""
+        """Set the gains of the taxels: one number, ``(n_taxels,)``, or ``(len(envs_idx), n_taxels)``."""
         self.set("probe_gain", gain, envs_idx)

@@ -1,4 +1,4 @@
-"""What the laws need of time, worked out once a step for a whole sensor: a few float64 numbers on the device."""
+"""The laws' coefficients that depend on time, computed once a step per sensor: a few float64 numbers on the device."""
 
 # pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
 # pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
@@ -15,22 +15,23 @@ from tactemu.plan.plan import Context, Stage
 
 # Indices into the array of coefficients.
 OVERSHOOT = wp.constant(0)
-"""Share of the overshoot that is left after the step."""
+"""Share of the overshoot that remains after the step."""
 UNDERSHOOT = wp.constant(1)
-"""The same for what unloading left behind."""
+"""Share of the unloading's overshoot that remains after the step."""
 CREEP = wp.constant(2)
-"""Share of the way to its end that creep goes in the step, the load being constant."""
+"""Share of the remaining creep that the step completes under constant load."""
 CREEP_RAMP = wp.constant(3)
-"""Share of a linear change of load that creep has taken over at the end of the step."""
+"""Share of a linear change of load that creep has followed at the end of the step."""
 NOISE = wp.constant(4)
 """Standard deviation of a sample per noise density [sqrt(Hz)]."""
 WALK = wp.constant(5)
-"""Share of a bounded walk that is left after the step."""
+"""Share of a bounded walk that remains after the step."""
 WALK_STEP = wp.constant(6)
 """Standard deviation of the walk's increment per density [sqrt(s)]."""
 TEMPERATURE = wp.constant(7)
 """Temperature above the reference [K]."""
 COUNT = 8
+"""Number of coefficients."""
 
 
 @functools.cache
@@ -81,7 +82,7 @@ def _kernel(material: bool, walk: bool, noise: bool, temperature: bool):
 def compile_coefficients(
     options: ImperfectionOptions, laws: frozenset[str], name: str, context: Context
 ) -> tuple[wp.array | None, list[Stage]]:
-    """Return the array of coefficients and the stage that fills it; neither where no law depends on time."""
+    """Return the array of coefficients and the stage that fills it; ``None`` and no stage if no law depends on time."""
     material = bool(laws & {"hysteresis", "creep"})
     walk, noise, temperature = "random_walk" in laws, "noise_density" in laws, "temperature" in laws
     if not (material or walk or noise or temperature):

@@ -1,4 +1,4 @@
-"""Numbers given by the user, one per column or one for all, and where they live on the device."""
+"""Parameters that you give as one number or one per column, and their arrays on the device."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from tactemu.plan.plan import Context
 
 
 def per_column(value, info: ReadingInfo, option: str) -> np.ndarray:
-    """``value`` as float64: shape ``(1,)`` if it is one number, else ``(n_columns,)`` with a taxel's channels together.
+    """Return ``value`` as float64 of shape ``(1,)`` if it is one number, else ``(n_columns,)``, taxel by taxel.
 
     Raises:
-        SceneError: if the shape fits neither taxels nor columns, or a number is not finite.
+        SceneError: the shape fits neither taxels nor columns, or a number is not finite.
     """
     array = numbers(f"sensor {info.name!r}", option, value)
     n, c = info.n_taxels, info.n_channels
@@ -35,7 +35,7 @@ def per_column(value, info: ReadingInfo, option: str) -> np.ndarray:
 
 
 def _blocks_to_taxels(flat: np.ndarray, info: ReadingInfo) -> np.ndarray:
-    """Reorders a flat list whose groups of channels follow one another into taxel-major order."""
+    """Return a flat list of successive groups of channels in taxel-major order."""
     widths = [1 if kind == "scalar" else 3 for kind in info.channels]
     ends = np.cumsum(widths) * info.n_taxels
     blocks = [part.reshape(info.n_taxels, w) for part, w in zip(np.split(flat, ends[:-1]), widths)]
@@ -43,10 +43,10 @@ def _blocks_to_taxels(flat: np.ndarray, info: ReadingInfo) -> np.ndarray:
 
 
 def environment_indices(envs_idx, n_envs: int) -> np.ndarray:
-    """Environment numbers of a setter or a reset, from ``None`` (all of them), a mask or a list of numbers.
+    """Return the indices of environments given as ``None`` (all of them), a mask or a list of indices.
 
     Raises:
-        SceneError: for a number outside ``0 .. n_envs - 1``.
+        SceneError: an index is outside ``0 .. n_envs - 1``.
     """
     if envs_idx is None:
         return np.arange(n_envs)
@@ -64,7 +64,7 @@ SIGNED = {"bias", "temperature_offset", "temperature_sensitivity", "saturation_r
 
 
 class ParameterTable:
-    """A parameter per environment, one number or one per column: ``(n_envs, 1)`` or ``(n_envs, n_columns)``."""
+    """A parameter of each environment, one number or one per column: ``(n_envs, 1)`` or ``(n_envs, n_columns)``."""
 
     def __init__(self, value, info: ReadingInfo, option: str, context: Context, *, wide: bool = False):
         row = per_column(value, info, option)
@@ -74,19 +74,19 @@ class ParameterTable:
         self.array = context.array(np.tile(row, (context.n_envs, 1)), context.real)
 
     def set(self, value, envs_idx: Sequence[int] | None = None, taxels: Sequence[int] | None = None) -> None:
-        """Gives the environments named a new value; a leading axis of their number gives each its own.
+        """Set a new value in the chosen environments; a value with a leading axis has one entry for each of them.
 
         Args:
             value: the new value.
-            envs_idx: environments; ``None``: all.
-            taxels: those that it is of, one number for all of them or one for each; ``None``: it is of all taxels.
+            envs_idx: the environments; ``None``: all.
+            taxels: the taxels that change, to one number or one for each; ``None``: all.
 
         Raises:
-            SceneError: a value that does not fit, or is negative where the option has no sign.
+            SceneError: the value does not fit, or is negative where the option has no sign.
         """
         envs = environment_indices(envs_idx, self.array.shape[0])
-        whole = value if taxels is None else self._all_columns(value, envs, np.asarray(taxels, np.int64))
-        rows = self._rows(whole, len(envs))
+        columns = value if taxels is None else self._all_columns(value, envs, np.asarray(taxels, np.int64))
+        rows = self._rows(columns, len(envs))
         if self.option not in SIGNED and (rows < 0.0).any():
             raise SceneError(f"sensor {self._info.name!r}: {self.option} must be zero or positive, got {shown(value)}")
         if rows.shape[-1] > self.array.shape[1]:
@@ -99,8 +99,9 @@ class ParameterTable:
         self.array.assign(now)
 
     def _all_columns(self, value, envs: np.ndarray, taxels: np.ndarray) -> np.ndarray:
-        """Return the values of all columns, shape ``(n_envs named, n_taxels, n_channels)``, with new ones for some
-        taxels.
+        """Return the values of all columns with new ones for some taxels.
+
+        The shape is ``(chosen environments, n_taxels, n_channels)``.
         """
         info = self._info
         given = numbers(f"sensor {info.name!r}", self.option, value)
@@ -110,11 +111,11 @@ class ParameterTable:
                 f"got shape {given.shape}"
             )
         now = self.array.numpy()[envs if len(envs) else [0]]
-        whole = (
+        columns = (
             np.broadcast_to(now, (len(now), info.n_columns)).reshape(len(now), info.n_taxels, info.n_channels).copy()
         )
-        whole[:, taxels] = given.reshape(-1, 1)
-        return whole if len(envs) else whole[0]
+        columns[:, taxels] = given.reshape(-1, 1)
+        return columns if len(envs) else columns[0]
 
     def _rows(self, value, n: int) -> np.ndarray:
         try:
@@ -128,17 +129,17 @@ class ParameterTable:
 
 
 class ParameterRange:
-    """Two numbers per environment, low and high: ``(n_envs, 1)`` each. ``None`` is as wide as numbers go."""
+    """A range of each environment, low and high: ``(n_envs, 1)`` each; ``None`` is the range of all numbers."""
 
     def __init__(self, value, info: ReadingInfo, option: str, context: Context, *, wide: bool = False):
         self._info, self._option = info, option
         self.low, self.high = (ParameterTable(bound, info, option, context, wide=wide) for bound in self._bounds(value))
 
     def set(self, value, envs_idx: Sequence[int] | None = None, taxels: Sequence[int] | None = None) -> None:
-        """Gives the environments named new bounds, for all of them or (each bound an array) one each.
+        """Set new bounds in the chosen environments, one pair for all, or one for each if the bounds are arrays.
 
         Raises:
-            SceneError: they are no range.
+            SceneError: the bounds are no range.
         """
         low, high = self._bounds(value)
         self.low.set(low, envs_idx, taxels)

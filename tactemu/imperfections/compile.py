@@ -1,15 +1,15 @@
-"""From options to stages: what spoils the readings of one sensor, in the order of :mod:`tactemu.imperfections.options`.
+"""The compilation of a sensor's imperfections into stages, in the order of :mod:`tactemu.imperfections.options`.
 
 ::
 
     chain = Imperfections(options, info, context)
     stages = chain.compile_resets()                # before all others
     gain, stages = chain.compile_gain()            # for the sensor's kernel, or None
-    radius, stages = chain.compile_radius_noise()  # the same
+    radius, stages = chain.compile_radius_noise()  # likewise
     measured, stages = chain.compile_values(raw)   # material, scan, electronics
     reading, stages = chain.compile_delivery(measured)  # delay, jitter, history
 
-Each returns the array to go on with (the one it was given, if nothing is switched on) and the stages that fill it.
+Each returns the array for the next call (its argument, if nothing is switched on) and the stages that fill the array.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ from tactemu.plan.launches import Launches
 from tactemu.plan.plan import Context, Stage
 
 Transduce = Callable[[wp.array], tuple[wp.array, list[Stage], ReadingInfo]]
-"""From what a model gives to what the electronics sees, and what that is."""
+"""A function that turns a model's array into the electronics' input: the array, its stages and its description."""
 NO_LAUNCH = Launches()
 """The launch of a stage that only acts at resets."""
 
@@ -54,22 +54,22 @@ class Adjustable(Protocol):
     """
 
     def set(self, value, envs_idx=None, taxels=None) -> None:
-        """Change it in the environments named, of the taxels named."""
+        """Change the option in the chosen environments, for the chosen taxels."""
         ...
 
 
 class Imperfections(Adjustments):
-    """The imperfections of one sensor, and the handle by which they are changed while running."""
+    """The imperfections of one sensor, and the handle by which you change them while the scene runs."""
 
     def __init__(self, options: ImperfectionOptions, info: ReadingInfo, context: Context):
         check(options, info)
         self.options, self.info, self.context = options, info, context
         self.state: dict[str, wp.array] = {}
-        """What the laws remember, float64, shape ``(n_envs, n_columns)``."""
+        """The memory of the laws, float64, shape ``(n_envs, n_columns)``."""
         self.shortest_step_s = 0.0
-        """Shortest step for which what is kept of the past (delay, scan) lasts long enough [s]."""
+        """Shortest step for which the past readings (delay, scan) reach back far enough [s]."""
         self._built: dict[str, Adjustable] = {}
-        """By the option's name."""
+        """The options that can change, by name."""
         self._gain: ParameterTable | None = None
         self._dead: DeadTaxels | None = None
         numbers = np.zeros((context.n_envs, 2), np.int32)
@@ -85,22 +85,22 @@ class Imperfections(Adjustments):
         self._built[option].set(value, envs_idx, taxels)
 
     def set_dead(self, taxels, dead: bool = True, value: float | None = None, envs_idx=None) -> None:
-        """Kill taxels, or revive them; without a value they are stuck at their last reading."""
+        """Make taxels dead, or revive them; without a value they are stuck at their last reading."""
         self._killable.set(taxels, dead, value, envs_idx)
 
     @property
     def adjustable(self) -> tuple[str, ...]:
-        """What :meth:`set` may change, and ``dead`` if taxels may die."""
+        """The options that :meth:`set` may change, and ``dead`` if taxels may die."""
         return (*self._built, *(() if self._dead is None else ("dead",)))
 
     @property
     def dead(self) -> np.ndarray:
-        """Which taxels are dead, bool, shape ``(n_envs, n_taxels)``."""
+        """A mask of the dead taxels, bool, shape ``(n_envs, n_taxels)``."""
         return self._killable.mask
 
     @property
     def stuck(self) -> wp.array | None:
-        """What dead columns read, shape ``(n_envs, n_columns)``, infinite where alive; ``None``: none can die."""
+        """The readings of dead columns, ``(n_envs, n_columns)``, infinite where alive; ``None``: no taxel can die."""
         return None if self._dead is None else self._dead.stuck
 
     @property
@@ -111,13 +111,13 @@ class Imperfections(Adjustments):
 
     def _off(self, option: str) -> SceneError:
         return SceneError(
-            f"sensor {self.info.name!r} was built without {option}: set it when building, or list it in `adjustable`"
+            f"sensor {self.info.name!r} was built without {option}: set it when you build, or list it in `adjustable`"
         )
 
     # -- for the sensor's kernel
 
     def compile_resets(self) -> list[Stage]:
-        """Return the stage that numbers the resets of each environment, for the draws of all others; it comes first."""
+        """Return the stage that counts the resets of each environment, for the draws of all others; it comes first."""
         if not needs_random_numbers(self.options):
             return []
 
@@ -127,7 +127,7 @@ class Imperfections(Adjustments):
         return [Stage(name=f"{self.info.name}: resets", reason="each begins new draws", launch=NO_LAUNCH, reset=count)]
 
     def compile_gain(self) -> tuple[wp.array | None, list[Stage]]:
-        """Gains ``(n_envs, n_taxels)``, or ``None`` if all are 1; with a stage only if they are drawn at resets."""
+        """Return gains ``(n_envs, n_taxels)``, or ``None`` if all are 1, and a stage if they are drawn at resets."""
         if not gain_is_on(self.options):
             return None, []
         per_taxel = replace(self.info, channels=("scalar",))
@@ -151,7 +151,10 @@ class Imperfections(Adjustments):
         return redraw
 
     def compile_radius_noise(self) -> tuple[wp.array | None, list[Stage]]:
-        """Radii of the measured branch ``(n_envs, n_taxels)``, new each step; ``None`` without noise on them."""
+        """Return the radii of the measured branch ``(n_envs, n_taxels)`` and the stage that draws them each step.
+
+        Without noise on the radii they are ``None``.
+        """
         if not self.options.probe_radius_noise and "probe_radius_noise" not in self.options.adjustable:
             return None, []
         context, n = self.context, self.info.n_taxels
@@ -171,8 +174,11 @@ class Imperfections(Adjustments):
     # -- on the sensor's readings
 
     def compile_values(self, raw: wp.array, transduce: Transduce | None = None) -> tuple[wp.array, list[Stage]]:
-        """Spoils ``raw`` ``(n_envs, n_taxels, n_channels)``; the result has its shape, or that of a transducer, which
-        comes between the memory of the material and the electronics."""
+        """Apply crosstalk, material, scan and electronics to ``raw`` ``(n_envs, n_taxels, n_channels)``.
+
+        The result has the shape of ``raw``, or that of the transducer's signal. The transducer acts between the memory
+        of the material and the electronics.
+        """
         material, electronic = material_laws(self.options), electronic_laws(self.options, self.info)
         coefficient, stages = compile_coefficients(self.options, material | electronic, self.info.name, self.context)
         array, spread = compile_crosstalk(self.options, raw, self.info, self.context)
@@ -271,7 +277,7 @@ class Imperfections(Adjustments):
         return out, Stage(name=f"{self.info.name}: electronics", reason=_reason(laws), launch=launch, reset=reset)
 
     def compile_delivery(self, measured: wp.array) -> tuple[wp.array, list[Stage]]:
-        """Delays ``measured`` and adds a history: ``(n_envs, [history,] n_taxels, n_channels)``, any number type."""
+        """Delay ``measured`` and add a history: ``(n_envs, [history,] n_taxels, n_channels)``, of any number type."""
         stages: list[Stage] = []
         array = measured
         if self.options.delay > 0.0 or self.options.jitter > 0.0 or "jitter" in self.options.adjustable:
@@ -284,18 +290,23 @@ class Imperfections(Adjustments):
         return array, stages + more
 
     def compile_history(self, reading: wp.array) -> tuple[wp.array, list[Stage]]:
-        """Return the last ``history_length`` arrays, newest first: for the ground truth, which is not delayed."""
+        """Return the last ``history_length`` arrays, newest first, and their stages.
+
+        The ground truth, which is not delayed, has a history of its own.
+        """
         return compile_history(self.options.history_length, reading, self.info, self.context)
 
     def check_step(self, dt: float) -> None:
-        """Refuses a step shorter than those that the past is kept for: readings would arrive before their delay.
+        """Check that a step is not shorter than those for which past readings are kept.
+
+        With shorter steps readings would arrive before their delay.
 
         Raises:
-            ValueError: if ``dt`` [s] is shorter than the scene's.
+            ValueError: ``dt`` [s] is shorter than the scene's.
         """
         if dt < self.shortest_step_s * (1 - 1e-9):
             raise ValueError(
-                f"step: sensor {self.info.name!r} keeps its past for steps of {self.shortest_step_s:g} s"
+                f"step: sensor {self.info.name!r} keeps past readings for steps of {self.shortest_step_s:g} s"
                 f" or longer, got {dt:g} s; build the scene with the shortest dt that you step with"
             )
 
@@ -345,6 +356,6 @@ def _reason(laws: frozenset[str]) -> str:
 
 
 def in_order(kernel, inputs: dict[str, Any]) -> list:
-    """Inputs of a kernel as its parameters behind ``first_env`` have them; its outputs are the parameters left."""
+    """Return inputs in the order of a kernel's parameters after ``first_env``; the outputs are its last parameters."""
     names = list(signature(kernel.func).parameters)[1 : 1 + len(inputs)]
     return [inputs[name] for name in names]

@@ -1,7 +1,7 @@
-"""Crosstalk between the taxels of a grid: each reading leaks into its neighbours'.
+"""Crosstalk between the taxels of a grid: each reading leaks into those of its neighbours.
 
-A kernel that is a product of a column and a row but for its middle, as the Gaussian is, is applied along the rows and
-then along the columns: of 33 x 33 taxels that takes 66 products for each instead of 1089.
+A kernel that is the product of a column and a row except in its middle, such as the Gaussian, is applied along the rows
+and then along the columns: a kernel of 33 x 33 taxels then takes 66 products for each taxel instead of 1089.
 """
 
 # pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
@@ -26,7 +26,7 @@ from tactemu.plan.scalars import natural
 MAX_SIGMA_PITCHES = 100
 """Widest Gaussian, in pitches of the taxels; bounds the size of its kernel."""
 Lines = tuple[np.ndarray, np.ndarray, float]
-"""Weights of a kernel along a column and along a row, and what its middle has beside their product."""
+"""The weights of a kernel along a column and along a row, and the excess of its middle over their product."""
 _PLANES = {
     # channels: {planes in the kernel: (plane of the normal part or of a scalar, plane of the shear part)}
     "scalar": {1: (0, 0), 2: (0, 0), 3: (0, 0)},
@@ -38,7 +38,7 @@ _PLANES = {
 
 @functools.cache
 def _part_function(real: type, width: int):
-    """``part(x, e, i, first) -> vector``: the ``width`` channels of a taxel from ``first`` on."""
+    """Return the Warp function ``part(x, e, i, first) -> vector``: ``width`` channels of a taxel from ``first`` on."""
     vector = wp.types.vector(width, real)
 
     @wp.func
@@ -53,9 +53,9 @@ def _part_function(real: type, width: int):
 
 @functools.cache
 def _kernel(real: type, width: int, split: bool, conserving: bool):
-    """Zero-padded cross-correlation of groups of ``width`` channels; one thread per taxel and group.
+    """Return the kernel of the zero-padded cross-correlation of groups of ``width`` channels.
 
-    ``split``: the normal and the shear part of a vector have planes of their own.
+    It has one thread per taxel and group. ``split``: normal and shear part of a vector have planes of their own.
     """
     vector, part = wp.types.vector(width, real), _part_function(real, width)
 
@@ -104,7 +104,7 @@ def _kernel(real: type, width: int, split: bool, conserving: bool):
 
 @functools.cache
 def _line_kernel(real: type, width: int, last: bool, conserving: bool):
-    """One of the two passes of a kernel that is a product; the ``last`` adds what taxels keep themselves."""
+    """Return the kernel of one of the two passes of a separable kernel; the ``last`` adds the taxels' own shares."""
     vector, part = wp.types.vector(width, real), _part_function(real, width)
 
     @wp.kernel(module="unique", enable_backward=False)
@@ -114,7 +114,7 @@ def _line_kernel(real: type, width: int, last: bool, conserving: bool):
         step: int,  # from a taxel to its neighbour in the line
         count: int,  # taxels in a line
         weights: wp.array(dtype=real),
-        own: wp.array3d(dtype=real),  # what each taxel read itself
+        own: wp.array3d(dtype=real),  # each taxel's own reading
         centre: real,
         kept: wp.array2d(dtype=real),
         is_filler: wp.array(dtype=wp.uint8),
@@ -128,7 +128,7 @@ def _line_kernel(real: type, width: int, last: bool, conserving: bool):
         total = vector()
         a = wp.max(0, reach - place)
         end = wp.min(weights.shape[0], count - place + reach)
-        while a < end:  # Warp's ranges cost a CPU more
+        while a < end:  # Warp's ranges are slower on a CPU
             total += weights[natural(a)] * part(x, e, natural(i + (a - reach) * step), 0)
             a += 1
         if wp.static(last):
@@ -146,10 +146,10 @@ def _line_kernel(real: type, width: int, last: bool, conserving: bool):
 
 
 def separated(plane: np.ndarray) -> Lines | None:
-    """``(down, along, centre)`` if a plane ``(kh, kw)`` is ``outer(down, along)``, plus ``centre`` in its middle.
+    """Return ``(down, along, centre)`` if a plane ``(kh, kw)`` is ``outer(down, along)`` plus ``centre`` in its middle.
 
-    ``None`` for any other, for one whose product is so much larger than the plane that float32 would show it, and for a
-    single row or column, which is one pass as it is.
+    Return ``None`` for any other plane, for one whose product is so much larger than the plane that float32 would lose
+    digits, and for a single row or column, which needs one pass only.
     """
     middle, largest = tuple(s // 2 for s in plane.shape), np.abs(plane).max()
     beside = np.abs(plane)
@@ -157,27 +157,30 @@ def separated(plane: np.ndarray) -> Lines | None:
     row, column = np.unravel_index(np.argmax(beside), beside.shape)
     if not beside[row, column]:
         return None
-    # Scaled before anything is divided: of a narrow Gaussian what is beside the middle is below 1e-100.
+    # The row is scaled before any division, since beside its middle a narrow Gaussian is below 1e-100.
     along = plane[row] / np.abs(plane[row]).max()
     if not along[column]:
         return None
     down = plane[:, column] / along[column]
     product = np.outer(down, along)
-    rest = plane - product
-    centre, rest[middle] = float(rest[middle]), 0.0
-    good = np.abs(product).max() <= 16 * largest and np.abs(rest).max() <= 1e-12 * largest
+    residue = plane - product
+    centre, residue[middle] = float(residue[middle]), 0.0
+    good = np.abs(product).max() <= 16 * largest and np.abs(residue).max() <= 1e-12 * largest
     return (down, along, centre) if good else None
 
 
 def gaussian_plane(strength: float, sigma: float, spacing: tuple[float, float], layout: tuple[int, ...]) -> np.ndarray:
-    """``strength * G + (1 - strength) * delta``, G a Gaussian of sum 1 out to 3 sigma; shape ``(kh, kw)``.
+    """Return ``strength * G + (1 - strength) * delta``, G a Gaussian of sum 1 out to 3 sigma; shape ``(kh, kw)``.
 
     Args:
+        strength: share of a reading that is spread.
+        sigma: standard deviation of the Gaussian [m].
         spacing: distance between columns and between rows [m].
+        layout: rows and columns of the taxels.
     """
     axes = []
     for pitch, n in zip(reversed(spacing), layout):
-        # A quotient that is whole up to rounding must not grow the kernel by one.
+        # A quotient that is an integer up to rounding must not enlarge the kernel by one.
         radius = 0 if n == 1 else max(1, math.ceil(3.0 * sigma / pitch - 1e-9))
         axes.append(np.exp(-0.5 * (np.arange(-radius, radius + 1) * (pitch if n > 1 else 0.0) / sigma) ** 2))
     plane = np.outer(*axes)
@@ -190,7 +193,7 @@ def planes(options: ImperfectionOptions, info: ReadingInfo) -> np.ndarray | None
     """Return the kernel's planes, float64, shape ``(1, 2 or 3, kh, kw)``; ``None`` without crosstalk.
 
     Raises:
-        SceneError: a layout that is no grid, an even-sized kernel, a Gaussian without sigma or pitch.
+        SceneError: the layout is no grid, the kernel has an even size, or a Gaussian lacks sigma or pitch.
     """
     explicit, strength = options.crosstalk_kernel, is_on(options.crosstalk_strength)
     if explicit is None and not strength:
@@ -218,20 +221,23 @@ def planes(options: ImperfectionOptions, info: ReadingInfo) -> np.ndarray | None
 
 
 def retained_shares(kernel: np.ndarray, layout: tuple[int, int], filler: np.ndarray) -> np.ndarray:
-    """Share of each taxel's reading that would leave the grid or fall on a filler, shape ``(planes, n_taxels)``."""
+    """Return the share of each taxel's reading that would leave the grid or fall on a filler.
+
+    The shape is ``(planes, n_taxels)``.
+    """
     rows, cols = layout
     up, left = kernel.shape[1] // 2, kernel.shape[2] // 2
     present = np.pad(~filler.reshape(layout), ((up, up), (left, left)))
     kept = np.repeat(kernel.sum(axis=(1, 2)), rows * cols).reshape(len(kernel), rows, cols)
     for a, b in np.ndindex(*kernel.shape[1:]):
-        # The taxel at j feeds the one at j - (a, b) from the centre.
+        # Relative to the centre, the taxel at j adds to the one at j - (a, b).
         landed = present[2 * up - a : 2 * up - a + rows, 2 * left - b : 2 * left - b + cols]
         kept -= kernel[:, a, b, None, None] * landed
     return kept.reshape(len(kernel), -1)
 
 
 def _groups(channels: tuple[str, ...], n_planes: int) -> dict[int, np.ndarray]:
-    """By width: the first channel, the plane of the normal part and that of the rest, of each group of channels."""
+    """Return the groups of channels by width, as rows (first channel, plane of normal part, plane of shear part)."""
     widths = [1 if kind == "scalar" else 3 for kind in channels]
     if n_planes == 1:
         return {sum(widths): np.array([(0, 0, 0)])}
@@ -245,7 +251,7 @@ def _groups(channels: tuple[str, ...], n_planes: int) -> dict[int, np.ndarray]:
 def compile_crosstalk(
     options: ImperfectionOptions, x: wp.array, info: ReadingInfo, context: Context
 ) -> tuple[wp.array, list[Stage]]:
-    """Return readings ``(n_envs, n_taxels, n_channels)`` with crosstalk, and the stage; ``x`` itself without."""
+    """Return readings ``(n_envs, n_taxels, n_channels)`` with crosstalk, and the stage, or ``x`` without a stage."""
     kernel = planes(options, info)
     if kernel is None:
         return x, []
@@ -266,7 +272,7 @@ def compile_crosstalk(
 def _direct(
     kernel: np.ndarray, options: ImperfectionOptions, info: ReadingInfo, context: Context, x, kept, filler, out
 ) -> Iterator[Launch]:
-    """All taxels of the kernel for each taxel, groups of channels one after another."""
+    """Yield a launch per width of groups, which sums the kernel's taxels for each taxel."""
     real, device = context.real, context.device
     taxels = wp.array(kernel, dtype=real, device=device)
     for width, groups in _groups(info.channels, len(kernel)).items():
@@ -282,7 +288,7 @@ def _direct(
 def _in_lines(
     lines: Lines, options: ImperfectionOptions, info: ReadingInfo, context: Context, x, kept, filler, out
 ) -> Iterator[Launch]:
-    """Along the rows, and then along the columns."""
+    """Yield the launch along the rows, then the one along the columns."""
     (down, along, centre), (rows, columns), real = lines, info.layout, context.real
     between = context.zeros(x.shape, real)
     for source, step, count, weights, target in ((x, 1, columns, along, between), (between, columns, rows, down, out)):

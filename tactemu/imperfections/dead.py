@@ -1,4 +1,4 @@
-"""Dead taxels: drawn at resets, killed and revived while running."""
+"""Dead taxels: drawn at resets, and made dead or revived while the scene runs."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from tactemu.plan.plan import Context
 
 
 class DeadTaxels:
-    """What the dead columns of every environment read; the electronics' kernel puts it in place of their readings."""
+    """The readings at which dead columns of each environment are stuck; the electronics' kernel outputs these."""
 
     def __init__(self, options: ImperfectionOptions, info: ReadingInfo, context: Context, streams: wp.array):
         self._info, self._context, self._streams = info, context, streams
@@ -26,7 +26,7 @@ class DeadTaxels:
         self.redraw(wp.full(context.n_envs, True, dtype=wp.bool, device=context.device))
 
     def redraw(self, mask: wp.array) -> None:
-        """Draw anew which taxels are dead in the environments that the mask (bool, shape ``(n_envs,)``) names."""
+        """Draw again which taxels are dead in the environments of the mask (bool, shape ``(n_envs,)``)."""
         options, context = self._options, self._context
         key = stream_key(context.seed, f"{self._info.name}/dead")
         drawn = [options.dead_taxel_probability, *options.dead_taxel_value_range, options.dead_taxel_mode == "last"]
@@ -34,10 +34,10 @@ class DeadTaxels:
         wp.launch(dead_kernel(context.real), dim=self.stuck.shape, inputs=inputs, device=context.device)
 
     def set(self, taxels, dead: bool, value: float | None, envs_idx) -> None:
-        """Kill taxels, stuck at a value or (``None``) at their last reading, or revive them.
+        """Make taxels dead, stuck at a value or (``None``) at their last reading, or revive them.
 
         Raises:
-            SceneError: no such taxels or environments, or a value that is not finite.
+            SceneError: there are no such taxels or environments, or the value is not finite.
         """
         info = self._info
         taxels = np.atleast_1d(np.asarray(taxels, dtype=np.int64))
@@ -47,11 +47,11 @@ class DeadTaxels:
         if value is not None and not abs(value) <= np.finfo(np.float64 if flat.dtype == np.float64 else np.float32).max:
             raise SceneError(f"sensor {info.name!r}: a dead taxel reads a finite {flat.dtype} number, got {value!r}")
         stuck = flat.reshape(len(flat), info.n_taxels, info.n_channels)
-        fate = (DIES if value is None else float(value)) if dead else ALIVE
-        stuck[np.ix_(environment_indices(envs_idx, len(stuck)), taxels)] = fate
+        new = (DIES if value is None else float(value)) if dead else ALIVE
+        stuck[np.ix_(environment_indices(envs_idx, len(stuck)), taxels)] = new
         self.stuck.assign(flat)
 
     @property
     def mask(self) -> np.ndarray:
-        """Which taxels are dead, bool, shape ``(n_envs, n_taxels)``."""
+        """A mask of the dead taxels, bool, shape ``(n_envs, n_taxels)``."""
         return self.stuck.numpy().reshape(-1, self._info.n_taxels, self._info.n_channels)[:, :, 0] != ALIVE

@@ -1,4 +1,4 @@
-"""When a reading arrives: delay and jitter to the nanosecond, and the history of what arrived."""
+"""The delivery of readings: delay and jitter to the nanosecond, and the history of delivered readings."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from tactemu.plan.plan import Context, Stage
 
 
 class Delay:
-    """Holds readings back; made only for a sensor with a delay or jitter."""
+    """The delay of a sensor's readings; made only for a sensor with a delay or jitter."""
 
     def __init__(self, options: ImperfectionOptions, info: ReadingInfo, context: Context, streams: wp.array):
         self._streams = streams
@@ -67,17 +67,17 @@ class Delay:
 
     @property
     def has_jitter(self) -> bool:
-        """Does it draw a further delay?"""
+        """True if a further delay is drawn."""
         return self._options.jitter > 0.0 or "jitter" in self._options.adjustable
 
     def set(self, value, envs_idx=None, taxels=None) -> None:
-        """Changes the jitter [s] of the environments named, one number or one each.
+        """Change the jitter [s] of the chosen environments, to one number or one for each.
 
         Raises:
-            SceneError: negative, or more than there is room for; of some taxels only.
+            SceneError: the jitter is negative or too large for the ring, or ``taxels`` are given.
         """
         if taxels is not None:
-            raise SceneError(f"sensor {self._info.name!r}: jitter is of the whole sensor, not of single taxels")
+            raise SceneError(f"sensor {self._info.name!r}: jitter applies to the sensor, not to single taxels")
         envs = environment_indices(envs_idx, self._context.n_envs)
         jitter = numbers(f"sensor {self._info.name!r}", "jitter", value)
         if jitter.shape not in ((), (1,), envs.shape):
@@ -87,8 +87,8 @@ class Delay:
         if not np.all((jitter >= 0.0) & (self._options.delay + jitter <= self._longest_s + 1e-12)):
             room = self._longest_s - self._options.delay
             raise SceneError(
-                f"sensor {self._info.name!r}: jitter must be in 0..{room:g} s, the room made when the scene was built;"
-                f" got {value!r}. Build with a larger jitter and set it to less"
+                f"sensor {self._info.name!r}: jitter must be in 0..{room:g} s, for which the scene was built;"
+                f" got {value!r}. Build the scene with a larger jitter, then set it to less"
             )
         lags = self._lags.numpy()
         lags[envs, 1] = np.broadcast_to(np.rint(jitter * 1e9), envs.shape)
@@ -98,8 +98,9 @@ class Delay:
 def compile_history(
     length: int, reading: wp.array, info: ReadingInfo, context: Context
 ) -> tuple[wp.array, list[Stage]]:
-    """Return the last ``length`` readings, newest first: ``(n_envs, length, n_taxels, n_channels)``; 0 leaves them
-    alone.
+    """Return the array of the last ``length`` readings, newest first, and its stages; 0 returns ``reading`` itself.
+
+    The array has shape ``(n_envs, length, n_taxels, n_channels)``.
     """
     if length <= 0:
         return reading, []

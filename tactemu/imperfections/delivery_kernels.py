@@ -13,14 +13,19 @@ from tactemu.imperfections.ring import entries, entry_before, entry_time, slot
 from tactemu.plan.scalars import natural
 
 ROUNDING = wp.constant(wp.int64(1))
-"""Times are rounded to whole nanoseconds: an entry that seems this much too new still counts [ns]."""
-THIS_STEP, UNKNOWN = wp.constant(-1), wp.constant(-2)
-"""In place of a slot of the ring: the reading of this step, which is not in it yet; none, so that zero is delivered."""
+"""Time by which an entry may be too new and still count [ns], since times are rounded to whole nanoseconds."""
+THIS_STEP = wp.constant(-1)
+"""A value in place of a slot of the ring: the reading of this step, which is not in the ring yet."""
+UNKNOWN = wp.constant(-2)
+"""A value in place of a slot of the ring: there is no reading, so that zero is delivered."""
 
 
 @functools.cache
 def select_kernel(jitter: bool, nearest: bool, linear: bool, reorder: bool):
-    """Slots of the ring for each environment: to write, to read, and the next newer with its share (``linear``)."""
+    """Return the kernel that selects the slots of the ring for each environment.
+
+    These are the slot to write, the slot to read, and with ``linear`` the next newer slot with its share.
+    """
 
     @wp.kernel(module="unique", enable_backward=False)
     def select_entry(
@@ -89,7 +94,10 @@ def select_kernel(jitter: bool, nearest: bool, linear: bool, reorder: bool):
 
 @functools.cache
 def deliver_kernel(dtype: type, linear: bool):
-    """Puts this step's reading in the ring and takes out what is delivered now; four columns per thread."""
+    """Return the kernel that writes this step's reading into the ring and outputs the reading that is delivered now.
+
+    Each thread handles four columns.
+    """
 
     @wp.kernel(module="unique", enable_backward=False)
     def deliver(
@@ -125,7 +133,7 @@ def deliver_kernel(dtype: type, linear: bool):
 
 @functools.cache
 def remember_kernel(dtype: type):
-    """Moves the history on by one reading: entry 0 is the newest."""
+    """Return the kernel that shifts the history by one reading: entry 0 is the newest."""
 
     @wp.kernel(module="unique", enable_backward=False)
     def remember(first_env: int, x: wp.array2d(dtype=dtype), history: wp.array3d(dtype=dtype)):

@@ -1,8 +1,8 @@
 """The laws that act on each number of a reading by itself, fused into one kernel.
 
-The kernel is built for the set of laws that a sensor has switched on: the others leave no code, draw nothing and take
-no argument that is read. One thread does four columns of one environment, which share the four words of a draw. They
-lie a quarter of the row apart, so that neighbouring threads touch neighbouring memory.
+The kernel is built for the set of laws that a sensor has switched on: the others leave no code, draw nothing and read
+no argument. One thread handles four columns of one environment, which share the four words of a draw. The columns lie a
+quarter of the row apart, so that neighbouring threads access neighbouring memory.
 """
 
 # pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
@@ -18,23 +18,24 @@ from tactemu.imperfections.random import draw, normals
 from tactemu.plan.scalars import is_finite, is_nan, natural
 
 COLUMNS_PER_THREAD = wp.constant(4)
+"""Columns that one thread handles: a draw yields four random words."""
 ALIVE = float("inf")
-"""In the array of stuck readings: this column is alive. Any finite number is what a dead column reads."""
+"""The value of a live column in the array of stuck readings; a finite number is the reading of a dead column."""
 DIES = float("nan")
-"""This column dies with the next step and is stuck at the reading before."""
+"""The value of a column that dies in the next step, stuck at the reading before it."""
 DIES_AT_FIRST = float("-inf")
-"""This column is stuck at its next reading."""
+"""The value of a column that dies in the next step, stuck at the reading of that step."""
 
 
 @wp.func
 def threads(columns: int) -> int:
-    """Threads per environment, and the distance between the columns of one."""
+    """Return the number of threads per environment, which is also the distance between the columns of one thread."""
     return (columns + COLUMNS_PER_THREAD - 1) // COLUMNS_PER_THREAD
 
 
 @functools.cache
 def material_kernel(real: type, laws: frozenset[str]):
-    """Hysteresis, creep and backlash: laws with a memory of the load (float64 state)."""
+    """Return the kernel of the laws with a memory of the load: hysteresis, creep and backlash (float64 state)."""
     hysteresis, two_sided = "hysteresis" in laws, "unloading" in laws
     creep, backlash = "creep" in laws, "backlash" in laws
 
@@ -92,9 +93,10 @@ def material_kernel(real: type, laws: frozenset[str]):
 
 @functools.cache
 def electronics_kernel(real: type, laws: frozenset[str]):
-    """Gain, temperature, walk, noise, bias, saturation, rounding, dead taxels, fillers: in this order.
+    """Return the kernel of gain, temperature, walk, noise, bias, saturation, rounding, dead taxels and fillers.
 
-    A number that is not finite passes through unchanged and touches no state: it never becomes a valid reading.
+    They act in this order. A number that is not finite passes through unchanged and changes no state, so that it never
+    becomes a valid reading.
     """
     gain, temperature, walk, noise = (k in laws for k in ("probe_gain", "temperature", "random_walk", "noise"))
     density, walk_density = "noise_density" in laws, "random_walk_density" in laws
@@ -176,7 +178,7 @@ def electronics_kernel(real: type, laws: frozenset[str]):
                 if wp.static(resolution):
                     q = quantum[e, wp.min(c, quantum.shape[1] - 1)]
                     steps = v / q
-                    # Beyond the mantissa a float is finer than the quantiser can tell; q = 0 ends here too.
+                    # Beyond the mantissa a float has no digits finer than the quantiser's step; q = 0 is also skipped.
                     if q > real(0.0) and wp.abs(steps) < exact:
                         v = wp.rint(steps) * q
                 if wp.static(dead):

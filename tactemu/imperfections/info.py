@@ -1,4 +1,4 @@
-"""What the imperfections need to know about the sensor whose readings they spoil."""
+"""The properties of a sensor that its imperfections need."""
 
 from __future__ import annotations
 
@@ -12,15 +12,16 @@ Channels = Literal["scalar", "force", "torque", "displacement"]
 
 @dataclass(frozen=True, kw_only=True)
 class ReadingInfo:
-    """Shape and meaning of a raw array ``(n_envs, n_taxels, n_channels)``."""
+    """The shape and meaning of a raw array ``(n_envs, n_taxels, n_channels)``."""
 
     name: str
     """Name of the sensor: the prefix of its random streams and of its stages."""
     layout: tuple[int, ...]
-    """``(n_taxels,)`` or ``(rows, cols)``; flat index = row * cols + col."""
+    """Layout of the taxels, ``(n_taxels,)`` or ``(rows, cols)``; flat index = row * cols + col."""
     channels: tuple[Channels, ...] = ("scalar",)
     """Groups of channels in order: a scalar takes one channel, a vector three."""
     unit: str = ""
+    """The unit of the numbers."""
     probe_radius: np.ndarray
     """Nominal radius of each taxel [m], shape ``(n_taxels,)``; 0 marks a filler, which reads 0."""
     spacing: tuple[float, float] | None = None
@@ -28,7 +29,7 @@ class ReadingInfo:
     normal: tuple[float, float, float] | None = None
     """Unit normal of the layout's plane in the link frame: splits vectors into normal and shear for crosstalk."""
     gain_inside: bool = True
-    """The sensor's kernel applies the gain. False (ElastomerTaxel): it multiplies the reading after hysteresis."""
+    """True if the sensor's kernel applies the gain; if not (ElastomerTaxel), it multiplies the reading later."""
 
     @property
     def n_taxels(self) -> int:
@@ -47,5 +48,5 @@ class ReadingInfo:
 
     @property
     def filler(self) -> np.ndarray:
-        """Which taxels are fillers, bool, shape ``(n_taxels,)``."""
+        """A mask of the fillers, bool, shape ``(n_taxels,)``."""
         return np.asarray(self.probe_radius).reshape(-1) <= 0.0

@@ -1,4 +1,4 @@
-"""Which laws a sensor has switched on, and whether its options make sense."""
+"""The laws that a sensor has switched on, and the checks of its options."""
 
 from __future__ import annotations
 
@@ -23,21 +23,21 @@ _CHOICES = {"dead_taxel_mode": ("value", "last"), "delay_interpolation": ("hold"
 
 _TIMES = ("scan_time", "delay", "jitter")
 MAX_KEPT_TIME_S = 1e6
-"""Of a time that readings are kept for."""
+"""The longest scan time, delay or jitter, for which past readings are kept."""
 MAX_HISTORY_LENGTH = 100_000
-"""Readings."""
+"""The most past readings that a history delivers."""
 
 
 def is_on(value) -> bool:
-    """Whether an option is away from zero anywhere."""
+    """Return True if an option differs from zero anywhere."""
     return value is not None and bool(np.any(np.asarray(value, dtype=np.float64) != 0.0))
 
 
 def check(options: ImperfectionOptions, info: ReadingInfo) -> None:
-    """Refuses options that have no meaning.
+    """Check that options are meaningful.
 
     Raises:
-        SceneError: names the sensor, the option, what was given and what is expected.
+        SceneError: an option is not; the message names the sensor, the option, the given and the expected value.
     """
 
     def refuse(option: str, expected: str) -> None:
@@ -95,19 +95,19 @@ _DRAWN = ("probe_radius_noise", "random_walk", "random_walk_density", "noise", "
 
 
 def needs_random_numbers(options: ImperfectionOptions) -> bool:
-    """Whether any law draws random numbers."""
+    """Return True if any law draws random numbers."""
     redrawn = options.probe_gain_resample_range is not None or options.dead_taxel_probability > 0.0
     return redrawn or any(is_on(getattr(options, name)) or name in options.adjustable for name in _DRAWN)
 
 
 def gain_is_on(options: ImperfectionOptions) -> bool:
-    """Whether taxels have gains of their own."""
+    """Return True if the options set, draw or may change the gains of taxels."""
     fixed = np.any(np.asarray(options.probe_gain, dtype=np.float64) != 1.0)
     return bool(fixed) or options.probe_gain_resample_range is not None or "probe_gain" in options.adjustable
 
 
 def material_laws(options: ImperfectionOptions) -> frozenset[str]:
-    """Laws with a memory of the load."""
+    """Return the laws that are switched on and have a memory of the load."""
     unloading = options.hysteresis_strength_unloading
     hysteresis = is_on(options.hysteresis_strength) or is_on(unloading)
     laws = {
@@ -120,7 +120,7 @@ def material_laws(options: ImperfectionOptions) -> frozenset[str]:
 
 
 def electronic_laws(options: ImperfectionOptions, info: ReadingInfo) -> frozenset[str]:
-    """Laws without a memory of the load, and the walk."""
+    """Return the laws that are switched on and have no memory of the load, and the random walk."""
     adjustable = set(options.adjustable)
     drifts = {"temperature_offset", "temperature_sensitivity"}
     temperature = any(is_on(getattr(options, k)) for k in drifts) or bool(adjustable & drifts)
@@ -139,7 +139,7 @@ def electronic_laws(options: ImperfectionOptions, info: ReadingInfo) -> frozense
         "dead": options.dead_taxel_probability > 0.0 or "dead" in adjustable,
     }
     chosen = {law for law, on in laws.items() if on}
-    # A filler reads 0 already: only a law that adds something must be kept from it.
+    # A filler reads 0 already: only laws that add something need an exception for it.
     adds = {"temperature", "random_walk", "noise", "bias", "saturation_range", "dead"}
     if bool(info.filler.any()) and chosen & adds:
         chosen.add("filler")

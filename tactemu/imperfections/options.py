@@ -1,10 +1,10 @@
 """The options of the imperfections: one keyword each, off by default, in the order in which they act.
 
-Sensors inherit from :class:`ImperfectionOptions`. "Column" means one number of a reading: a taxel has one column
-(depth), three (displacement) or six (force, then torque). Where an option takes *one number or one per column* it
-accepts a scalar, one per taxel ``(n_taxels,)`` or in the shape of the layout, one per taxel and channel
-``(n_taxels, n_channels)``, or a flat list in which the channels of each vector stand together, as a force/torque
-sensor gives them: all forces, taxel by taxel, then all torques.
+Sensors inherit from :class:`ImperfectionOptions`. A column is one number of a reading: a taxel has one column (depth),
+three (displacement) or six (force, then torque). Where an option takes *one number or one per column*, you may give a
+scalar, one per taxel ``(n_taxels,)`` or in the shape of the layout, one per taxel and channel
+``(n_taxels, n_channels)``, or a flat list in which the channels of each vector stand together, in the order of a
+force/torque sensor: all forces, taxel by taxel, then all torques.
 """
 
 from __future__ import annotations
@@ -22,19 +22,19 @@ Law = Literal[
     "probe_gain", "probe_radius_noise", "temperature_offset", "temperature_sensitivity", "random_walk", "noise", "bias",
     "saturation_range", "resolution", "jitter", "dead",
 ]  # fmt: skip
-"""What can be switched on while running: options by their names, and ``dead`` for killing single taxels."""
+"""A law that can be switched on while the scene runs: the name of an option, or ``dead`` for single dead taxels."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ImperfectionOptions:
-    """How a sensor is wrong. Everything is off by default; what is off costs nothing."""
+    """The imperfections of a sensor. All are off by default, and an imperfection that is off costs nothing."""
 
     # -- inside the sensor's formula
     probe_gain: Numbers = 1.0
     """Gain of each taxel; one number or one per taxel. Multiplies depth (probes, KinematicTaxel), the sums over points
     (ProximityTaxel) or the displacement (ElastomerTaxel)."""
     probe_gain_resample_range: tuple[float, float] | None = None
-    """At each reset every taxel of the environments reset gets a new gain, uniform in this range."""
+    """Range of the gain that every taxel draws, uniformly, when its environment is reset."""
     probe_radius_noise: float = 0.0
     """Half-width of the uniform noise on the probe radius, drawn each step for each taxel [m]."""
 
@@ -47,8 +47,8 @@ class ImperfectionOptions:
     """Instead of the Gaussian: one odd-sized plane for all channels, two (normal | shear and torque) or three
     (normal | shear | torque); shape ``(kh, kw)`` or ``(planes, kh, kw)``, row 0 the lowest row offset."""
     crosstalk_conserving: bool = False
-    """What would leave the skin at a border, or fall on a filler, stays with the taxel that it came from: the total
-    force is kept, and a uniform press with a symmetric kernel stays uniform."""
+    """A share that would leave the skin at a border, or fall on a filler, stays with its taxel: the total force is
+    kept, and a uniform press with a symmetric kernel stays uniform."""
 
     # -- memory of the material
     hysteresis_strength: float = 0.0
@@ -58,18 +58,18 @@ class ImperfectionOptions:
     hysteresis_strength_unloading: float | None = None
     """The same share while the magnitude falls; ``None``: as while it rises."""
     hysteresis_tau_unloading: float | None = None
-    """Time constant of what unloading left behind [s]; ``None``: ``hysteresis_tau``."""
+    """Time constant with which the unloading's overshoot decays [s]; ``None``: ``hysteresis_tau``."""
     hysteresis_backlash: float = 0.0
     """Half-width of a loop that does not depend on the rate (a play operator) [unit of the reading]: readings lag
     behind the load by this much, low while loading and high while unloading."""
     creep_strength: float = 0.0
-    """Share by which the reading of a constant load grows in the end."""
+    """Share by which the reading of a constant load has grown in the end."""
     creep_tau: float = 10.0
     """Time constant of the creep [s]."""
 
     # -- read-out of the taxels one after the other
     scan_time: float = 0.0
-    """Time that one scan takes [s]. The reading belongs to the end of the scan; a taxel in slot s of n was sampled
+    """Duration of one scan [s]. The reading belongs to the end of the scan; a taxel in slot s of n was sampled
     ``scan_time * (1 - (s + 1) / n)`` earlier, by linear interpolation between steps."""
     scan_order: Literal["taxel", "row", "column"] | Sequence[int] = "taxel"
     """Slot of each taxel: ``taxel`` one after the other in index order; ``row`` the taxels of a row one after the
@@ -89,23 +89,23 @@ class ImperfectionOptions:
     random_walk_density: Numbers = 0.0
     """Standard deviation of the walk after one second [unit/sqrt(s)], whatever the step's length."""
     random_walk_tau: float | None = None
-    """Makes the walk a bounded one (Gauss-Markov) with this correlation time [s]."""
+    """Correlation time of a bounded (Gauss-Markov) walk [s]; ``None``: the walk is unbounded."""
     noise: Numbers = 0.0
     """Standard deviation of white noise in each sample [unit]."""
     noise_density: Numbers = 0.0
-    """White noise per root bandwidth [unit/sqrt(Hz)], one-sided: each sample has ``noise_density / sqrt(2 dt)``."""
+    """White noise per root bandwidth [unit/sqrt(Hz)], one-sided: that of a sample is ``noise_density / sqrt(2 dt)``."""
     bias: Numbers = 0.0
     """Constant offset [unit]."""
     saturation_range: tuple[float, float] | None = None
-    """Readings are clipped to this range [unit], before they are rounded."""
+    """Range that readings are clipped to [unit], before they are rounded."""
     resolution: Numbers = 0.0
-    """Step of the quantiser [unit]: round-half-even of x/resolution. 0 is none."""
+    """Step of the quantiser [unit]: round-half-even of x/resolution; 0: none."""
     dead_taxel_probability: float = 0.0
     """Probability that a taxel is dead, drawn for each taxel at each reset."""
     dead_taxel_value_range: tuple[float, float] = (0.0, 0.0)
-    """A dead taxel reads a constant that is uniform in this range [unit], in all its columns."""
+    """Range of the constant that a dead taxel reads in all its columns [unit], drawn uniformly."""
     dead_taxel_mode: Literal["value", "last"] = "value"
-    """``last``: a dead taxel is stuck at its first reading after the reset instead."""
+    """``value``: a dead taxel reads that constant; ``last``: it is stuck at its first reading after the reset."""
 
     # -- delivery
     delay: float = 0.0
@@ -113,13 +113,13 @@ class ImperfectionOptions:
     jitter: float = 0.0
     """Further delay, uniform in [0, jitter], drawn each step for each environment [s]."""
     jitter_reorder: bool = False
-    """Let a later reading be delivered before an earlier one. Otherwise a reading is never older than the last."""
+    """A later reading may be delivered before an earlier one. Otherwise a reading is never older than the last."""
     delay_interpolation: Literal["hold", "linear", "nearest"] = "hold"
-    """Between two steps: ``hold`` the older one (never early), ``linear`` between them, ``nearest`` step (the delay is
-    rounded to whole steps)."""
+    """Reading between two steps: ``hold`` the older one (never early), ``linear`` between them, ``nearest`` step (the
+    delay is rounded to whole steps)."""
     history_length: int = 0
-    """Deliver the last so many readings, newest first, delayed like a single one."""
+    """Number of past readings that are delivered, newest first, each delayed like a single one."""
 
     adjustable: Sequence[Law] = ()
     """Options that are built although they are zero, with a number per column, so that their setters can switch them
-    on while running; ``dead`` for :meth:`~tactemu.sensors.sensor.Sensor.set_dead`."""
+    on while the scene runs; ``dead`` is for :meth:`~tactemu.sensors.sensor.Sensor.set_dead`."""

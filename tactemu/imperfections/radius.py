@@ -1,4 +1,4 @@
-"""Noise on the probe radius: an array that the sensor's kernel reads in place of the nominal radii."""
+"""Noise on the probe radius, as an array that the sensor's kernel reads in place of the nominal radii."""
 
 # pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
 # pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
@@ -13,7 +13,10 @@ from tactemu.imperfections.random import draw, unit_f64
 
 @functools.cache
 def radius_kernel(real: type):
-    """``max(0, R + U(-s, s))``, a new draw each step for each taxel of each environment; fillers stay fillers."""
+    """Return the kernel of noisy radii ``max(0, R + U(-s, s))``, drawn each step for each taxel of each environment.
+
+    The radius of a filler stays 0.
+    """
 
     @wp.kernel(module="unique", enable_backward=False)
     def noisy_radius(

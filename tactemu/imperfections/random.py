@@ -1,9 +1,9 @@
 """Random numbers on the device as a function of (stream, environment, index, step).
 
-Nothing is stored and no order matters. The generator is Philox4x32-10 (Salmon, Moraes, Dror and Shaw, "Parallel random
-numbers: as easy as 1, 2, 3", SC 2011). One call gives four independent words. The counter is (step low, step high,
-index, environment); the key is that of the stream (:mod:`tactemu.base.random_streams`) and the number of resets. Both
-float widths see the same words.
+Nothing is stored and the order of draws does not matter. The generator is Philox4x32-10 (Salmon, Moraes, Dror and Shaw,
+"Parallel random numbers: as easy as 1, 2, 3", SC 2011). One call returns four independent words. The counter is (step
+low, step high, index, environment); the key is that of the stream (:mod:`tactemu.base.random_streams`) and the number
+of resets. Both float widths use the same words.
 """
 
 # pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
@@ -22,7 +22,7 @@ _SHIFT = wp.constant(wp.uint64(32))
 
 @wp.func
 def philox(counter: wp.vec4ui, key0: wp.uint32, key1: wp.uint32) -> wp.vec4ui:
-    """Four random words for a counter and a key."""
+    """Return four random words for a counter and a key."""
     c0, c1, c2, c3 = counter[0], counter[1], counter[2], counter[3]
     for _ in range(10):
         p0 = _M0 * wp.uint64(c0)
@@ -38,10 +38,10 @@ def philox(counter: wp.vec4ui, key0: wp.uint32, key1: wp.uint32) -> wp.vec4ui:
 
 @wp.func
 def draw(key: wp.uint32, streams: wp.array(dtype=wp.vec2i), row: int, index: int, step: wp.int64) -> wp.vec4ui:
-    """Four random words of the stream ``key`` for the environment of a row, an index and a step.
+    """Return four random words of the stream ``key`` for the environment of a row, an index and a step.
 
-    ``streams`` holds the number of each environment, which counts those of all devices, and of the resets that it has
-    seen, which is the second half of the key: a new episode draws anew, also where its steps are counted from 0 again.
+    ``streams`` holds the number of each environment, counted over all devices, and the number of its resets, which is
+    the second half of the key: a new episode has other draws, also where its steps are counted from 0 again.
     """
     words, stream = wp.uint64(step), streams[row]
     counter = wp.vec4ui(wp.uint32(words & _LOW), wp.uint32(words >> _SHIFT), wp.uint32(index), wp.uint32(stream[0]))
@@ -50,13 +50,13 @@ def draw(key: wp.uint32, streams: wp.array(dtype=wp.vec2i), row: int, index: int
 
 @wp.func
 def unit_f64(word: wp.uint32) -> wp.float64:
-    """A number in (0, 1), both ends excluded."""
+    """Return a number in (0, 1), both ends excluded."""
     return (wp.float64(word) + wp.float64(0.5)) * wp.float64(1.0 / 4294967296.0)
 
 
 @functools.cache
 def normals(real: type):
-    """The Warp function that makes four independent standard normal numbers of four words (Box-Muller)."""
+    """Return the Warp function that makes four independent standard normal numbers from four words (Box-Muller)."""
     four = wp.types.vector(4, real)
     two_pi = 2.0 * math.pi
 

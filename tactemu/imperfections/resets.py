@@ -1,4 +1,4 @@
-"""What is drawn when environments are reset."""
+"""Kernels that count the resets of environments and draw gains and dead taxels at each."""
 
 # pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
 # pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
@@ -13,7 +13,7 @@ from tactemu.imperfections.random import draw, unit_f64
 
 @wp.kernel(module="unique", enable_backward=False)
 def count_resets(mask: wp.array(dtype=wp.bool), streams: wp.array(dtype=wp.vec2i)):
-    """Numbers the resets of each environment: each begins draws of its own."""
+    """Count the resets of each environment: the draws after a reset have numbers of their own."""
     e = wp.tid()
     if mask[e]:
         streams[e] = streams[e] + wp.vec2i(0, 1)
@@ -21,7 +21,7 @@ def count_resets(mask: wp.array(dtype=wp.bool), streams: wp.array(dtype=wp.vec2i
 
 @functools.cache
 def gain_kernel(real: type):
-    """A gain per taxel, uniform in a range."""
+    """Return the kernel that draws a gain per taxel, uniform in a range."""
 
     @wp.kernel(module="unique", enable_backward=False)
     def resample_gain(
@@ -41,7 +41,10 @@ def gain_kernel(real: type):
 
 @functools.cache
 def dead_kernel(real: type):
-    """Which taxels are dead, and what they read (see :data:`tactemu.imperfections.elementwise.ALIVE`)."""
+    """Return the kernel that draws which taxels are dead and their readings.
+
+    :data:`tactemu.imperfections.elementwise.ALIVE` explains the values.
+    """
 
     @wp.kernel(module="unique", enable_backward=False)
     def redraw_dead(

@@ -1,7 +1,7 @@
-"""The last readings with their times, and which of them belongs to a given time.
+"""A ring buffer of the last readings with their times, and the search for the reading of a given time.
 
-Entry ``k`` is the reading ``k`` steps ago; entry 0 is the step being taken, which is in the ring only after it. Entries
-older than an environment's last reset do not count; the number of the step tells, since a reset may restart the time.
+Entry ``k`` is the reading ``k`` steps ago; entry 0 is the present step, which is in the ring only after it. Entries
+older than an environment's last reset do not count; the step's number decides, since a reset may restart the time.
 Times are int64 nanoseconds, so that nothing is rounded to steps.
 """
 
@@ -16,21 +16,21 @@ from tactemu.base.errors import SceneError
 from tactemu.plan.plan import Context
 
 FRESH = -1
-"""In place of the number of the step before the first: the next step is the first."""
+"""A value in place of a step number: no step was taken yet, and the next is the first."""
 MAX_RING_READINGS = 2**20
-"""Most readings that a ring may hold."""
+"""The most readings that a ring may hold."""
 
 
 @wp.func
 def slot(step: wp.int64, age: int, depth: int) -> int:
-    """Where the entry ``age`` steps before ``step`` lies."""
-    # Before the start the remainder would be negative.
+    """Return the slot of the entry ``age`` steps before ``step``."""
+    # Without the addition the remainder would be negative before the start.
     return int((step - wp.int64(age) + wp.int64(depth)) % wp.int64(depth))
 
 
 @wp.func
 def entry_time(times: wp.array(dtype=wp.int64), now: wp.int64, step: wp.int64, age: int) -> wp.int64:
-    """Return time of the entry ``age`` steps ago [ns]."""
+    """Return the time of the entry ``age`` steps ago [ns]."""
     if age == 0:
         return now
     return times[slot(step, age, times.shape[0])]
@@ -38,7 +38,7 @@ def entry_time(times: wp.array(dtype=wp.int64), now: wp.int64, step: wp.int64, a
 
 @wp.func
 def entries(birth: wp.int64, step: wp.int64, depth: int) -> int:
-    """How many entries count, this step's included: those since the reset after step ``birth``."""
+    """Return the number of entries since the reset after step ``birth``, this step's included."""
     if birth < wp.int64(0):
         return 1
     return int(wp.min(step - birth, wp.int64(depth)))
@@ -48,9 +48,9 @@ def entries(birth: wp.int64, step: wp.int64, depth: int) -> int:
 def entry_before(
     times: wp.array(dtype=wp.int64), now: wp.int64, step: wp.int64, count: int, guess: int, source: wp.int64
 ) -> int:
-    """Age in steps of the newest of ``count`` entries that is not newer than ``source``.
+    """Return the age in steps of the newest of ``count`` entries that is not newer than ``source``.
 
-    ``count`` if all are newer: the time lies before the reset. In a ring that is full the oldest entry stands in.
+    It is ``count`` if all are newer: the time lies before the reset. In a full ring it is the age of the oldest entry.
     """
     age = wp.clamp(guess, 0, count - 1)
     while age > 0 and entry_time(times, now, step, age - 1) <= source:
@@ -62,21 +62,21 @@ def entry_before(
 
 @wp.kernel(module="unique", enable_backward=False)
 def mark_fresh(mask: wp.array(dtype=wp.bool), birth: wp.array(dtype=wp.int64)):
-    """A reset: the next step is the first of these environments, whatever its number will be."""
+    """Reset environments: their next step is the first, whatever its number."""
     e = wp.tid()
     if mask[e]:
         birth[e] = wp.int64(wp.static(FRESH))
 
 
 def ring_depth(longest_s: float, context: Context, what: str) -> int:
-    """Return readings to keep so that one ``longest_s`` old can be interpolated, at the step length of the scene.
+    """Return the number of readings to keep to interpolate one ``longest_s`` old at the scene's step length.
 
     Raises:
-        SceneError: if that is more than :data:`MAX_RING_READINGS`.
+        SceneError: the number is larger than :data:`MAX_RING_READINGS`.
     """
     dt = round(float(context.dt.numpy()[0]) * 1e9) * 1e-9
     if not dt > 0.0:
-        raise SceneError(f"{what} needs steps of at least a nanosecond, got {dt:g} s")
+        raise SceneError(f"{what} needs steps of at least a nanosecond, got {dt:g} s; make dt larger")
     steps = longest_s / dt
     if not steps < MAX_RING_READINGS:
         raise SceneError(
@@ -86,7 +86,7 @@ def ring_depth(longest_s: float, context: Context, what: str) -> int:
 
 
 class Ring:
-    """Times and values of the last readings of every environment."""
+    """The times and values of the last readings of every environment."""
 
     def __init__(self, depth: int, n_columns: int, dtype: type, context: Context):
         self.times = context.zeros(depth, wp.int64)
@@ -95,5 +95,5 @@ class Ring:
         """Number of the step after which each environment was reset, or :data:`FRESH`."""
 
     def reset(self, mask: wp.array) -> None:
-        """Forgets the readings of the environments in the mask."""
+        """Discard the readings of the environments in the mask."""
         wp.launch(mark_fresh, dim=mask.shape, inputs=[mask, self.birth], device=self.birth.device)

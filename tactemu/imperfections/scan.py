@@ -1,4 +1,4 @@
-"""Taxels that are read one after the other: each reading of a step has its own time."""
+"""The scan of taxels that are read one after the other, each at a time of its own."""
 
 # pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
 # pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
@@ -72,10 +72,10 @@ def _kernel(real: type):
 
 
 def slots(options: ImperfectionOptions, info: ReadingInfo) -> np.ndarray:
-    """Slot of the scan in which each taxel is read, from 0, shape ``(n_taxels,)``.
+    """Return the slot of the scan in which each taxel is read, from 0, shape ``(n_taxels,)``.
 
     Raises:
-        SceneError: an order that needs rows on a layout without rows, or a list of the wrong length.
+        SceneError: the order needs rows on a layout without rows, or is a list of the wrong length.
     """
     order, index = options.scan_order, np.arange(info.n_taxels)
     if not isinstance(order, str):
@@ -99,7 +99,7 @@ def slots(options: ImperfectionOptions, info: ReadingInfo) -> np.ndarray:
 def compile_scan(
     options: ImperfectionOptions, x: wp.array, info: ReadingInfo, context: Context
 ) -> tuple[wp.array, Stage]:
-    """Return readings ``(n_envs, n_columns)`` of which each taxel's was taken in its slot of the scan that ends now."""
+    """Return readings ``(n_envs, n_columns)``, each of its taxel's slot in the scan that ends now, and the stage."""
     order = slots(options, info)
     n_slots = int(order.max(initial=0)) + 1
     ages = np.rint(options.scan_time * 1e9 * (1.0 - (order + 1.0) / n_slots)).astype(np.int64)
