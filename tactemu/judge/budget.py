@@ -1,4 +1,4 @@
-"""The time for a whole run: the order in which trials are worth it, and the deadline that ends them."""
+"""The time budget of a run: the order of the trials by their value, and the deadline that ends them."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ MOST_TELLING_FIRST = (
     "flip", "unplug", "hang", "silence", "drop", "truncate", "replace", "stray", "load", "late", "reset", "lose",
     "wrap", "garbage", "split", "rate", "busoff", "reorder", "halfopen", "stop", "baud", "chunk", "merge", "saturate",
 )  # fmt: skip
-"""Kinds of fault and actions, in the order in which they tell most of a driver; others come after them."""
+"""Kinds of fault and actions, in the order of how much they reveal about a driver; all others come after them."""
 SHUTDOWN_S = 0.4
-"""Time that the end of the driver and the report take [s]."""
+"""Time reserved for ending the driver and writing the report [s]."""
 EVERY_POSITION_BUDGET_S = 120.0
-"""A budget from which on every position of a frame is tried [s]."""
+"""Budget from which every position of a frame is tried [s]."""
 
 
 class BudgetSpentError(Exception):
-    """The deadline has passed while a trial was on."""
+    """The deadline has passed during a trial."""
 
 
 def kind_of(trial: Trial) -> str:
@@ -28,7 +28,7 @@ def kind_of(trial: Trial) -> str:
 
 
 def ordered(trials: Sequence[Trial]) -> list[Trial]:
-    """Return the trials with the most telling kinds first, and one of each kind before a second of any.
+    """Return the trials sorted by the value of their kinds, with one trial of each kind before any second one.
 
     Trials that are skipped from the beginning come last.
     """
@@ -43,21 +43,21 @@ def ordered(trials: Sequence[Trial]) -> list[Trial]:
             MOST_TELLING_FIRST.index(kind) if kind in MOST_TELLING_FIRST else len(MOST_TELLING_FIRST),
         )
 
-    return sorted(trials, key=rank)  # it calls `rank` once for each, in the order of the plan
+    return sorted(trials, key=rank)  # it calls `rank` once for each trial, in the order of the plan
 
 
 class Budget:
-    """A deadline for the whole run, and the experience of how long trials really take.
+    """The deadline of a run, and the measured duration of trials compared with the expected one.
 
     Args:
-        seconds: from now on; None: no limit.
+        seconds: time from now to the deadline; None: no limit.
     """
 
     def __init__(self, seconds: float | None):
         self.seconds = seconds
         self._end = float("inf") if seconds is None else time.monotonic() + seconds - SHUTDOWN_S
         self._limit = float("inf")
-        """The time that ends the trial that is on."""
+        """Monotonic time at which the current trial is ended [s]."""
         self._expected, self._took = 0.0, 0.0
 
     @property
@@ -66,11 +66,11 @@ class Budget:
         return self._end - time.monotonic()
 
     def expected_s(self, seconds: float) -> float:
-        """Return the likely time of trials that should take ``seconds``, as slow as those before them [s]."""
+        """Return the likely duration of trials planned for ``seconds``, scaled as the earlier ones were slower [s]."""
         return seconds * max(1.0, self._took / self._expected if self._expected else 1.0)
 
     def lacks(self, seconds: float, times: int = 1) -> str:
-        """Return why something that should take ``seconds``, done so many times, has no room; empty if it has."""
+        """Return why trials planned for ``seconds``, repeated ``times``, exceed the budget; empty if they fit."""
         if self.seconds is None:
             return ""
         takes, left = self.expected_s(seconds), self.left_s
@@ -80,20 +80,20 @@ class Budget:
         return f"takes {takes:.1f} s{again}, {max(left, 0):.1f} s of the budget are left"
 
     def begin(self, reserve_s: float = 0.0) -> None:
-        """Let :meth:`sleep` raise from ``reserve_s`` before the deadline on."""
+        """Make :meth:`sleep` raise from ``reserve_s`` before the deadline on."""
         self._limit = self._end - reserve_s
         self.sleep(0.0)
 
     def end(self, expected_s: float = 0.0, took_s: float = 0.0) -> None:
-        """Let :meth:`sleep` raise no more; what the trial should have taken and took is for the next ones."""
+        """Stop :meth:`sleep` from raising, and record the expected and the real duration of the trial."""
         self._limit = float("inf")
         self._expected, self._took = self._expected + expected_s, self._took + took_s
 
     def sleep(self, seconds: float) -> None:
-        """Sleep.
+        """Sleep, unless the deadline comes first.
 
         Raises:
-            BudgetSpentError: the deadline has passed, or would pass.
+            BudgetSpentError: the deadline has passed, or would pass during the sleep.
         """
         if time.monotonic() + seconds > self._limit:
             raise BudgetSpentError

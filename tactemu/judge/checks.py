@@ -1,6 +1,6 @@
-"""Checks of learned columns against their own names and what the device declares; each returns sentences.
+"""Checks of learned columns against their names and the device's declarations; each returns sentences.
 
-A name may tell an axis (``fx``, ``force.y``, ``Bz3``), force or torque (``tz``), and a unit (``fx_mN``, ``p [kPa]``).
+A name may state an axis (``fx``, ``force.y``, ``Bz3``), force or torque (``tz``), and a unit (``fx_mN``, ``p [kPa]``).
 """
 
 from __future__ import annotations
@@ -14,7 +14,10 @@ import numpy as np
 
 from tactemu.judge.columns import ABSOLUTE, FLAT, MISTAKES, Channel, Column, Columns, flat_part
 
-GRAVITY, POUND = 9.80665, 4.4482216152605
+GRAVITY = 9.80665
+"""Standard gravity [m/s²]."""
+POUND = 4.4482216152605
+"""Pound-force [N]."""
 UNITS: dict[str, dict[str, float]] = {
     "N": {"N": 1.0, "mN": 1e3, "uN": 1e6, "kN": 1e-3, "cN": 1e2, "gf": 1e3 / GRAVITY, "g": 1e3 / GRAVITY,
           "kgf": 1 / GRAVITY, "kg": 1 / GRAVITY, "lbf": 1 / POUND, "lb": 1 / POUND, "ozf": 16 / POUND},
@@ -26,28 +29,32 @@ UNITS: dict[str, dict[str, float]] = {
     "rad/s": {"rads": 1.0, "dps": 180 / np.pi, "mdps": 180e3 / np.pi},
     "degC": {"C": 1.0, "degC": 1.0, "K": 1.0, "F": 1.8, "mC": 1e3},
 }  # fmt: skip
-"""By the unit that a device declares: how many of each unit are one of it."""
+"""Conversion factors by the unit that a device declares: how many of each other unit equal one of it."""
 _FACTORS = {"9.80665": GRAVITY, "4.44822": POUND, "2.20462": GRAVITY / POUND}
-"""Factors that, with any power of ten, are forgotten or applied twice."""
-_RIGHT, _KNOWN = 0.005, 0.002
-"""Relative distance from a right scale, and from one that a mistake is known by."""
-_HALF, _NEARLY_ALL = 0.5, 0.75
-"""A driver that reads this share of some channels, or columns of an array, should read them all."""
+"""Factors that drivers forget or apply twice, with any power of ten."""
+_SCALE_TOLERANCE = 0.005
+"""Relative tolerance of a correct scale."""
+_MISTAKE_TOLERANCE = 0.002
+"""Relative tolerance of a scale that a known mistake produces."""
+_HALF = 0.5
+"""A driver that reads at least this share of like channels should read all of them."""
+_NEARLY_ALL = 0.75
+"""A driver of which at least this share of an array's columns hold channels should fill all of them."""
 _AXIS = re.compile(r"(?:^|[^a-z])([abdfghmpt]|force|torque|moment|field|mag)?[_.]?([xyz])(?=[_\d.\]]*$)")
 _SIDES = {"f": "N", "force": "N", "t": "Nm", "m": "Nm", "torque": "Nm", "moment": "Nm"}
 _ABSOLUTE = {"abs", "absolute", "magnitude"}
-"""Words by which a column is named after an absolute value."""
+"""Words in the name of a column that holds an absolute value."""
 _TOTAL = re.compile(r"(?:^|[^a-z])(?:(?:f|force|forces|ft|wrench)\.\d|(?:resultant|net_force)(?:\.\d)?)$")
 
 
 def axis_in(name: str) -> str:
-    """Return the axis that a column's name tells; "" for none."""
+    """Return the axis that a column's name states; "" for none."""
     match = _AXIS.search(_stem(name).lower())
     return match[2] if match else ""
 
 
 def side_in(name: str) -> str:
-    """Return the unit of a wrench's half that a column's name tells: N or Nm; "" for neither."""
+    """Return N if a column's name states a force, Nm if it states a torque; "" for neither."""
     match = _AXIS.search(_stem(name).lower())
     return _SIDES.get(match[1] or "", "") if match else ""
 
@@ -80,15 +87,15 @@ def words_in(name: str) -> set[str]:
 
 
 def is_named(name: str, channel: Channel) -> bool:
-    """Return whether a column's name tells just this channel's axis and half of a wrench."""
+    """Return True if a column's name states the channel's axis, and does not contradict it on force or torque."""
     axis, side = axis_in(name), side_in(name)
     return bool(axis) and axis == channel.axis and (not side or channel.unit not in ("N", "Nm") or side == channel.unit)
 
 
 def misread(columns: Columns) -> list[str]:
-    """Return the columns that hold a channel after a mistake, in words.
+    """Return a sentence for each column that decodes its channel by a known mistake.
 
-    An absolute value is none if the column's name says so.
+    An absolute value is no mistake if the column's name states it.
     """
     return [
         f"column {column.name!r} holds {_channel(columns, column).name} as {column.how}"
@@ -98,15 +105,15 @@ def misread(columns: Columns) -> list[str]:
 
 
 def misnamed(columns: Columns) -> list[str]:
-    """Return the columns that are named after an axis and hold another, in words."""
+    """Return a sentence for each column that is named after one channel or axis and holds another."""
     sentences = []
     wrench = {channel.unit for channel in columns.channels} >= {"N", "Nm"}
     words = {word for channel in columns.channels for word in words_in(channel.name.rpartition(".")[2])}
     for column in columns.values:
         channel = _channel(columns, column)
         named, side = axis_in(column.name), side_in(column.name)
-        told = words_in(column.name) & words
-        if column.how != "mix" and told and not told & words_in(channel.name):
+        stated = words_in(column.name) & words
+        if column.how != "mix" and stated and not stated & words_in(channel.name):
             sentences.append(f"column {column.name!r} holds {channel.name}")
         if column.how == "mix" or not channel.axis or not named:
             continue
@@ -118,7 +125,7 @@ def misnamed(columns: Columns) -> list[str]:
 
 
 def mirrored(columns: Columns) -> list[str]:
-    """Return the columns of a wrench whose sign does not go with the other five, in words.
+    """Return a sentence for each wrench with a component whose sign contradicts the other five.
 
     Turned axes and reactions change forces and torques alike: the products of their three signs stay equal.
     """
@@ -151,14 +158,14 @@ def _product(half: Sequence[Column], sign: Callable[[Column], float]) -> float:
 
 
 def _odd(halves: dict[str, list[Column]]) -> str:
-    """Return the one column of another sign than five, or all that are negative."""
+    """Return the names of the columns with the rarer sign, such as the one that differs from the other five."""
     six = [column for half in halves.values() for column in half]
     fewer = min(([c for c in six if (c.gain < 0) == negative] for negative in (True, False)), key=len)
     return ", ".join(repr(column.name) for column in fewer)
 
 
 def clipped(columns: Columns) -> list[str]:
-    """Return the columns that read the same value over a good part of their channel's counts, in words."""
+    """Return a sentence for each column that reads one value over a large part of its channel's counts."""
     return [
         f"column {column.name!r} reads one value over {flat_part(column):.0%} of the counts that were sent"
         for column in columns.values
@@ -167,7 +174,7 @@ def clipped(columns: Columns) -> list[str]:
 
 
 def misscaled(columns: Columns) -> list[str]:
-    """Return the columns in another unit than their name states or the device declares, in words."""
+    """Return a sentence for each column in another unit than its name states or the device declares."""
     sentences = []
     for column in columns.values:
         channel = _channel(columns, column)
@@ -178,7 +185,7 @@ def misscaled(columns: Columns) -> list[str]:
         known = UNITS.get(_declared(channel.unit), {})
         right = known.get(stated, 1.0)
         off = ratio / right
-        if abs(off - 1) <= _RIGHT or (not stated and abs(abs(column.gain) - 1) < 1e-6):  # counts are nobody's mistake
+        if abs(off - 1) <= _SCALE_TOLERANCE or (not stated and abs(abs(column.gain) - 1) < 1e-6):  # 1: counts
             continue
         unit, like = stated or channel.unit, _known_by(ratio, right, known, stated or channel.unit)
         if stated or like or 0.5 < off < 2:
@@ -188,12 +195,12 @@ def misscaled(columns: Columns) -> list[str]:
 
 
 def _known_by(ratio: float, right: float, known: dict[str, float], unit: str) -> str:
-    """Return the mistake that makes such a scale, in words; "" for none that is known."""
+    """Return a description of the mistake that produces this scale; "" if none is known."""
     for name, per in known.items():
-        if name != unit and abs(ratio / per - 1) < _KNOWN:
+        if name != unit and abs(ratio / per - 1) < _MISTAKE_TOLERANCE:
             return f", looks like {name} read as {unit}"
     for name, per in known.items():
-        if name != unit and abs(ratio * per / right - 1) < _KNOWN:
+        if name != unit and abs(ratio * per / right - 1) < _MISTAKE_TOLERANCE:
             return f", looks like {unit} taken for {name}"
     if _is_power(ratio / right):
         return ", a power of ten off"
@@ -204,22 +211,22 @@ def _known_by(ratio: float, right: float, known: dict[str, float], unit: str) ->
 
 
 def _is_power(ratio: float) -> bool:
-    """Return whether this is a power of ten."""
+    """Return True if a ratio is a power of ten."""
     power = float(np.log10(ratio))
-    return abs(power - round(power)) < np.log10(1 + _KNOWN) and abs(power) < 9.5
+    return abs(power - round(power)) < np.log10(1 + _MISTAKE_TOLERANCE) and abs(power) < 9.5
 
 
 def unread_channels(columns: Columns) -> list[Channel]:
-    """Return the channels that no column holds though half of their like are held.
+    """Return the channels that no column holds although half of the like channels are held.
 
-    Alike are the channels of one kind over the taxels of a patch, and those of one unit at a single point. Of a hand
-    of which less than half is read, parts are left out on purpose.
+    Like channels are those of one kind over the taxels of a patch, and those of one unit at a single point. A driver
+    that reads less than half of a hand leaves parts out on purpose.
     """
     missing = columns.unread()
     arrays = {_pattern(column.name) for column in columns.values}
-    strange = sum(column.role == "other" and _pattern(column.name) in arrays for column in columns.columns)
-    if len(missing) <= strange:
-        return []  # they may be in what cannot be told
+    unknown = sum(column.role == "other" and _pattern(column.name) in arrays for column in columns.columns)
+    if len(missing) <= unknown:
+        return []  # the columns of which nothing is known may hold them
 
     def is_half_read(alike: Callable[[Channel], Any]) -> Callable[[Channel], bool]:
         total, left = (Counter(map(alike, channels)) for channels in (columns.channels, missing))
@@ -231,13 +238,13 @@ def unread_channels(columns: Columns) -> list[Channel]:
 
 
 def _like(channel: Channel) -> tuple[str, str]:
-    """Return what a channel shares with those that belong to it."""
+    """Return the key that a channel shares with the like channels: kind or unit, and skin."""
     kind = re.sub(r"\[[\d,]*\]|(?:^|(?<=\.))\d+(?=\.|$)", "", channel.name)
     return (kind, channel.skin) if kind != channel.name else (channel.unit, channel.skin)
 
 
 def frozen(columns: Columns) -> list[str]:
-    """Return the columns that never moved though what they are named after did, in words."""
+    """Return a sentence for each column that never changed although the quantity it is named after did."""
     sentences = []
     alike, lists = (Counter(pattern(column.name) for column in columns.columns) for pattern in (_pattern, _list))
     holding = Counter(_pattern(column.name) for column in columns.values)
@@ -253,12 +260,12 @@ def frozen(columns: Columns) -> list[str]:
 
 
 def _pattern(name: str) -> str:
-    """Return a name without its numbers: columns of one array share it."""
+    """Return a name with its numbers replaced, which the columns of one array share."""
     return re.sub(r"\d+", "#", name)
 
 
 def _list(name: str) -> str:
-    """Return a name without its last number: columns of one list share it."""
+    """Return a name with its last number replaced, which the columns of one list share."""
     return re.sub(r"\d+(?=\D*$)", "#", name)
 
 

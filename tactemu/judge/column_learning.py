@@ -1,10 +1,10 @@
-"""Learning the columns of a driver's rows from a run without faults.
+"""Learning of the columns of a driver's rows from a run without faults.
 
-First when: each row is set beside the sample that the last frame before it carried, then beside those before that,
-and the delay is where ranks agree most; where it wanders, a stretch is looked for in which rows follow one another as
-samples do. Then what, by attempts from simple to strange: a line of one channel; a line after a known mistake (bytes
-swapped, sign lost); a curve that rises or falls; a mix of channels; nothing. Nothing is guessed: a column that fits
-several channels, or none, is said to.
+First the delay: each row is compared with the sample that the last frame before it carried, then with earlier samples,
+and the delay with the best rank correlation is taken; if the delay drifts, consecutive rows are matched with
+consecutive samples. Then the content, from simple to complex: a line of one channel; a line after a known mistake
+(bytes swapped, sign lost); a curve that rises or falls; a mix of channels; nothing. Nothing is guessed: a column that
+fits several channels, or none, is reported as such.
 """
 
 from __future__ import annotations
@@ -18,32 +18,38 @@ from tactemu.judge.columns import ABSOLUTE, TRANSFORMS, Channel, Column, Columns
 from tactemu.judge.line_fits import is_line, is_monotone, line, ranks
 from tactemu.judge.trial_record import DriverRow, ReceivedFrame, Sample
 
-LEAST_ROWS = 20
-_LAGS = 300
-_SURE = 0.97
-"""A relation holds for so many of the rows, or another is tried."""
-_SURE_OF_STEPS = 0.85
-"""Likewise of the few rows that there are when samples are held."""
+MIN_ROWS = 20
+"""Least number of rows to learn from."""
+_MAX_LAG = 300
+"""Number of delays that are tried [samples]."""
+_MIN_SHARE = 0.97
+"""Least share of the rows that a rule must explain; otherwise the next rule is tried."""
+_MIN_SHARE_HELD = 0.85
+"""The same for the few rows that there are when samples are held."""
 ALIKE = 0.97
-"""Channels that are nearly as like a column as the likest are tried, too."""
-_FEW = 0.25
-"""At first, when half of the rows may still be beside the wrong samples."""
-_SOME = 0.6
-"""A column of which less is explained holds something else."""
-_STILL = 4
-"""Samples in a row that are equal when one was held."""
-_CLIPPED, _INNER = 0.02, 12
-"""A limit is one that so many rows stand at; and the rows between the limits that a line needs."""
+"""Channels with at least this share of the best correlation are tried too."""
+_MIN_SHARE_FIRST = 0.25
+"""Least explained share in the first pass, in which half of the rows may be assigned to wrong samples."""
+_MIN_SHARE_SECOND = 0.6
+"""Least explained share in the second pass; a column with less holds something else."""
+_HELD_SAMPLES = 4
+"""Number of equal consecutive samples by which a held sample is recognised."""
+_MIN_LIMIT_SHARE = 0.02
+"""Least share of rows with one and the same extreme value, for a limit."""
+_MIN_INNER_ROWS = 12
+"""Least number of rows between the limits, for a line."""
 _CLOSER = 0.1
-"""Of two mistakes that explain a column the later is taken if it leaves less than this share of the other's rest."""
-_OPPOSITE, _WHOLE = 0.01, 0.2
-"""How far two gains of opposite signs may differ, and how far from a whole count their lines may meet."""
-_MIX = 24
-"""Channels that a mix may consist of."""
+"""Share of the residual of an earlier mistake below which a later mistake that explains the column is preferred."""
+_GAIN_TOLERANCE = 0.01
+"""Relative difference of two gains of opposite signs that belong to an absolute value."""
+_INTEGER_TOLERANCE = 0.2
+"""Largest distance of a zero from an integer count at which it is rounded."""
+_MAX_MIX = 24
+"""Maximum number of channels in a mix."""
 
 
 class UnlearnableError(Exception):
-    """There is nothing to learn from; says why."""
+    """The rows are too few to learn from; the message says why."""
 
 
 def learn(
@@ -54,23 +60,23 @@ def learn(
     seed: int = 0,
     steps: bool = False,
 ) -> Columns:
-    """Return the columns.
+    """Return the learned columns of a driver's rows.
 
     Args:
-        rows: what the driver handed out.
-        samples: what was sent.
-        frames: what carried it.
+        rows: printed by the driver.
+        samples: sent by the device.
+        frames: that carried the samples.
         channels: of a sample, in its order.
-        seed: of what is tried.
-        steps: samples were held, for a driver that filters: it is learned from what it says at the end of each.
+        seed: of the random choices.
+        steps: True if samples were held, for a driver that filters: only the rows at the end of each are used.
 
     Raises:
         UnlearnableError: there are too few rows.
     """
     names = _usual_names(rows)
     good = [printed for printed in rows if tuple(printed.row) == names]
-    if len(good) < LEAST_ROWS:
-        raise UnlearnableError(f"{len(good)} rows of numbers: at least {LEAST_ROWS} are needed")
+    if len(good) < MIN_ROWS:
+        raise UnlearnableError(f"{len(good)} rows of numbers: at least {MIN_ROWS} are needed")
     return _ColumnFitter(good, names, samples, frames, channels, seed, steps).columns()
 
 
@@ -95,7 +101,7 @@ class _ColumnFitter:
         width = max((len(sample.counts) for sample in samples), default=0)
         samples = [sample for sample in samples if len(sample.counts) == width]
         self.names, self.channels, self.steps = names, channels, steps
-        self.sure = _SURE_OF_STEPS if steps else _SURE
+        self.min_share = _MIN_SHARE_HELD if steps else _MIN_SHARE
         self.random = np.random.default_rng(seed)
         self._kept: dict[tuple, np.ndarray] = {}
         self.t = np.array([printed.t for printed in rows])
@@ -110,7 +116,7 @@ class _ColumnFitter:
         self.ranked = ranks(self.x[:, self.live]) if len(self.live) else np.zeros((0, 0))
 
     def _newest(self, samples: Sequence[Sample], frames: Sequence[ReceivedFrame]) -> np.ndarray:
-        """Of each row the sample that the last frame before it carried; without frames, the last that was taken."""
+        """Return the sample index of the last frame before each row; without frames, the last sample before it."""
         at = {sample.number: k for k, sample in enumerate(samples)}
         carried = [(f.t, at[f.sample]) for f in frames if f.way == "tx" and f.sample in at]
         carried = carried or [(sample.t, k) for k, sample in enumerate(samples)]
@@ -121,20 +127,22 @@ class _ColumnFitter:
         return np.where(last >= 0, index[np.maximum(last, 0)], -1)
 
     def _keep_settled_rows(self) -> None:
-        """Leave the rows that come when a sample has been held longest."""
+        """Keep only the rows that come when a sample has been held longest."""
         changes = np.append(np.any(np.diff(self.x, axis=0) != 0, axis=1), False)
-        still = np.convolve(~changes, np.ones(_STILL))[: len(changes)] == _STILL - 1  # but for the change after it
-        last = changes & still  # a device may filter, too: its samples go on changing for a while
-        rests = (self.newest >= 0) & last[self.newest] if len(last) else np.zeros(len(self.t), bool)
-        self.t, self.y, self.newest = self.t[rests], self.y[rests], self.newest[rests]
-        if len(self.t) < LEAST_ROWS:
-            raise UnlearnableError(f"{len(self.t)} rows at the end of a sample that was held: {LEAST_ROWS} are needed")
+        still = (
+            np.convolve(~changes, np.ones(_HELD_SAMPLES))[: len(changes)] == _HELD_SAMPLES - 1
+        )  # except the change after it
+        last = changes & still  # a device may filter too: its samples go on changing for a while
+        settled = (self.newest >= 0) & last[self.newest] if len(last) else np.zeros(len(self.t), bool)
+        self.t, self.y, self.newest = self.t[settled], self.y[settled], self.newest[settled]
+        if len(self.t) < MIN_ROWS:
+            raise UnlearnableError(f"{len(self.t)} rows at the end of a sample that was held: {MIN_ROWS} are needed")
 
     def columns(self) -> Columns:
-        """What was learned."""
+        """Learn the columns and return them."""
         if self.open and len(self.live):
             index = self._aligned()
-            for least in (_FEW, _SOME):  # once more with the rows where they belong
+            for least in (_MIN_SHARE_FIRST, _MIN_SHARE_SECOND):  # again with the rows at their own samples
                 for k in self.open:
                     self.columns_[k] = self._fit(k, index, least)
                 found = Columns(self.columns_, list(self.channels))
@@ -144,16 +152,16 @@ class _ColumnFitter:
             self._mixes(index)
         return Columns(self.columns_, list(self.channels), self.steps)
 
-    # -- when ----------------------------------------------------------------------------------------------------------
+    # -- delay ---------------------------------------------------------------------------------------------------------
 
     def _aligned(self) -> np.ndarray:
-        """Of each row the number of its sample, as far as the delay is always the same; -1: before the first."""
+        """Return the sample index of each row under a constant delay; -1 before the first sample."""
         ry = ranks(self.y[:, self.open[:16]])
         score, lag = self._lag(ry, self.ranked)
         if score < 0.5 * ry.shape[1]:
             if (wandering := self._by_sequence()) is not None:
                 return wandering
-            tried = [  # perhaps every column is read wrong
+            tried = [  # every column may be decoded wrongly
                 self._lag(ry, ranks(_transformed(how, self.x[:, channels])))
                 for how in TRANSFORMS
                 if how != "line" and len(channels := self._tried(how, self.x))
@@ -162,23 +170,26 @@ class _ColumnFitter:
         return self.newest - lag
 
     def _lag(self, ry: np.ndarray, ranked: np.ndarray) -> tuple[float, int]:
-        """Return how like the columns are to channels at the delay where they are most, and that delay."""
+        """Return the best score of the rank correlation of columns and channels, and its delay."""
         scores = []
-        for lag in range(min(_LAGS, max(1, len(self.x) - LEAST_ROWS))):
+        for lag in range(min(_MAX_LAG, max(1, len(self.x) - MIN_ROWS))):
             index = self.newest - lag
             ok = index >= 0
-            like = np.abs(ry[ok].T @ ranked[index[ok]]) / max(1, ok.sum()) if ok.sum() >= LEAST_ROWS else 0.0
+            like = np.abs(ry[ok].T @ ranked[index[ok]]) / max(1, ok.sum()) if ok.sum() >= MIN_ROWS else 0.0
             scores.append(float(np.sum(np.max(like, axis=1))) if np.ndim(like) else 0.0)
         return max(scores), int(np.argmax(scores))
 
     def _tried(self, how: str, x: np.ndarray) -> np.ndarray:
-        """Return the channels that are tried after a mistake; only a sign is lost where counts are no whole numbers."""
+        """Return the channels that are tried after a mistake; without integer counts, only for an absolute value."""
         live = self.live[:8]
-        whole = how == ABSOLUTE or np.array_equal(x[:, live], np.rint(x[:, live]))
-        return self.live[:256] if whole else np.zeros(0, int)
+        applies = how == ABSOLUTE or np.array_equal(x[:, live], np.rint(x[:, live]))
+        return self.live[:256] if applies else np.zeros(0, int)
 
     def _by_sequence(self, width: int = 9) -> np.ndarray | None:
-        """Where the delay wanders: somewhere nine rows in a row are nine samples in a row; from there on by value."""
+        """Return the sample index of each row under a drifting delay, or None.
+
+        Nine consecutive rows that match nine consecutive samples give a line, and the line gives all other rows.
+        """
         for i in range(5, len(self.y) - width, max(1, len(self.y) // 16)):
             low, high = max(0, self.newest[i] - 600), min(self.newest[i] + 1, len(self.x) - width)
             if high - low < 2:
@@ -199,7 +210,7 @@ class _ColumnFitter:
         return None
 
     def _followed(self, k: int, c: int, gain: float, offset: float, tolerance: float) -> np.ndarray:
-        """Return the sample of each row by one column: of those that fit, the nearest to the one after the last."""
+        """Return the sample index of each row by one column: of those that fit, the nearest to the next one."""
         index, last = np.full(len(self.y), -1), None
         for i, newest in enumerate(self.newest):
             low = max(0, newest - 2000)
@@ -210,7 +221,7 @@ class _ColumnFitter:
         return index
 
     def _matched(self, columns: Columns, index: np.ndarray) -> np.ndarray:
-        """Return each row at the sample that most of its columns name, among the last of what had left by then."""
+        """Return for each row the index of the recent sample with which most of its columns agree."""
         expected, slack = columns.expected(self.x), columns.slack(self.x)
         names = {name: k for k, name in enumerate(self.names)}
         y = self.y[:, [names[name] for name in columns.names]]
@@ -223,13 +234,13 @@ class _ColumnFitter:
                 found[i] = best[np.abs(best - index[i]).argmin()]
         return found
 
-    # -- what ----------------------------------------------------------------------------------------------------------
+    # -- content -------------------------------------------------------------------------------------------------------
 
     def _fit(self, k: int, index: np.ndarray, least: float) -> Column:
         ok = index >= 0
         x, y = self.x[index[ok]], self.y[ok, k]
         best = Column(self.names[k])
-        own, rest = ranks(y[:, None])[:, 0], np.inf
+        own, residual = ranks(y[:, None])[:, 0], np.inf
         like = np.abs(own @ self.ranked[index[ok]]) / max(1, len(y))
         for how, transform in TRANSFORMS.items():
             if how == "line":
@@ -246,72 +257,78 @@ class _ColumnFitter:
             for c, (gain, offset, tolerance, share) in fits:
                 found = Column(self.names[k], "value", int(c), how, gain, offset, tolerance, zero=zeros[c], share=share)
                 off = max(float(np.abs(found.of(x) - y).mean()), 1e-6 * float(np.ptp(y)))
-                closer = min(share, best.share) > self.sure and off < _CLOSER * rest
+                closer = min(share, best.share) > self.min_share and off < _CLOSER * residual
                 if share > best.share + 0.02 or closer:
-                    best, rest = found, off
-                    same = [(int(k), fit) for k, fit in fits if min(share, fit[3]) > self.sure and k != best.channel]
+                    best, residual = found, off
+                    same = [
+                        (int(k), fit) for k, fit in fits if min(share, fit[3]) > self.min_share and k != best.channel
+                    ]
                     best.also = [k for k, _ in same]
                     self._decide_by_name(best, same)
-            if how == "line" and best.share > self.sure:
+            if how == "line" and best.share > self.min_share:
                 break
-        if best.share < self.sure:
+        if best.share < self.min_share:
             best = self._clipped(k, x, y, like) or best
-        if best.share < self.sure:
+        if best.share < self.min_share:
             best = self._curve(k, x, y, int(self.live[np.argmax(like)])) or best
         if best.share < least:
             return Column(self.names[k])
-        if best.also:  # two channels are the same: nobody can tell which it is
+        if best.also:  # two channels are equal: the column may hold either
             best.also = [best.channel, *best.also]
         return best
 
     def _decide_by_name(self, best: Column, same: list[tuple[int, tuple[float, float, float, float]]]) -> None:
-        """Give a column that could hold several channels the one that its name tells."""
-        told = [
+        """Give a column that could hold several channels the one that its name states."""
+        named = [
             k for k in (best.channel, *best.also) if k < len(self.channels) and is_named(best.name, self.channels[k])
         ]
-        if not best.also or len(told) != 1:
+        if not best.also or len(named) != 1:
             return
         best.also = []
         for k, (gain, offset, tolerance, share) in same:
-            if k == told[0]:
+            if k == named[0]:
                 best.channel, best.gain, best.offset, best.tolerance, best.share = k, gain, offset, tolerance, share
 
     def _turned(self, how: str, x: np.ndarray, channels: np.ndarray) -> np.ndarray:
-        """Return the ranks of the channels after a mistake; kept, since each column asks for the same."""
+        """Return the ranks of the channels after a mistake; cached, since every column needs them."""
         key = (how, len(x), float(x.sum()))
         if key not in self._kept:
             self._kept[key] = ranks(_transformed(how, x[:, channels]))
         return self._kept[key]
 
     def _zero(self, x: np.ndarray, y: np.ndarray) -> float:
-        """Return the count at which two lines of opposite gains meet; 0 where the rows are on no such lines."""
+        """Return the count at which two lines of opposite gains meet, or 0 if the rows lie on no such lines."""
         gain, offset, tolerance, share = line(x, y, self.random, steps=self.steps)
         left = np.abs(gain * x + offset - y) > tolerance
         other, its_offset, _, its_share = line(x[left], y[left], self.random, steps=self.steps)
-        if not other or not np.isclose(other, -gain, rtol=_OPPOSITE) or share + its_share * left.mean() < self.sure:
+        if (
+            not other
+            or not np.isclose(other, -gain, rtol=_GAIN_TOLERANCE)
+            or share + its_share * left.mean() < self.min_share
+        ):
             return 0.0
         zero = (its_offset - offset) / (gain - other)
-        whole = np.array_equal(x, np.rint(x)) and abs(zero - round(zero)) < _WHOLE
-        return float(round(zero)) if whole else float(zero)
+        is_integer = np.array_equal(x, np.rint(x)) and abs(zero - round(zero)) < _INTEGER_TOLERANCE
+        return float(round(zero)) if is_integer else float(zero)
 
     def _clipped(self, k: int, x: np.ndarray, y: np.ndarray, like: np.ndarray) -> Column | None:
-        """Return a line of a channel between limits beyond which the column stays where it is."""
+        """Return a column that is a line of a channel, clipped at one or two limits, or None."""
         low, high = float(y.min()), float(y.max())
-        ends = [end for end in (low, high) if (y == end).sum() >= max(5, _CLIPPED * len(y))]
+        ends = [end for end in (low, high) if (y == end).sum() >= max(5, _MIN_LIMIT_SHARE * len(y))]
         inner = ~np.isin(y, ends)
-        if not ends or inner.sum() < _INNER:
+        if not ends or inner.sum() < _MIN_INNER_ROWS:
             return None
         first = np.argsort(-like)[:3]
         for c in self.live[first[like[first] > ALIKE * like[first[0]]]]:
             counts = x[:, c]
             gain, offset, tolerance, share = line(counts[inner], y[inner], self.random, steps=self.steps)
-            if share < self.sure:
+            if share < self.min_share:
                 continue
-            whole = gain * counts + offset
+            unclipped = gain * counts + offset
             limits = (low if low in ends else -np.inf, high if high in ends else np.inf)
-            beyond = np.abs(np.clip(whole, *limits) - whole) > 3 * tolerance + 2 * abs(gain)
-            share = float((np.abs(np.clip(whole, *limits) - y) <= tolerance).mean())
-            if share < self.sure or beyond.mean() < _CLIPPED:
+            beyond = np.abs(np.clip(unclipped, *limits) - unclipped) > 3 * tolerance + 2 * abs(gain)
+            share = float((np.abs(np.clip(unclipped, *limits) - y) <= tolerance).mean())
+            if share < self.min_share or beyond.mean() < _MIN_LIMIT_SHARE:
                 continue
             at = sorted({float(counts.min()), float(counts.max()), *((end - offset) / gain for end in ends)})
             table = [[float(a), float(np.clip(gain * a + offset, *limits))] for a in at]
@@ -319,12 +336,12 @@ class _ColumnFitter:
         return None
 
     def _curve(self, k: int, x: np.ndarray, y: np.ndarray, c: int) -> Column | None:
-        """Return a table of the channel, if the column rises or falls with it."""
+        """Return a column that is a table of a channel with which it rises or falls, or None."""
         counts, values = x[:, c], y
         order = np.argsort(counts, kind="stable")
         steps = np.diff(values[order])
         rising = (steps >= 0).mean()
-        if max(rising, (steps <= 0).mean()) < self.sure or np.ptp(counts) == 0:
+        if max(rising, (steps <= 0).mean()) < self.min_share or np.ptp(counts) == 0:
             return None
         known, first = np.unique(counts[order], return_inverse=True)
         table = np.array([np.median(values[order][first == n]) for n in range(len(known))])
@@ -341,9 +358,9 @@ class _ColumnFitter:
         )  # fmt: skip
 
     def _mixes(self, index: np.ndarray) -> None:
-        """Columns of which nothing else is known may be sums: by least squares, over few channels only."""
+        """Explain the remaining columns as weighted sums of few channels, by least squares."""
         ok = index >= 0
-        if len(self.live) * 2 + LEAST_ROWS > ok.sum():
+        if len(self.live) * 2 + MIN_ROWS > ok.sum():
             return
         x = np.column_stack([self.x[index[ok]][:, self.live], np.ones(ok.sum())])
         for k in self.open:
@@ -355,7 +372,7 @@ class _ColumnFitter:
             tolerance = max(3 * float(np.quantile(off, 0.99)), 1e-6 * float(np.ptp(y)))
             spread = float(np.ptp(y))
             heavy = np.flatnonzero(np.abs(weights[:-1]) * np.ptp(x[:, :-1], axis=0) > 1e-3 * spread)
-            if tolerance > 0.02 * spread or not 0 < len(heavy) <= _MIX:
+            if tolerance > 0.02 * spread or not 0 < len(heavy) <= _MAX_MIX:
                 continue
             self.columns_[k] = Column(
                 self.names[k], "value", int(self.live[heavy[np.argmax(np.abs(weights[heavy]))]]), "mix",
@@ -365,12 +382,12 @@ class _ColumnFitter:
 
 
 def _transformed(how: str, x: np.ndarray) -> np.ndarray:
-    """Return counts after a mistake; an absolute value is taken about the middle, until its zero is known."""
+    """Return counts after a mistake; an absolute value is taken about the median, until its zero is known."""
     return TRANSFORMS[how](x - (np.median(x, axis=0) if how == ABSOLUTE else 0.0))
 
 
 def _role(name: str, y: np.ndarray) -> Column:
-    """What a column is by itself: a flag never moves, a counter and a clock rise."""
+    """Return a column with its role by its own values: a flag is constant, a counter or a clock rises."""
     if not np.isfinite(y).all():
         return Column(name, "other")
     if np.ptp(y) == 0:
@@ -378,6 +395,6 @@ def _role(name: str, y: np.ndarray) -> Column:
     steps = np.diff(y)
     rising, climbs = (steps >= 0).mean() > 0.97, (steps > 0).mean() > 0.3
     if rising and climbs:
-        whole = bool(np.array_equal(y, np.rint(y))) and float(np.median(steps[steps > 0])) < 1000
-        return Column(name, "counter" if whole else "time")
+        counts = bool(np.array_equal(y, np.rint(y))) and float(np.median(steps[steps > 0])) < 1000
+        return Column(name, "counter" if counts else "time")
     return Column(name, "other")

@@ -21,11 +21,10 @@ from tactemu.judge.excitation import columns_of
 
 ROLES = ("value", "flag", "counter", "time", "other")
 
-
 Transform = Callable[[np.ndarray], np.ndarray]
 
 
-def _whole(x: np.ndarray) -> np.ndarray:
+def _as_integers(x: np.ndarray) -> np.ndarray:
     return np.rint(x).astype(np.int64)
 
 
@@ -33,7 +32,7 @@ def _swapped(kind: str, unit: str = "u1") -> Transform:
     """Return a transform that reverses the order of the units (bytes, or words) of integers of a NumPy type."""
 
     def swap(x: np.ndarray) -> np.ndarray:
-        values = _whole(x).astype(kind)
+        values = _as_integers(x).astype(kind)
         parts = np.ascontiguousarray(values).view(unit).reshape(*values.shape, -1)
         return np.ascontiguousarray(parts[..., ::-1]).view(kind)[..., 0].astype(float)
 
@@ -41,12 +40,12 @@ def _swapped(kind: str, unit: str = "u1") -> Transform:
 
 
 def _unsigned(bits: int) -> Transform:
-    return lambda x: (_whole(x) & (1 << bits) - 1).astype(float)
+    return lambda x: (_as_integers(x) & (1 << bits) - 1).astype(float)
 
 
 def _signed(bits: int) -> Transform:
     half = 1 << bits - 1
-    return lambda x: (((_whole(x) + half) & (1 << bits) - 1) - half).astype(float)
+    return lambda x: (((_as_integers(x) + half) & (1 << bits) - 1) - half).astype(float)
 
 
 ABSOLUTE = "absolute value"
@@ -60,25 +59,25 @@ TRANSFORMS: dict[str, Transform] = {
     "int32 with its words swapped": _swapped("<i4", "<u2"),
     ABSOLUTE: np.abs,
 }  # fmt: skip
-"""How a count becomes what the driver's line starts from. All but the first are mistakes, or might be."""
+"""Transforms of counts, applied before the line of a column. All but the first are possible mistakes."""
 TABLES = ("curve", "fold", "clipped")
-"""Ways to read a channel that are kept as a table of counts and values."""
+"""Values of :attr:`Column.how` that are stored as a table of counts and values."""
 MISTAKES = {name for name in TRANSFORMS if name != "line"} | {"fold"}
 FLAT = 0.2
-"""Share of a channel's counts over which a right column may read the same; a coarse scale has steps of this size."""
+"""Share of a channel's counts over which a correct column may read one value, as a coarse scale does."""
 
 
 @dataclass(frozen=True)
 class Channel:
-    """One number of what a perfect driver decodes."""
+    """One number of a sample, as a perfect driver decodes it."""
 
     name: str
-    """``skin.taxel.column``, as far as there are several."""
+    """The name ``skin.taxel.column``, without the parts of which there is only one."""
     axis: str = ""
     unit: str = ""
     counts_per_unit: float | None = None
     skin: str = ""
-    """Of several."""
+    """The name of the skin; "" if there is only one."""
 
 
 @dataclass
@@ -88,28 +87,28 @@ class Column:
     name: str
     role: str = "other"
     channel: int = -1
-    """Of :attr:`Columns.channels`; of a mix the one that weighs most."""
+    """The index in :attr:`Columns.channels`; of a mix, the channel with the largest weight."""
     how: str = "line"
     """A key of :data:`TRANSFORMS`, an entry of :data:`TABLES`, ``mix`` or ``filter``."""
     gain: float = 1.0
     offset: float = 0.0
     tolerance: float = 0.0
-    """In units of the column."""
+    """The largest deviation of a right value, in units of the column."""
     constant: float = 0.0
-    """Of a flag."""
+    """The value of a flag."""
     zero: float = 0.0
-    """The count of which an absolute value is 0."""
+    """The count at which an absolute value is 0."""
     weights: dict[str, float] = field(default_factory=dict)
-    """Of a mix, by number of the channel."""
+    """The weights of a mix, by channel number."""
     table: list[list[float]] = field(default_factory=list)
     """Counts and values of a column whose :attr:`how` is in :data:`TABLES`."""
     share: float = 0.0
-    """Of the clean rows that it is true of."""
+    """The share of the clean rows that the column's rule explains."""
     also: list[int] = field(default_factory=list)
-    """Channels that it could hold just as well."""
+    """Channels that the column could hold just as well."""
 
     def of(self, counts: np.ndarray) -> np.ndarray:
-        """What the column should read for samples, shape ``(n_samples, n_channels)``."""
+        """Return the values that the column should read for counts of shape ``(n_samples, n_channels)``."""
         if self.how == "mix":
             at = np.array([int(k) for k in self.weights])
             return counts[:, at] @ np.array(list(self.weights.values())) + self.offset
@@ -121,10 +120,10 @@ class Column:
         return self.gain * transform(x - self.zero) + self.offset
 
     def slack(self, counts: np.ndarray) -> np.ndarray:
-        """How far a right value may be from :meth:`of`, shape ``(n_samples,)``.
+        """Return the largest deviation of a right value from :meth:`of`, shape ``(n_samples,)``.
 
-        Of a curve as far as its neighbours in the table, between which it must lie; beyond the table's ends three times
-        as far as it goes on rising there.
+        On a curve it is the distance to the neighbours in the table; beyond the table's ends it grows with three times
+        the last slope.
         """
         if self.how not in ("curve", "fold") or len(self.table) < 2:
             return np.full(len(counts), self.tolerance)
@@ -132,7 +131,7 @@ class Column:
         known, values = np.array(self.table).T
         high = np.clip(np.searchsorted(known, x), 1, len(known) - 1)
         step = np.abs(values[high] - values[high - 1])
-        if self.how == "fold":  # where it falls back lies somewhere between two entries
+        if self.how == "fold":  # the value falls back somewhere between two entries
             step = np.maximum(step, self.tolerance)
         beyond = np.maximum(0.0, np.maximum(known[0] - x, x - known[-1])) / (known[high] - known[high - 1])
         between = np.where(np.isin(x, known), 0.0, step)
@@ -146,7 +145,7 @@ class Columns:
     columns: list[Column] = field(default_factory=list)
     channels: list[Channel] = field(default_factory=list)
     steps: bool = False
-    """The driver filters: values are held, and rows between them are on their way."""
+    """True for a driver that filters: samples are held, and rows may lie on the way from one to the next."""
 
     def __post_init__(self):
         self.values = [column for column in self.columns if column.role == "value"]
@@ -154,39 +153,41 @@ class Columns:
         self.names = [column.name for column in self.values]
 
     def by_skin(self) -> list[np.ndarray]:
-        """Of each skin the places of its columns among the value columns."""
+        """Return the indices of the value columns of each skin."""
         skins = [self.channels[c.channel].skin if c.channel < len(self.channels) else "" for c in self.values]
         return [np.array([k for k, skin in enumerate(skins) if skin == each]) for each in dict.fromkeys(skins)]
 
     def expected(self, counts: np.ndarray) -> np.ndarray:
-        """What the value columns should read, shape ``(n_samples, n_values)``."""
+        """Return the values that the value columns should read, shape ``(n_samples, n_values)``."""
         if not len(counts) or not self.values:
             return np.zeros((len(counts), len(self.values)))
         if any(column.channel >= counts.shape[1] for column in self.values):
-            raise TactemuError("the columns were learned from another device: one of its channels is not there")
+            raise TactemuError(
+                "the columns were learned from another device: a channel is missing; delete the file of --columns"
+            )
         return np.stack([column.of(counts) for column in self.values], axis=1)
 
     def slack(self, counts: np.ndarray) -> np.ndarray:
-        """How far a right value may be from :meth:`expected`, shape ``(n_samples, n_values)``."""
+        """Return the largest deviations of right values from :meth:`expected`, shape ``(n_samples, n_values)``."""
         if not len(counts) or not self.values:
             return np.zeros((len(counts), len(self.values)))
         return np.stack([column.slack(counts) for column in self.values], axis=1)
 
     def row(self, row: Mapping[str, float]) -> np.ndarray | None:
-        """Return the values of a row; ``None`` where it lacks some."""
+        """Return the values of a row, or None if it lacks some."""
         try:
             return np.array([row[name] for name in self.names])
         except KeyError:
             return None
 
     def marked(self, row: Mapping[str, float]) -> bool:
-        """Whether the driver says of this row that something is wrong: a flag that never moved has."""
+        """Return True if the driver marks the row as bad: a flag has changed that was constant in the clean run."""
         return any(row.get(flag.name, flag.constant) != flag.constant for flag in self.flags)
 
     # -- for people ----------------------------------------------------------------------------------------------------
 
     def describe(self) -> list[tuple[str, str]]:
-        """Of each column what it holds, in words; runs of columns that hold runs of channels are one entry."""
+        """Return name and content of each column as text; consecutive columns of consecutive channels are one entry."""
         lines: list[tuple[str, str]] = []
         for run in _runs(self.values):
             first, last = run[0], run[-1]
@@ -242,28 +243,28 @@ class Columns:
     # -- as data -------------------------------------------------------------------------------------------------------
 
     def as_dict(self) -> dict[str, Any]:
-        """As plain data."""
+        """Return the columns as JSON data."""
         columns = [{k: v for k, v in asdict(c).items() if v != _DEFAULTS[k]} for c in self.columns]
         return {"steps": self.steps, "columns": columns, "channels": [asdict(channel) for channel in self.channels]}
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Columns:
-        """From plain data.
+        """Return the columns from the data of :meth:`as_dict`.
 
         Raises:
-            TypeError, KeyError: it is none.
+            TypeError, KeyError: the data has another form.
         """
         columns = [Column(**each) for each in data["columns"]]
         return cls(columns, [Channel(**each) for each in data.get("channels", ())], bool(data.get("steps")))
 
     def save(self, path: Path) -> None:
-        """Write it as TOML, one table a column.
+        """Write the columns as TOML, one table for each.
 
         Raises:
-            TactemuError: it cannot be written.
+            TactemuError: the file cannot be written.
         """
         lines = [
-            "# What the columns of the driver's rows hold. `role` is value, flag, counter, time or other;",
+            "# The columns of the driver's rows. `role` is value, flag, counter, time or other;",
             "# a value is  gain * counts of the channel + offset  within the tolerance.",
             f"steps = {json.dumps(self.steps)}",
         ]
@@ -282,7 +283,7 @@ class Columns:
         """Return the columns in a file.
 
         Raises:
-            TactemuError: it cannot be read, or says what is not so.
+            TactemuError: the file cannot be read or is no file of columns, or a role or channel does not exist.
         """
         try:
             found = cls.from_dict({**tomllib.loads(path.read_text(encoding="utf-8")), "channels": ()})
@@ -311,7 +312,7 @@ def _toml(value: Any) -> str:
 
 
 def _runs(values: Sequence[Column]) -> list[list[Column]]:
-    """Return columns that follow one another and hold channels that do."""
+    """Return the columns in runs: consecutive columns of consecutive channels with the same scale."""
     runs: list[list[Column]] = []
     for column in values:
         last = runs[-1][-1] if runs else None
@@ -325,7 +326,7 @@ def _runs(values: Sequence[Column]) -> list[list[Column]]:
 
 
 def channels_of(devices: Mapping[str, Device], shapes: Sequence[tuple[str, str, tuple[int, ...]]]) -> list[Channel]:
-    """Return names of the channels of a sample.
+    """Return the channels of a sample.
 
     Args:
         devices: by skin.
@@ -361,7 +362,7 @@ def _taxel(device: Device, k: int) -> str:
 
 
 def flat_part(column: Column) -> float:
-    """Return the share of a channel's counts over which a column read from a table reads one and the same value."""
+    """Return the largest share of a channel's counts over which a column with a table reads one value."""
     if column.how not in TABLES or len(column.table) < 2:
         return 0.0
     known, values = np.array(column.table).T

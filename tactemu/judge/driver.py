@@ -156,7 +156,7 @@ class Driver:
                 next_look = max(next_look + RESOURCE_PERIOD_S, time.monotonic())
                 if self.process.returncode is None:
                     pid = self.process.pid
-                    self.resource_usage.append(ResourceUsage(now, *processes.weight(pid)))
+                    self.resource_usage.append(ResourceUsage(now, *processes.resource_usage(pid)))
                     self.delays.append(SchedulingDelay(now, round(1e9 * overslept), processes.queued_ns(pid)))
         for stream in (*self._streams, self._stop):
             os.close(stream)

@@ -1,4 +1,4 @@
-"""Where a driver meets its device: the emulator on a port, fed by the excitation, with everything recorded."""
+"""The test rig of a driver: an emulator on a port, fed by the excitation, with everything recorded."""
 
 from __future__ import annotations
 
@@ -21,18 +21,20 @@ from tactemu.scene.building import make_devices
 from tactemu.session.serving import Served, serve
 from tactemu.wire.wire import Wire
 
-BEYOND, BEYOND_WIDE = 5.0, 20.0
-"""Factor of the forces that saturate a device; wide channels are excited over a tenth of their range."""
-_TURN_S = 10.0
-"""Within which the emulator's loop does what it is told."""
+OVERLOAD = 5.0
+"""Factor on the forces that saturates a device."""
+OVERLOAD_WIDE = 20.0
+"""The same for wide channels, which are excited over a tenth of their range only."""
+_CALL_TIMEOUT_S = 10.0
+"""Time within which the emulator's loop must run a call [s]."""
 
 
 class DriverRig:
-    """A device or scene file, judged: use it in a ``with`` statement.
+    """The emulator of a device or scene file on which drivers are judged; use it in a ``with`` statement.
 
     Args:
         target: as for :func:`tactemu.serve`.
-        port: likewise.
+        port: as for :func:`tactemu.serve`.
         seed: of the excitation and of the faults.
         options: of the device.
         rate_hz: sampling rate; default: the device's own.
@@ -65,28 +67,28 @@ class DriverRig:
 
     def __enter__(self) -> DriverRig:
         if self._on_can:
-            # A bus on one multicast group hears all others on its UDP port: judges beside this one, above all.
-            # python-can reads this variable, here and in the driver's process.
+            # A multicast bus receives every frame on its UDP port, also those of judges that run beside this one.
+            # python-can reads this variable here and in the driver's process.
             os.environ.setdefault("CAN_CONFIG", json.dumps({"port": 20_000 + os.getpid() % 20_000}))
         self.served.start()
         self.emulator = self.served.emulator
         self.wires: list[Wire] = self.emulator.wires
         self.periods = {c.name: dict(c.device.periods) for c in self.emulator.channels}
-        """The firmware's sampling periods before any driver came, by skin and stream."""
+        """The firmware's sampling periods before a driver connects, by skin and stream."""
         return self
 
     def __exit__(self, *_) -> None:
         self.served.stop()
 
-    # -- what it is ----------------------------------------------------------------------------------------------------
+    # -- properties ----------------------------------------------------------------------------------------------------
 
     @property
     def ports(self) -> dict[str, str]:
-        """What drivers open, by skin."""
+        """The ports that drivers open, by skin."""
         return self.served.ports
 
     def channels(self) -> list[Channel]:
-        """Return names of the numbers in a sample, in its order."""
+        """Return the channels of a sample, in its order."""
         devices = {channel.name: channel.device for channel in self.emulator.channels}
         shapes, seen = [], set()
         for sample in self.emulator.truth.samples[-64:]:
@@ -104,7 +106,7 @@ class DriverRig:
         return min((period for period in periods if period), default=10_000_000) / 1e9
 
     def facts(self, since: int, rows: int) -> LineFacts:
-        """What the plan depends on, as seen since a time in which there were so many rows."""
+        """Return the facts on which the plan depends, from the traffic since a time, with the number of rows since."""
         recorder, wire = self.recorder, self.wires[0]
         frames = [frame for frame in recorder.frames if frame.t >= since]
         tx, rx = [f.data for f in frames if f.way == "tx"], [f.data for f in frames if f.way == "rx"]
@@ -127,13 +129,13 @@ class DriverRig:
             taxels=sum(len(c.device.layout) for c in self.emulator.channels), numbered=bool(device.rollovers),
         )  # fmt: skip
 
-    # -- what is done to it --------------------------------------------------------------------------------------------
+    # -- actions -------------------------------------------------------------------------------------------------------
 
     def do(self, action: Callable[[], object]) -> int:
-        """Have the emulator's loop do something; the monotonic time [ns] at which it was done.
+        """Run an action in the emulator's loop, and return the monotonic time at which it was done [ns].
 
         Raises:
-            TactemuError: what it raised, or that the emulator has stopped.
+            TactemuError: the action raised it, or the emulator does not respond.
         """
         done, box = threading.Event(), []
 
@@ -146,31 +148,31 @@ class DriverRig:
             done.set()
 
         self.emulator.call(act)
-        if not done.wait(_TURN_S):
+        if not done.wait(_CALL_TIMEOUT_S):
             self.served.stop()
-            raise TactemuError("the emulator does not turn")
+            raise TactemuError(f"the emulator's loop has not responded for {_CALL_TIMEOUT_S:g} s")
         if len(box) > 1:
             raise box[0]
         return box[0]
 
     def release(self) -> None:
-        """Let the skin feel nothing: drivers tare and calibrate when they open."""
+        """Remove all loads from the skins: drivers tare and calibrate when they open."""
         self.excitation.mode = "untouched"
 
     def excite(self, steps: bool = False) -> None:
-        """Let it feel something else at every sample, or at every eighth."""
+        """Apply new loads at every sample or, with ``steps``, hold them for :data:`~.excitation.STEP` samples."""
         self.excitation.hold_ns = round(STEP * self.period_s * 1e9)
         self.excitation.mode = "steps" if steps else "random"
 
     def rate(self, hz: float | None) -> None:
-        """Sample at another rate; ``None``: at the device's own again."""
+        """Set the sampling rate; ``None`` restores the device's own."""
         now = self.emulator.now_ns
         for channel in self.emulator.channels:
             channel.wanted_periods = {} if hz is None else dict.fromkeys(channel.device.periods, round(1e9 / hz))
             channel.apply_changes(now)
 
     def begin(self, trial: Trial) -> int:
-        """Switch a trial's faults on, and do what it does; returns when."""
+        """Switch a trial's faults on, start its action, and return the time [ns]."""
 
         def act() -> None:
             for text in trial.faults:
@@ -197,8 +199,8 @@ class DriverRig:
                 self.rate(trial.rate_hz)
                 self._undo.append(lambda: self.rate(self._usual_rate))
             case "saturate":
-                self.excitation.beyond = BEYOND_WIDE if self._is_wide else BEYOND
-                self._undo.append(lambda: setattr(self.excitation, "beyond", 1.0))
+                self.excitation.overload = OVERLOAD_WIDE if self._is_wide else OVERLOAD
+                self._undo.append(lambda: setattr(self.excitation, "overload", 1.0))
             case "dead":
                 self.excitation.dead = dict.fromkeys(self.excitation.spans, self.excitation.seed)
                 self._undo.append(self.excitation.dead.clear)
@@ -209,7 +211,7 @@ class DriverRig:
         return any(column.high - column.low > WIDE for column in columns)
 
     def finish(self) -> int:
-        """Switch off what is on; returns when."""
+        """Switch the trial's faults and action off, and return the time [ns]."""
 
         def act() -> None:
             for wire, fault in self._faults:
@@ -224,13 +226,13 @@ class DriverRig:
     _usual_rate: float | None = None
 
     def speed_up(self, hz: float) -> None:
-        """Sample faster than the device does by itself, for as long as it is judged."""
+        """Sample faster than the device's own rate until the end of the run."""
         self._usual_rate = hz
         self.do(lambda: self.rate(hz))
 
 
 def _literal_replies(device: Device) -> list[str]:
-    """Return answers to the device's commands that are the same each time, as hex."""
+    """Return the constant answers of the device's commands, as hex."""
     found = []
     for command in device.commands:
         replies = command.reply if isinstance(command.reply, list | tuple) else [command.reply]

@@ -1,4 +1,4 @@
-"""A driver at its device: started, watched and ended; all that both sides have seen becomes a record."""
+"""A driver at its device: start, observation and end of its process, and records of what both sides did."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from tactemu.judge.plan import LineFacts
 from tactemu.judge.row_tracking import RowTracker, left_times, recovered
 from tactemu.judge.trial_record import TrialRecord
 
-LOOK_S = 0.02
-"""Time from look to look at what the driver prints [s]."""
-LONGEST_S = 8.0
-"""Time for a driver that says nothing at all to be well again, granted once: it may have a time-out [s]."""
+POLL_PERIOD_S = 0.02
+"""Time between two checks of the driver's output [s]."""
+SILENT_TIMEOUT_S = 8.0
+"""Time in which a silent driver may recover, granted once, since it may have a long timeout of its own [s]."""
 
 
 class DriverSession:
@@ -30,9 +30,9 @@ class DriverSession:
 
     Args:
         target: a device's name, a device file, or a scene file.
-        command: the driver's, ``{port}`` where it takes the port.
-        options: how.
-        report_progress: told what is going on.
+        command: of the driver, with ``{port}`` for the port.
+        options: of the run.
+        report_progress: called with a description of each step.
     """
 
     def __init__(
@@ -49,10 +49,10 @@ class DriverSession:
         self.driver: Driver | None = None
         self.columns, self.known, self.facts = Columns(), CleanRun(), LineFacts()
         self.starts: list[float] = []
-        """How long the driver took to print its first row [s]."""
+        """Times from each start of the driver to its first row [s]."""
         self.left_behind = 0
-        """Processes that had left the driver's session."""
-        self._longest = LONGEST_S
+        """Largest number of processes that had left the driver's session."""
+        self._silent_timeout_s = SILENT_TIMEOUT_S
         self._numbers = 0
 
     def __enter__(self) -> Self:
@@ -65,19 +65,19 @@ class DriverSession:
         finally:
             self.rig.__exit__()
 
-    # -- its life ------------------------------------------------------------------------------------------------------
+    # -- start and end -------------------------------------------------------------------------------------------------
 
     def end(self) -> None:
-        """End the driver and all that it started."""
+        """End the driver and all processes that it started."""
         if self.driver is not None:
             self.left_behind = max(self.left_behind, self.driver.end())
             self.driver = None
 
     def start(self) -> str:
-        """Start the driver anew and let it tare; returns why it does not read, or nothing.
+        """Start the driver anew and let it tare; return why it prints no rows, "" if it does.
 
         Raises:
-            TactemuError: the command cannot be run, and never could.
+            TactemuError: the command cannot be run at its first start.
         """
         self.end()
         self.rig.release()
@@ -90,13 +90,13 @@ class DriverSession:
             return f"died: {error}"
         patience = DriverTimeout(self.options.start_s)
         while not driver.rows and driver.exit is None and not driver.flooded and not patience.is_over():
-            self.budget.sleep(LOOK_S / 2)
+            self.budget.sleep(POLL_PERIOD_S / 2)
         if not driver.rows:
             return self._why_silent(driver)
         self.starts.append((driver.rows[0].t - driver.started) / 1e9)
         end = time.monotonic() + self.options.no_contact_s
         while time.monotonic() < end and driver.exit is None and not driver.flooded:
-            self.budget.sleep(LOOK_S)
+            self.budget.sleep(POLL_PERIOD_S)
         self.rig.excite(self.columns.steps)
         time.sleep(0.1 + 2 * self.facts.row_s)
         if driver.flooded or driver.exit is not None:
@@ -104,7 +104,7 @@ class DriverSession:
         return ""
 
     def _why_silent(self, driver: Driver) -> str:
-        time.sleep(0.05)  # for the last words
+        time.sleep(0.05)  # for its last messages
         last = [note.text for note in driver.notes][-3:]
         words = f": {' | '.join(last)}" if last else ""
         if driver.flooded:
@@ -117,9 +117,9 @@ class DriverSession:
         return f"prints nothing within {self.options.start_s:g} s{'' if opened else ', and does not open the port'}"
 
     def _recovers(self, since: int, seconds: float, tracker: RowTracker | None = None) -> bool:
-        """Whether ten right rows in a row come of samples after ``since``, within some seconds.
+        """Return True once ten consecutive right rows have come for samples after ``since``, False after a timeout.
 
-        The time for which the driver and this process wait for a processor does not count, within limits.
+        The timeout is extended by the time for which the driver and this process wait for a processor, within limits.
         """
         assert self.driver is not None
         tracker = tracker or RowTracker(self.columns, self.known)
@@ -132,10 +132,10 @@ class DriverSession:
                 return True
             if self.driver.exit is not None or patience.is_over():
                 return False
-            self.budget.sleep(LOOK_S + 0.5 * self.facts.row_s)
+            self.budget.sleep(POLL_PERIOD_S + 0.5 * self.facts.row_s)
 
     def _ensure_reading(self) -> str:
-        """Have a driver that reads well; returns why there is none."""
+        """Make sure that the driver reads correctly, with a new start if needed; return why it does not, "" if so."""
         now = time.monotonic_ns()
         if (
             self.driver is not None
@@ -143,7 +143,7 @@ class DriverSession:
             and self._recovers(now - 50_000_000, 1.0 + 12 * self.facts.row_s)
         ):
             return ""
-        for _ in range(2):  # a busy machine may have it slip once
+        for _ in range(2):  # a busy machine may make the first attempt fail
             if why := self.start():
                 return why
             if self._recovers(time.monotonic_ns(), 2.0 + 12 * self.facts.row_s):
@@ -157,10 +157,10 @@ class DriverSession:
     # -- records -----------------------------------------------------------------------------------------------------
 
     def _observed(self, since: int) -> TrialRecord:
-        """What was seen since a time, on both sides."""
+        """Return a record of both sides since a time."""
         recorder, driver = self.rig.recorder, self.driver
         record = TrialRecord()
-        if driver is not None:  # rows first: no row is there before its sample
+        if driver is not None:  # rows first, so that the sample of each row is there
             record.rows, record.notes = _since(driver.rows, since), _since(driver.notes, since)
             record.resource_usage = _since(driver.resource_usage, since)
             record.exit = driver.exit
@@ -178,14 +178,16 @@ class DriverSession:
             try:
                 self.options.record.mkdir(parents=True, exist_ok=True)
             except OSError as error:
-                raise TactemuError(f"{self.options.record}: cannot be made: {error.strerror}") from None
+                raise TactemuError(
+                    f"{self.options.record}: cannot create the folder of --record: {error.strerror}"
+                ) from None
             name = record.name.replace(" ", "-")
             record.write(self.options.record / f"{self._numbers:02d}-{name}.jsonl")
             self._numbers += 1
 
 
 def _since(entries: list, t: int) -> list:
-    """Entries from a time on; they are in the order of time, and another thread adds more."""
+    """Return the entries from a time on; they are sorted by time, and another thread may add more."""
     entries = list(entries)
     low, high = 0, len(entries)
     while low < high:

@@ -1,8 +1,8 @@
-"""What the taxels of a judged device feel: at every sample something else, so that a reading names its sample.
+"""Random loads on the taxels of a judged device: each sample differs, so that a reading identifies its sample.
 
-Physics cannot do that: contact only pushes, a press moves few taxels, neighbours are alike, and rest repeats itself.
-Here every taxel takes a new random value at every sample, by seed and time, over what its channels can show, both ways
-where they go both ways. How much force that takes no device says; it is found out from the device itself.
+Simulated contact cannot do that: it only pushes, loads few taxels, gives neighbours similar values, and repeats the
+unloaded state. Here every taxel takes a new random value at every sample, by seed and time, over the range of its
+channels, in both directions where they have two. The forces that this takes are found by probing the device.
 """
 
 from __future__ import annotations
@@ -18,25 +18,28 @@ from firmware_protocols.device import CONTACT
 
 Mode = Literal["untouched", "random", "steps"]
 STEP = 32
-"""Samples for which ``steps`` holds a value: a driver that filters comes to rest within them."""
+"""Number of samples for which ``steps`` holds a value: the filter of a driver settles within them."""
 WIDE = 5000
-"""Channels with more counts than this are driven over a tenth of them: beyond their rating sensors raise flags."""
-_STRONGEST = 1e7
-"""Force at which a device is given up that shows nothing [N]."""
-_SETTLE = 12
-"""Conversions, a fifth of a second apart, after which a device's own filter has come to rest."""
-_JUMP = 0.1
-"""A channel that goes from a tenth of this share of its room beyond it at twice the force is no measure of it."""
+"""Number of counts above which a channel is driven over a tenth of its range: above their rating, sensors set flags."""
+_MAX_FORCE_N = 1e7
+"""Force at which the probing of a device without any response ends [N]."""
+_SETTLING_CONVERSIONS = 12
+"""Number of conversions, 0.2 s apart, after which a device's own filter has settled."""
+_JUMP_SHARE = 0.1
+"""A channel that goes from a tenth of this share of its range beyond this share at twice the force is an angle or a
+switch."""
 WRENCH = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
-_FEW, _FEW_EVERY = 2, 6
-"""Taxels that are touched in one of so many samples, all others at rest: sums over a skin are not full then."""
+_FEW_TAXELS = 2
+"""Number of loaded taxels in the samples that load only a few, so that sums over a skin do not saturate."""
+_FEW_TAXELS_EVERY = 6
+"""One of so many samples loads only a few taxels."""
 
 
 class ExcitationRange:
-    """How far a device may be driven: the largest push, pull and sideways force on each taxel [N].
+    """The range over which a device is driven: the largest push, pull and tangential force on each taxel [N].
 
     A force-torque sensor is driven by each component of its wrench [N, Nm]: one point of contact cannot move all six
-    by themselves.
+    independently.
     """
 
     def __init__(self, make: Callable[[], Device]):
@@ -45,7 +48,7 @@ class ExcitationRange:
         self._make = make
         layout, quantities = device.layout, {sense.quantity for sense in device.sensed}
         self.axes: dict[str, np.ndarray] = {}
-        """Directions: of a force on the skin, shape ``(n_taxels, 3)``; of a wrench, shape ``(6,)``."""
+        """Directions: of forces on the taxels, shape ``(n_taxels, 3)``; of a wrench, shape ``(6,)``."""
         if self.n and quantities & {*CONTACT, "vibration"}:
             self.axes |= {"push": -layout.normals, "x": layout.x_axes, "y": layout.y_axes}
         if self.n and "wrench" in quantities:
@@ -57,7 +60,7 @@ class ExcitationRange:
             self.limits = {axis: (-self._limit(axis, -1.0), self._limit(axis, 1.0)) for axis in self.axes}
 
     def forces(self, shares: np.ndarray) -> np.ndarray:
-        """Forces [N] for shares in [0, 1] of what each axis bears, both of shape ``(n_taxels, 3)``."""
+        """Return forces [N] for shares in [0, 1] of the range of each axis, both of shape ``(n_taxels, 3)``."""
         total = np.zeros((self.n, 3))
         taxels = [axis for axis in self.axes if axis not in WRENCH]
         for k, axis in enumerate(taxels):
@@ -67,16 +70,16 @@ class ExcitationRange:
 
     @property
     def has_wrench(self) -> bool:
-        """Whether the device senses forces and torques on the whole skin."""
+        """True if the device senses forces and torques on the whole skin."""
         return WRENCH[0] in self.axes
 
     def wrench(self, shares: np.ndarray) -> np.ndarray:
-        """Return a wrench [N, Nm] for shares in [0, 1], both of shape ``(6,)``."""
+        """Return a wrench [N, Nm] for shares in [0, 1] of the range of each component, both of shape ``(6,)``."""
         low, high = np.array([self.limits[axis] for axis in WRENCH]).T
         return low + (high - low) * shares
 
     def _reading(self, stream: str, axis: str = "", amount: float = 0.0) -> Reading:
-        """Return what the senses of a stream see of so much along an axis."""
+        """Return the reading of a stream's senses for an amount [N or Nm] along an axis."""
         along = amount * self.axes[axis] if axis else np.zeros(6)
         wrench, forces = (along, np.zeros((self.n, 3))) if along.ndim == 1 else (np.zeros(6), along)
         senses = self.device.senses_of(stream)
@@ -84,20 +87,20 @@ class ExcitationRange:
         return reading_of(self.device, forces, stream, **given)
 
     def _counts(self, axis: str, amount: float) -> np.ndarray:
-        """Return what a fresh device that was at rest at first shows of this on every taxel, once it has settled."""
+        """Return the settled counts of a new device under an amount on every taxel, after one unloaded conversion."""
         device, counts = self._make(), []
         for stream in device.periods:
-            calls.measure(device, self._reading(stream), 0)  # firmware that takes its baseline takes it here
+            calls.measure(device, self._reading(stream), 0)  # firmware that measures its baseline does so here
             reading, measured = self._reading(stream, axis, amount), None
-            for k in range(1, _SETTLE):
+            for k in range(1, _SETTLING_CONVERSIONS):
                 measured = calls.measure(device, reading, 200_000_000 * k)
             counts += flattened(measured)
         return np.concatenate([each.ravel() for each in counts]).astype(float) if counts else np.zeros(0)
 
     def _limit(self, axis: str, sign: float) -> float:
-        """Return the amount along an axis at which the first channel has gone as far as it shall, or shows no more.
+        """Return the amount along an axis at which the first channel reaches its target range, or stops rising.
 
-        A channel that goes far when the amount is only doubled is an angle or a switch, and no measure of it.
+        A channel that jumps when the amount is doubled is an angle or a switch, and is ignored.
         """
         room = self._room()
 
@@ -107,17 +110,17 @@ class ExcitationRange:
 
         amount, before = 1e-3, np.zeros(len(self._rest))
         measures, switched = np.ones(len(before), bool), 0.0
-        while amount < _STRONGEST:
+        while amount < _MAX_FORCE_N:
             now = shares(amount)
-            jumps = measures & (now > _JUMP) & (before < 0.1 * _JUMP)
+            jumps = measures & (now > _JUMP_SHARE) & (before < 0.1 * _JUMP_SHARE)
             measures, switched = measures & ~jumps, switched or amount * jumps.any()
             if (now >= 1.0)[measures].any():
                 break
             reached, was = (each.max(initial=0.0, where=measures) for each in (now, before))
-            if was > 0.02 and reached <= was:  # it shows no more
+            if was > 0.02 and reached <= was:  # no channel rises any further
                 return amount / 4
             amount, before = amount * 2, now
-        if amount >= _STRONGEST:
+        if amount >= _MAX_FORCE_N:
             return switched
         low = amount / 2
         for _ in range(6):
@@ -126,7 +129,7 @@ class ExcitationRange:
         return low
 
     def _room(self) -> np.ndarray:
-        """By how many counts each channel may move down and up, shape ``(2, n_channels)``."""
+        """Return the counts by which each channel may move down and up, shape ``(2, n_channels)``."""
         room = []
         shapes = [each.shape for stream in self.device.periods for each in flattened(self._measured(stream))]
         senses = [sense for stream in self.device.periods for sense in senses_of(self.device, stream)]
@@ -150,13 +153,13 @@ def flattened(counts: Any) -> list[np.ndarray]:
 
 
 def senses_of(device: Device, stream: str) -> list[str]:
-    """Keys of the senses in the order of :func:`flattened`; "" where the device does not name them."""
+    """Return the keys of the senses in the order of :func:`flattened`; "" if the device does not name them."""
     counts = calls.measure(device, reading_of(device, 0.0, stream), 0)
     return list(counts) if isinstance(counts, Mapping) else [""]
 
 
 def columns_of(device: Device, sense: str, shape: tuple[int, ...]) -> list[Any]:
-    """Return the declared columns of a sense's counts, one for each number of a point; ``None`` where there is none."""
+    """Return the declared columns of a sense's counts, one for each number of a point; None for undeclared ones."""
     width = int(np.prod(shape[1:]))
     own = [column for column in device.columns if not column.shared]
     named, unnamed = ([column for column in own if column.sense == each] for each in (sense, ""))
@@ -164,25 +167,25 @@ def columns_of(device: Device, sense: str, shape: tuple[int, ...]) -> list[Any]:
 
 
 class Excitation:
-    """A source for :func:`tactemu.serve`: readings of all skins over time [s].
+    """A source for :func:`tactemu.serve`: random readings of all skins over time [s].
 
     Args:
         spans: by skin.
-        seed: of all that is random.
+        seed: of all random values.
     """
 
     def __init__(self, spans: Mapping[str, ExcitationRange], seed: int = 0):
         self.spans, self.seed = dict(spans), seed
         self.mode: Mode = "untouched"
         self.hold_ns = 0
-        """How long ``steps`` holds a value [ns]."""
+        """Time for which ``steps`` holds a value [ns]."""
         self.dead: dict[str, int] = {}
-        """A taxel that feels nothing, by skin."""
-        self.beyond = 1.0
-        """How far beyond what the channels show the forces go: 1 is not at all."""
+        """Number of the taxel that stays unloaded, by skin."""
+        self.overload = 1.0
+        """Factor on the forces; above 1 they exceed the range of the channels."""
 
     def __call__(self, t_s: float) -> dict[str, dict[str, Any]]:
-        """What the skins feel at a time."""
+        """Return the quantities on each skin at a time."""
         t_ns = round(t_s * 1e9)
         if self.mode == "steps" and self.hold_ns:
             t_ns -= t_ns % self.hold_ns
@@ -195,11 +198,11 @@ class Excitation:
             forces, wrench = np.zeros((span.n, 3)), np.zeros(6)
             around = (25.0, (0.0, 0.0, 9.80665), (0.0, 0.0, 0.0))
         else:
-            forces = self.beyond * span.forces(random.random((span.n, 3)))
+            forces = self.overload * span.forces(random.random((span.n, 3)))
             around = (random.uniform(10.0, 40.0), random.uniform(-9.0, 9.0, 3), random.uniform(-1.0, 1.0, 3))
-            wrench = self.beyond * span.wrench(random.random(6)) if span.has_wrench else np.zeros(6)
-            if span.n > 2 * _FEW and not random.integers(_FEW_EVERY):
-                forces[random.permutation(span.n)[_FEW:]] = 0.0
+            wrench = self.overload * span.wrench(random.random(6)) if span.has_wrench else np.zeros(6)
+            if span.n > 2 * _FEW_TAXELS and not random.integers(_FEW_TAXELS_EVERY):
+                forces[random.permutation(span.n)[_FEW_TAXELS:]] = 0.0
         if name in self.dead and span.n:
             forces[self.dead[name] % span.n] = 0.0
         values: dict[str, Any] = {each: _quantity(each, span.device, forces) for each in span.device.contact}

@@ -1,7 +1,7 @@
-"""Answers that a device would not give to this question, whole and with the right sum: Modbus, over a line or TCP.
+"""Forged Modbus answers: well-formed, with the right checksum, but not the answer to the driver's question.
 
-They are made from answers that were seen, so that a driver has no reason to refuse them but the one that is meant: on a
-line other bytes take the answer's place, over TCP, which has no sum, its bits are turned, so that the transaction fits.
+They are made from recorded answers, so that a driver has only the intended reason to refuse them. On a serial line they
+replace the answer; over TCP, which has no checksum, single bits are flipped, so that the transaction number still fits.
 """
 
 from __future__ import annotations
@@ -13,21 +13,21 @@ from firmware_protocols.sums import crc16_modbus
 
 SLAVE_FAILURE = 0x04
 """Exception code of Modbus: the server failed."""
-OTHER = 0x15
-"""What the bits of a wrong answer's values are turned by, so that they are no reading."""
+VALUE_MASK = 0x15
+"""Bits that are flipped in the values of a forged answer, so that they match no sample."""
 
 
 class ForgedReply(NamedTuple):
-    """A wrong answer."""
+    """A forged answer."""
 
     name: str
     why: str
     faults: Callable[[int], list[str]]
-    """The faults that make it of the frame with this number."""
+    """A function that returns the faults which turn the frame with a number into this answer."""
 
 
 def forged_values(frames: Sequence[str], wire: str) -> list[ForgedReply]:
-    """Wrong answers, if the frames are answers of Modbus to a reading of registers."""
+    """Return the forged answers for frames of Modbus that answer the reading of registers; none for other frames."""
     data = [bytes.fromhex(frame) for frame in frames if "#" not in frame]
     rtu = [frame for frame in data if _is_rtu(frame)]
     tcp = [frame for frame in data if _is_tcp(frame)]
@@ -59,11 +59,11 @@ def _rtu(data: bytes) -> bytes:
 
 
 def _turned(data: bytes) -> bytes:
-    return bytes(byte ^ OTHER for byte in data)
+    return bytes(byte ^ VALUE_MASK for byte in data)
 
 
 def _by_flips(old: bytes, new: bytes, n: int) -> list[str]:
-    """Turn the bits of a Modbus TCP answer that differ, its length among them, and cut the rest off."""
+    """Return the faults that flip the differing bits of a Modbus TCP answer, with its length, and cut off its end."""
     new = new[:4] + (len(new) - 6).to_bytes(2, "big") + new[6:]
     cut = [f"truncate frame {n} to {len(new)}"] if len(new) < len(old) else []
     return [*_flips(n, old[4:], new[4:], 4), *cut]
@@ -79,7 +79,10 @@ def _flips(n: int, old: bytes, new: bytes, start: int) -> list[str]:
 
 
 def _all(data: bytes, unit: int, faults: Callable[[bytes, bytes, int], list[str]]) -> list[ForgedReply]:
-    """``data`` is an answer without its sum, ``unit`` the place of the unit's number; function and count follow it."""
+    """Return the forged answers made from one answer.
+
+    ``data`` is the answer without its checksum, ``unit`` the index of its unit number; function and count follow it.
+    """
     head, body = data[: unit + 3], data[unit + 3 :]
     turned = _turned(body[:2]) + body[2:]
     other = head[:unit] + bytes([head[unit] ^ 1]) + head[unit + 1 :] + turned

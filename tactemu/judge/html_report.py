@@ -1,4 +1,4 @@
-"""A report as one HTML file: no script, nothing from elsewhere."""
+"""Reports as one HTML file without scripts and external resources."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _BINS = 48
 
 
 def html_report(report: Report) -> str:
-    """Return the page."""
+    """Return a report as an HTML page."""
     failed = report.failed
     verdict = (
         f'<span class="bad">{len(failed)} trials fail</span>' if failed else '<span class="good">nothing fails</span>'
@@ -36,8 +36,8 @@ def html_report(report: Report) -> str:
     parts = [
         f"<h1>{escape(report.device)}: {verdict}</h1>",
         f"<p>Driver: <code>{escape(' '.join(report.command))}</code>. {len(report.outcomes)} trials in "
-        f"{report.seconds:.1f} s, seed {report.seed}. What is <span class=bad>red</span> fails the run "
-        f"({escape(', '.join(ABOUT[kind] for kind in report.fail_on))}); the rest is for you to weigh.</p>",
+        f"{report.seconds:.1f} s, seed {report.seed}. Findings in <span class=bad>red</span> fail the run "
+        f"({escape(', '.join(ABOUT[kind] for kind in report.fail_on))}); the others are for you to weigh.</p>",
         _columns(report),
         "<h2>Trials</h2>",
         _table(report),
@@ -57,12 +57,12 @@ def _columns(report: Report) -> str:
     rows = "".join(
         f"<tr><td><code>{escape(name)}</code></td><td>{escape(holds)}</td></tr>" for name, holds in report.columns
     )
-    return f"<h2>What the driver's columns hold</h2><table>{rows}</table>" if rows else ""
+    return f"<h2>Columns of the driver's rows</h2><table>{rows}</table>" if rows else ""
 
 
 def _table(report: Report) -> str:
-    head = "<tr><th>trial</th><th>verdict</th><th>hit</th><th>rows</th><th>right</th><th>wrong</th><th>lost</th>"
-    head += "<th>p50</th><th>p99</th><th>well after</th></tr>"
+    head = "<tr><th>trial</th><th>verdict</th><th>faults</th><th>rows</th><th>right</th><th>wrong</th><th>lost</th>"
+    head += "<th>p50</th><th>p99</th><th>recovery</th></tr>"
     rows = []
     for outcome in report.outcomes:
         if outcome.skipped:
@@ -73,10 +73,10 @@ def _table(report: Report) -> str:
             f'<td class="n">{"" if value is None else f"{value:.1f} ms"}</td>'
             for value in (outcome.p50_ms, outcome.p99_ms)
         )
-        well = "" if outcome.recovered_s is None else f"{outcome.recovered_s:.2f} s"
+        recovery = "" if outcome.recovered_s is None else f"{outcome.recovered_s:.2f} s"
         rows.append(
             f'<tr id="{_anchor(outcome)}"><td>{escape(outcome.name)}<br><span class="soft">{escape(outcome.why)}</span>'
-            f"</td><td>{_verdict(report, outcome)}</td>{cells}<td class=n>{well}</td></tr>"
+            f"</td><td>{_verdict(report, outcome)}</td>{cells}<td class=n>{recovery}</td></tr>"
         )
     return f'<div class="wide"><table>{head}{"".join(rows)}</table></div>'
 
@@ -84,8 +84,8 @@ def _table(report: Report) -> str:
 def _verdict(report: Report, outcome: Outcome) -> str:
     failing = report.failures(outcome)
     if not outcome.findings:
-        said = f'<br><span class="soft">{escape(" | ".join(outcome.said[:2]))}</span>' if outcome.said else ""
-        return f'<span class="good">{escape(outcome.verdict)}</span>{said}'
+        messages = f'<br><span class="soft">{escape(" | ".join(outcome.said[:2]))}</span>' if outcome.said else ""
+        return f'<span class="good">{escape(outcome.verdict)}</span>{messages}'
     words = []
     for finding in outcome.findings:
         known = " (as in the baseline)" if (outcome.name, finding.kind) in report.known else ""
@@ -99,7 +99,7 @@ def _anchor(outcome: Outcome) -> str:
 
 
 def _case(outcome: Outcome) -> str:
-    """Wrong rows beside the truth, and the bytes with the fault marked."""
+    """Return the section of a case: a wrong row beside the truth, and the bytes with the fault marked."""
     parts = [f"<h2>{escape(outcome.name)}</h2>"]
     case = outcome.case
     if case:
@@ -116,7 +116,7 @@ def _case(outcome: Outcome) -> str:
 
 
 def _marked(before: str, after: str) -> tuple[str, str]:
-    """Return both frames, byte by byte where they are bytes, with what differs marked."""
+    """Return the sent and the arrived frame as HTML, byte by byte, with the differing bytes marked."""
     a, b = ([text[k : k + 2] for k in range(0, len(text), 2)] for text in (before, after))
     head = next((k for k, (x, y) in enumerate(zip(a, b)) if x != y), min(len(a), len(b)))
     tail = next(
@@ -139,12 +139,12 @@ def _beside(bad: dict[str, Any]) -> str:
         for name in names[:12]
     )
     what = "An old reading, handed out again" if bad["old"] else "A wrong reading"
-    head = "<tr><th>column</th><th>handed out</th><th>true</th></tr>"
-    return f"<p>{what}, beside the sample that it is nearest to:</p><table>{head}{rows}</table>"
+    head = "<tr><th>column</th><th>handed out</th><th>true value</th></tr>"
+    return f"<p>{what}, beside its nearest sample:</p><table>{head}{rows}</table>"
 
 
 def _latency(report: Report) -> str:
-    """Histogram of the run without faults."""
+    """Return the histogram of the latencies in the run without faults."""
     waits = report.outcomes[0].waits_ms if report.outcomes else []
     if len(waits) < 10:
         return ""
@@ -163,7 +163,7 @@ def _latency(report: Report) -> str:
     )
     after = "the answer's" if report.asks else "the frame's"
     return (
-        f"<h2>How late readings are</h2><p>From {after} last byte to the driver's hands, without faults [ms].</p>"
+        f"<h2>Latency of readings</h2><p>From {after} last byte to the driver's row, without faults [ms].</p>"
         f'<svg viewBox="0 0 {width} {height}" role="img" aria-label="histogram of latencies">{bars}{ticks}</svg>'
     )
 
@@ -172,4 +172,4 @@ def _skipped(report: Report) -> str:
     rows = "".join(
         f"<tr><td>{escape(o.name)}</td><td>{escape(o.skipped)}</td></tr>" for o in report.outcomes if o.skipped
     )
-    return f"<h2>What was not tried, and why</h2><table>{rows}</table>" if rows else ""
+    return f"<h2>Trials that were not tried</h2><table>{rows}</table>" if rows else ""

@@ -1,4 +1,4 @@
-"""A report as JUnit XML, as CI systems read it: a test case for each trial."""
+"""Reports as JUnit XML for CI systems, with a test case for each trial."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from tactemu.judge.report import Report
 
 
 def junit_report(report: Report) -> str:
-    """Return the report."""
+    """Return a report as JUnit XML."""
     skipped = sum(bool(outcome.skipped) for outcome in report.outcomes)
     suite = ElementTree.Element(
         "testsuite", name=f"tactemu judge {report.device}", tests=str(len(report.outcomes)),
@@ -32,5 +32,5 @@ def junit_report(report: Report) -> str:
 
 
 def _legal(text: str) -> str:
-    """Without what XML cannot hold."""
+    """Return a text with the characters replaced that XML cannot hold."""
     return "".join(letter if letter >= " " or letter in "\n\t" else "?" for letter in text)

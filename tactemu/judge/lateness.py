@@ -1,4 +1,4 @@
-"""Our own side's share of what a driver seems to be late by, so that no driver is accused of it."""
+"""Delays that our own processes or a busy machine cause, so that no driver is blamed for them."""
 
 from __future__ import annotations
 
@@ -12,24 +12,24 @@ from tactemu.judge.trial_record import TrialRecord
 
 
 class SchedulingDelay(NamedTuple):
-    """One look at the machine."""
+    """One measurement of scheduling delays."""
 
     t: int
     overslept_ns: int
-    """Time by which the thread that reads the driver's rows came late."""
+    """Time by which the thread that reads the driver's rows woke up late."""
     queued_ns: int
-    """Time for which the driver's processes were ready to run and no processor was free, in all."""
+    """Total time for which the driver's processes were ready to run and waited for a processor."""
 
 
-MOST_QUEUED = 3.0
-"""Multiple of a waiting time by which it may be prolonged on a busy machine."""
+MAX_EXTENSION = 3.0
+"""Largest extension of a timeout on a busy machine, as a multiple of it."""
 
 
 class DriverTimeout:
-    """A time to wait for the driver, longer by the time for which it and this process wait for a processor.
+    """A timeout for the driver, extended by the time for which it and this process wait for a processor.
 
     Args:
-        seconds: on a machine that is not busy.
+        seconds: the timeout on an idle machine.
     """
 
     def __init__(self, seconds: float):
@@ -37,19 +37,19 @@ class DriverTimeout:
         self._began, self._queued_ns = time.monotonic(), queued_ns(os.getpid())
 
     def is_over(self) -> bool:
-        """Return True once the time has passed."""
+        """Return True once the timeout has passed."""
         more = time.monotonic() - self._began - self.seconds
         if more <= 0.0:
             return False
         queued_s = (queued_ns(os.getpid()) - self._queued_ns) / 1e9  # the driver is a descendant of this process
-        return more > min(queued_s, MOST_QUEUED * self.seconds)
+        return more > min(queued_s, MAX_EXTENSION * self.seconds)
 
 
 def late_ms(record: TrialRecord, delays: Sequence[SchedulingDelay]) -> float:
     """Return the delay of a row for which the driver is not to blame [ms].
 
-    It is the largest of: the lateness of the emulator's loop with the frames, the lateness of the thread that reads
-    the rows, both but for one in a hundred, and the time for which the driver had to wait for a processor, per row.
+    It is the largest of three: the lateness of the emulator's loop with the frames and that of the thread that reads
+    the rows, each as its 99th percentile, and the time per row for which the driver waited for a processor.
     """
     during = [delay for delay in delays if record.on <= delay.t <= record.end]
     overslept = sorted(delay.overslept_ns for delay in during)
@@ -58,7 +58,7 @@ def late_ms(record: TrialRecord, delays: Sequence[SchedulingDelay]) -> float:
 
 
 def _loop_ms(record: TrialRecord) -> float:
-    """Return the lateness of the emulator's loop with its frames, beyond the quickest [ms]."""
+    """Return the lateness of the emulator's loop with its frames, compared with the earliest frame [ms]."""
     at = {sample.number: sample.t for sample in record.samples}
     waits = sorted(
         f.t - at[f.sample]
@@ -69,7 +69,7 @@ def _loop_ms(record: TrialRecord) -> float:
 
 
 def _queued_ms(record: TrialRecord, during: Sequence[SchedulingDelay]) -> float:
-    """Return the driver's waiting for a processor, per row [ms]."""
+    """Return the time per row for which the driver waited for a processor [ms]."""
     if len(during) < 2:
         return 0.0
     rows = sum(during[0].t < printed.t <= during[-1].t for printed in record.rows)

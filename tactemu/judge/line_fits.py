@@ -1,24 +1,26 @@
-"""Lines and curves through numbers, and their ranks."""
+"""Robust line fits, checks of curves, and ranks."""
 
 from __future__ import annotations
 
 import numpy as np
 
 FILTERED = 3e-3
-"""Of a column's span: so far a filter may be from where it goes when a sample was held."""
-_LEVELS = 5
-"""A column of fewer values is not rounded but switched, and tells of no line."""
-_SMOOTH, _FALLS_BACK = 5, 0.05
-"""Rows whose median shows whether a curve is monotone, and the share of its span by which noise falls back."""
+"""Largest remaining distance of a filter from its final value when a sample was held, as a share of the span."""
+_MIN_LEVELS = 5
+"""A column with fewer distinct values is not taken for a rounded one."""
+_SMOOTHED_ROWS = 5
+"""Number of rows of the moving median by which a curve is checked for monotony."""
+_MAX_FALL_BACK = 0.05
+"""Largest fall-back that noise may cause, as a share of the span."""
 
 
 def line(
     x: np.ndarray, y: np.ndarray, random: np.random.Generator, tries: int = 60, steps: bool = False
 ) -> tuple[float, float, float, float]:
-    """Return gain, offset, tolerance and share of the rows for the line that most rows are on.
+    """Return gain, offset, tolerance and explained share of the rows for the line with the most rows; zeros for none.
 
-    Counts that are whole numbers are told apart: the tolerance is less than half a count, unless the driver prints
-    fewer digits than that, or filters (``steps``): then it is what is left of the filter's way.
+    With integer counts the tolerance is less than half a count, unless the driver prints fewer digits than that or
+    filters (``steps``): then it is the remaining error of the filter.
     """
     spread = float(np.ptp(y)) if len(y) else 0.0
     if not spread or not np.isfinite(spread) or not np.ptp(x):
@@ -38,21 +40,23 @@ def line(
         return 0.0, 0.0, 0.0, 0.0
     gain, offset = np.polyfit(x[inside[best]], y[inside[best]], 1)
     off = np.abs(y - gain * x - offset)
-    rest = off[inside[best]]
+    residuals = off[inside[best]]
     least = max(1e-6 * spread, 1e-12)
     if steps:
-        tolerance = max(3 * float(np.quantile(rest, 0.99)), 0.55 * printed, 0.45 * abs(gain) * count, least)
-    elif printed > 1.5 * abs(gain) * count:  # the driver rounds more coarsely than the device, and so is the line known
+        tolerance = max(3 * float(np.quantile(residuals, 0.99)), 0.55 * printed, 0.45 * abs(gain) * count, least)
+    elif (
+        printed > 1.5 * abs(gain) * count
+    ):  # the driver rounds more coarsely than the device, which limits the precision of the line
         tolerance = max(0.8 * printed, least)
     elif count:
         tolerance = max(0.45 * abs(gain), least)
     else:
-        tolerance = max(3 * float(np.quantile(rest, 0.99)), 0.55 * printed, least)
+        tolerance = max(3 * float(np.quantile(residuals, 0.99)), 0.55 * printed, least)
     return float(gain), float(offset), float(tolerance), float((off <= tolerance).mean())
 
 
 def is_line(x: np.ndarray, turned: np.ndarray) -> bool:
-    """Return whether a mistake makes no difference to these counts but a gain and an offset."""
+    """Return True if a mistake changes these counts by a gain and an offset only."""
     if not np.ptp(x) or not np.ptp(turned):
         return True
     gain, offset = np.polyfit(x, turned, 1)
@@ -60,18 +64,18 @@ def is_line(x: np.ndarray, turned: np.ndarray) -> bool:
 
 
 def is_monotone(values: np.ndarray) -> bool:
-    """Return whether values in the order of their counts only rise, or only fall, but for single outliers."""
-    if len(values) < 2 * _SMOOTH:
+    """Return True if values in the order of their counts only rise, or only fall, apart from single outliers."""
+    if len(values) < 2 * _SMOOTHED_ROWS:
         return True
-    smooth = np.median(np.lib.stride_tricks.sliding_window_view(values, _SMOOTH), axis=1)
+    smooth = np.median(np.lib.stride_tricks.sliding_window_view(values, _SMOOTHED_ROWS), axis=1)
     back = [float((np.maximum.accumulate(sign * smooth) - sign * smooth).max()) for sign in (1, -1)]
-    return min(back) <= _FALLS_BACK * float(np.ptp(smooth))
+    return min(back) <= _MAX_FALL_BACK * float(np.ptp(smooth))
 
 
 def _resolution(y: np.ndarray) -> float:
-    """Return the step to which a column is rounded; 0 where it is not."""
+    """Return the step to which a column is rounded, or 0 if it is not rounded."""
     values = np.unique(y)
-    if len(values) < _LEVELS:
+    if len(values) < _MIN_LEVELS:
         return 0.0
     gaps = np.diff(values)
     gap = float(gaps[gaps > 1e-9 * np.ptp(y)].min(initial=np.inf))
@@ -82,7 +86,7 @@ def _resolution(y: np.ndarray) -> float:
 
 
 def ranks(values: np.ndarray) -> np.ndarray:
-    """Return ranks along the first axis, of mean 0 and deviation 1; equal values have the mean of their ranks."""
+    """Return ranks along the first axis, with mean 0 and deviation 1; equal values get the mean of their ranks."""
     if not len(values):
         return values.astype(float)
     order = values.argsort(axis=0)

@@ -12,28 +12,29 @@ from tactemu.judge.outcome import FAILING
 START_S = 15.0
 """Default time for a driver to be imported, to connect and to print a row [s]."""
 PATIENCE_S = 1.5
-"""Default time for a driver to read well again after a fault [s]."""
+"""Default time for a driver to recover after a fault [s]."""
 
 
 @dataclass
 class JudgeOptions:
-    """The way in which a driver is judged."""
+    """The options of a run of the judge."""
 
     no_contact_s: float = 1.0
-    """Time without contact after the first row [s]: drivers tare."""
+    """Time without loads after the first row, in which drivers tare [s]."""
     seed: int = 0
     budget_s: float | None = None
     """Time for the whole run [s]; None: no limit."""
     every: bool = False
-    """Try every position of a frame, not only some of the values'."""
+    """True: try every position of a frame; False: only some of those of values."""
     fail_on: Sequence[str] = FAILING
     shrink: bool = True
-    """Repeat trials with findings, and look for the smallest case."""
+    """True: repeat trials with findings, and search for the smallest case."""
     only: Sequence[str] = ()
-    """Trials whose names contain one of these words."""
+    """Words of which the name of a trial must contain one; empty: all trials."""
     columns: Path | None = None
+    """File of the columns: read if it exists, written otherwise."""
     record: Path | None = None
-    """Folder for the recorded trials."""
+    """Folder for the trial records."""
     patience_s: float = PATIENCE_S
     start_s: float = START_S
     """Time for the driver to print its first row [s]."""

@@ -1,4 +1,4 @@
-"""What came of a trial, and what the run without faults has shown: plain data."""
+"""Outcomes of trials, and the facts from the run without faults, as plain data."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ ABOUT = {
     "floods": "floods",
     "unlearned": "cannot be told",
 }
-"""Kinds of finding, worst first, with the words of the reports."""
+"""Kinds of finding, worst first, with their titles in the reports."""
 FAILING = ("wrong", "stale", "lost sync", "died", "silent", "clipped", "floods", "unlearned")
-"""Those that fail a run unless ``--fail-on`` says otherwise."""
+"""Kinds of finding that fail a run unless ``--fail-on`` names others."""
 
 
 @dataclass(frozen=True)
 class Finding:
-    """Something that is wrong with the driver."""
+    """A defect of the driver, as one trial shows it."""
 
     kind: str
     text: str
@@ -44,39 +44,41 @@ class Finding:
 
 @dataclass
 class CleanRun:
-    """What the run without faults has shown."""
+    """The facts from the run without faults."""
 
     asks: bool = False
-    """The driver asks for readings; a stream comes by itself."""
+    """True if the driver polls the device; False if the device streams."""
     period_ms: float = 10.0
-    """Of the device's samples."""
+    """Period of the device's samples [ms]."""
     row_ms: float = 10.0
-    """Median time from row to row."""
+    """Median time from row to row [ms]."""
     p50_ms: float = 0.0
+    """Median latency of a row [ms]."""
     p99_ms: float = 0.0
+    """99th percentile of the latency [ms]."""
     keeps: bool = True
-    """Every sample comes out, so that a lost one counts."""
+    """True if the driver hands out every sample, so that a lost one counts."""
     repeats: bool = False
-    """It hands out readings more than once, also when nothing is wrong."""
+    """True if the driver hands out readings more than once without any fault."""
     behind: int = 0
-    """Of a driver that asks: by how many samples a row may be older than the question."""
+    """Number of samples by which a row may be older than its question, for a driver that polls."""
     ask_ms: float = 0.0
-    """Of a driver that asks: from the question to the row, in the quickest tenth."""
+    """Time from question to row, 10th percentile, for a driver that polls [ms]."""
     numbered: bool = False
-    """Frames carry a number or a time, by which a driver can tell an old one from a new one."""
+    """True if frames carry a number or a time, by which a driver can recognise old ones."""
     usual: list[str] = field(default_factory=list)
-    """What the driver says when nothing is wrong, digits aside."""
+    """Messages that the driver prints without any fault, with digits replaced."""
 
 
 @dataclass
 class Outcome:
-    """What came of a trial."""
+    """The outcome of a trial."""
 
     name: str
     why: str = ""
     findings: list[Finding] = field(default_factory=list)
     verdict: str = ""
-    """One line: the findings, or what there is instead."""
+    """The findings in one line, or another result such as ``right``."""
     injected: int = 0
     rows: int = 0
     right: int = 0
@@ -86,47 +88,51 @@ class Outcome:
     older: int = 0
     stale: int = 0
     behind: int = 0
-    """Of a driver that asks: rows that answer an earlier question."""
+    """Number of rows that answer an earlier question, for a driver that polls."""
     lost: int = 0
-    """Unharmed samples that left and never came, though earlier and later ones did."""
+    """Number of undamaged samples that were sent and never handed out, although earlier and later ones were."""
     sent: int = 0
-    """Samples that left."""
+    """Number of samples that were sent."""
     notes: int = 0
-    """New things that it said."""
+    """Number of messages that the driver does not print without a fault."""
     said: list[str] = field(default_factory=list)
+    """The first of these messages."""
     p50_ms: float | None = None
     p99_ms: float | None = None
     worst_ms: float | None = None
     age_ms: float | None = None
-    """Of a driver that asks: how old the samples were, median."""
+    """Median age of the samples, for a driver that polls [ms]."""
     waits_ms: list[float] = field(default_factory=list)
-    """Of every right row."""
+    """Latency of every right row [ms]."""
     recovered_s: float | None = None
+    """Time from the end of the fault to the recovery [s]; None: there was none."""
     quiet_s: float = 0.0
-    """The longest time without a row or a word while the fault lasted."""
+    """The longest time without a row or a message during the fault [s]."""
     cpu: float = 0.0
-    """Share of a core."""
+    """Processor time of the driver during the fault, as a share of a core."""
     leak: float = 0.0
-    """Growth for each reading [byte]."""
+    """Growth of the memory for each reading [byte]."""
     grown: int = 0
-    """Growth from before the fault until the driver was well again [byte]."""
+    """Growth of the memory from before the fault until the recovery [byte]."""
     bad: list[dict[str, Any]] = field(default_factory=list)
-    """The first rows that are no sample, each beside the sample that it is nearest to."""
+    """The first wrong rows, each with its nearest sample."""
     seconds: float = 0.0
+    """Duration of the trial [s]."""
     confirmed: bool | None = None
-    """Whether the findings came again in a second run; ``None``: not tried."""
+    """True if a second run confirms the findings, False if it does not; ``None``: there was none."""
     untried: str = ""
-    """Why they were not tried again, although they do not count before they came again."""
+    """The reason why there was no second run, although findings do not count without one."""
     skipped: str = ""
+    """The reason why the trial was not tried."""
     case: dict[str, Any] | None = None
-    """The smallest case, as :mod:`tactemu.judge.smallest_case` found it."""
+    """The smallest case, from :mod:`tactemu.judge.smallest_case`."""
 
     def has(self, *kinds: str) -> bool:
-        """Whether there is a finding of one of these kinds."""
+        """Return True if there is a finding of one of these kinds."""
         return any(finding.kind in kinds for finding in self.findings)
 
     def seen_again(self, other: Outcome, kinds: Collection[str]) -> None:
-        """Keep of the findings of these kinds only those that another run of the trial has, too, if there are any."""
+        """Keep of the findings of these kinds only those that another run of the trial confirms, if it confirms any."""
         came = {finding.kind for finding in other.findings}
         self.confirmed = any(finding.kind in came for finding in self.findings if finding.kind in kinds)
         if self.confirmed:
@@ -139,9 +145,9 @@ class Outcome:
         return f" ({self.untried or 'once, and not again'})" if self.confirmed is False else ""
 
     def fails(self, kinds: Sequence[str]) -> bool:
-        """Whether it fails a run."""
+        """Return True if a finding of these kinds counts, so that the run fails."""
         return self.has(*kinds) and self.confirmed is not False
 
     def as_dict(self) -> dict[str, Any]:
-        """As plain data."""
+        """Return the outcome as JSON data."""
         return asdict(self)

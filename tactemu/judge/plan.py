@@ -1,4 +1,4 @@
-"""What a driver is put through: exact faults and what befalls the device, each with its reason, inside a budget."""
+"""The plan of trials for a driver: exact faults and events of the device, each with its reason and duration."""
 
 from __future__ import annotations
 
@@ -12,74 +12,89 @@ from firmware_protocols import Rollover
 from tactemu.judge import forged_replies
 
 GAP = 4
-"""Readings from edit to edit, so that what one costs is told from what the next does."""
-EDGE_FIRST, EDGE_LAST, VALUES = 10, 4, 16
-"""Positions that are always tried at a frame's head and end, and how many between, by seed."""
-HANG_S, UNPLUG_S, STOP_S = 1.2, 0.8, 0.5
+"""Number of readings from edit to edit, so that the losses of one edit are told from those of the next."""
+EDGE_FIRST = 10
+"""Number of positions at the head of a frame that are always tried."""
+EDGE_LAST = 4
+"""Number of positions at the end of a frame that are always tried."""
+VALUES = 16
+"""Number of positions between them that are tried, by seed."""
+HANG_S = 1.2
+"""Duration of a hang, a silence or another outage without unplugging [s]."""
+UNPLUG_S = 0.8
+"""Duration for which the port is gone [s]."""
+STOP_S = 0.5
+"""Duration for which the driver's process is stopped [s]."""
 
 
 @dataclass
 class Trial:
-    """One thing that goes wrong, or several of a kind one after the other."""
+    """A trial: one fault or event, or several of one kind in sequence."""
 
     name: str
     why: str
     faults: list[str] = field(default_factory=list)
-    """In the language of ``--fault``, frames counted from the beginning of the trial."""
+    """Faults in the language of ``--fault``; frames are counted from the beginning of the trial."""
     action: str = ""
-    """What is done beside: ``hang``, ``unplug``, ``reset``, ``rate`` ..."""
+    """The event besides: ``hang``, ``unplug``, ``reset``, ``rate`` ..."""
     seconds: float = 0.0
-    """How long the action lasts."""
+    """Duration of the action [s]."""
     rate_hz: float = 0.0
+    """Sampling rate during the action ``rate`` [Hz]."""
     preset: str = ""
-    """The counter or clock that is about to be full."""
+    """Name of the counter or clock that is brought to its rollover."""
     times: int = 1
-    """How often it happens, each time after the driver is well again."""
+    """Number of repetitions, each after the driver has recovered."""
     recovers: bool = True
-    """Whether the driver should be well again afterwards, in the same process."""
+    """True if the driver should recover afterwards, in the same process."""
     skipped: str = ""
-    """Why it is not tried."""
+    """The reason why it is not tried."""
     takes_s: float = 0.0
-    """About how long."""
+    """Estimated duration [s]."""
 
     def as_dict(self) -> dict[str, Any]:
-        """As plain data, without what is not said."""
+        """Return the trial as JSON data, without empty fields."""
         return {key: value for key, value in asdict(self).items() if value not in ("", 0.0, [])}
 
 
 @dataclass
 class LineFacts:
-    """What the plan depends on: the line, and what went over it in the run without faults."""
+    """The facts on which the plan depends: the line, and its traffic in the run without faults."""
 
     wire: str = "serial"
     """Kind of the line: serial, can, tcp, udp, websocket, dds."""
     usb: bool = False
+    """True if the serial line is USB, so that its speed has no effect."""
     asks: bool = False
+    """True if the driver polls the device; False if the device streams."""
     talks: bool = False
-    """The driver sends while it reads."""
+    """True if the driver sends while it reads."""
     sets_rate: bool = False
+    """True if the driver sets the sampling rate."""
     frames: Sequence[str] = ()
-    """Those to the driver of the last readings, as text."""
+    """Frames of the last readings to the driver, as text."""
     requests: Sequence[str] = ()
-    """Likewise, from it."""
+    """Frames from the driver, as text."""
     frames_per_row: int = 1
+    """Number of frames for one row."""
     row_s: float = 0.01
+    """Time from row to row [s]."""
     period_s: float = 0.01
+    """Sampling period of the device [s]."""
     rollovers: Sequence[Rollover] = ()
     """Counters and clocks on the wire."""
     replies: Sequence[str] = ()
-    """Answers of the device to other commands, as hex."""
+    """Constant answers of the device to commands, as hex."""
     identifiers: Sequence[int] = ()
     """CAN identifiers in use."""
     taxels: int = 1
+    """Number of taxels."""
     numbered: bool = False
-    """Frames carry a number or a time, by which a driver can tell an old one from a new one."""
+    """True if frames carry a number or a time, by which a driver can recognise old ones."""
 
 
 def positions(size: int, random: np.random.Generator, every: bool = False) -> list[int]:
-    """Return positions in a frame: those of header, counters, status, length and sums, and some of the values
-    between.
-    """
+    """Return byte positions in a frame: its head and end (header, counters, checksums) and some values between."""
     if every or size <= EDGE_FIRST + EDGE_LAST + VALUES:
         return list(range(size))
     between = np.arange(EDGE_FIRST, size - EDGE_LAST)
@@ -89,19 +104,19 @@ def positions(size: int, random: np.random.Generator, every: bool = False) -> li
 
 
 def size_of(frame: str) -> int:
-    """Data bytes of a frame given as text."""
+    """Return the number of data bytes of a frame given as text."""
     return len(frame.rpartition("#")[2].replace("R", "")) // 2
 
 
 class Plan:
-    """The trials for one device and driver."""
+    """A plan of the trials for one device and driver."""
 
     def __init__(self, facts: LineFacts, seed: int = 0, every: bool = False):
         self.facts, self.every = facts, every
         self.random = np.random.default_rng(seed)
 
     def trials(self) -> list[Trial]:
-        """Return all trials; those that make no sense say why."""
+        """Return all trials; those that do not apply have a reason in :attr:`Trial.skipped`."""
         found = [*self._frames(), *self._streams(), *self._answers(), *self._requests(), *self._bus()]
         found += [*self._outages(), *self._device()]
         for trial in found:
@@ -109,9 +124,7 @@ class Plan:
         return found
 
     def _estimate(self, trial: Trial) -> float:
-        """Return seconds: the readings until the last edit, the action, ten readings to be well again, and the
-        looking.
-        """
+        """Return the estimated duration of a trial: readings until the last edit, the action and the recovery [s]."""
         numbers = [int(word.partition("-")[0]) for fault in trial.faults for word in _after(fault, "frame")]
         frames = max(numbers, default=0) / max(1, self.facts.frames_per_row)
         return frames * self.facts.row_s + trial.seconds + 12 * self.facts.row_s + 0.15
@@ -119,21 +132,21 @@ class Plan:
     # -- edits ---------------------------------------------------------------------------------------------------------
 
     def _hits(self, count: int, gap: int = GAP) -> list[int]:
-        """Return numbers of the frames that are hit: another one of a reading's frames each time."""
+        """Return the numbers of the frames to edit, each time another one of a reading's frames."""
         per = max(1, self.facts.frames_per_row)
         places = self.random.integers(per, size=count) if per > 1 else np.zeros(count, int)
         return [1 + per * (1 + gap * k) + int(place) for k, place in enumerate(places)]
 
     def _size(self, number: int) -> int:
-        """Return bytes of the frame that will have this number: frames come round."""
+        """Return the size of the frame that will have this number, since frames repeat in their order [byte]."""
         frames = self.facts.frames
         per = max(1, self.facts.frames_per_row)
         return size_of(frames[-per:][(number - 1) % min(per, len(frames))]) if frames else 8
 
     def _at_each(self, words: str, gap: int = GAP, last: int = 0) -> list[str]:
-        """Return an edit at each position of a frame: ``{frame}``, ``{at}`` and ``{bit}`` are replaced.
+        """Return an edit for each position of a frame, from a template with ``{frame}``, ``{at}`` and ``{bit}``.
 
-        Where a reading has many frames, positions of several of them.
+        If a reading has several frames, the edits hit positions of several of them.
         """
         per = max(1, self.facts.frames_per_row)
         size = max((size_of(frame) for frame in self.facts.frames[-per:]), default=8)
@@ -152,7 +165,7 @@ class Plan:
         return self.facts.wire in ("serial", "tcp")
 
     def _frames(self):
-        """What befalls single frames on any line."""
+        """Yield the trials with single frames on any line."""
         why = "a bit at each place of a frame"
         if self.facts.wire == "serial":
             yield Trial("flipped", why, self._at_each("flip frame {frame} byte {at} bit {bit}"))
@@ -181,7 +194,7 @@ class Plan:
         return [f"truncate frame {number} to {max(1, self._size(number) // 3)}"]
 
     def _streams(self):
-        """What befalls a stream of bytes."""
+        """Yield the trials with a stream of bytes."""
         if not self._bytewise():
             return
         size = self._size(1)
@@ -208,7 +221,7 @@ class Plan:
             yield Trial("reordered", "frames overtake one another", skipped=about)
 
     def _answers(self):
-        """What befalls the answers to a driver that asks."""
+        """Yield the trials with the answers to a driver that polls."""
         facts = self.facts
         if not facts.asks:
             return
@@ -227,7 +240,7 @@ class Plan:
             yield Trial("another answer", "the answer to another command comes", skipped=about)
 
     def _requests(self):
-        """What befalls the driver's own requests."""
+        """Yield the trials with the driver's own requests."""
         facts = self.facts
         if not facts.talks:
             about = "the driver sends nothing while it reads"
@@ -244,7 +257,7 @@ class Plan:
         yield Trial("requests lost", "what it sends is lost", [f"drop frame {n} from_driver" for n in hits[:4]])
 
     def _bus(self):
-        """What befalls a bus, or datagrams."""
+        """Yield the trials with a bus or with datagrams."""
         facts = self.facts
         if facts.wire == "can":
             foreign = _neighbours(facts.identifiers, self.random)
@@ -311,18 +324,18 @@ class Plan:
 
 
 def _after(fault: str, word: str) -> list[str]:
-    """What follows a word in a fault's text."""
+    """Return the words that follow a word in a fault's text."""
     words = fault.split()
     return [words[k + 1].split(",")[0] for k, each in enumerate(words[:-1]) if each == word]
 
 
 def size_or(size: int, other: int) -> int:
-    """Return the size, or another where it is not known."""
+    """Return the size, or the other value if the size is 0."""
     return size or other
 
 
 def _neighbours(identifiers: Sequence[int], random: np.random.Generator, most: int = 8) -> list[int]:
-    """Identifiers that differ in one bit from those in use, and are not."""
+    """Return unused identifiers that differ in one bit from those in use."""
     used = set(identifiers)
     bits = 29 if any(ident > 0x7FF for ident in used) else 11
     near = sorted({ident ^ 1 << bit for ident in used for bit in range(bits)} - used - {0})

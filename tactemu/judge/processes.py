@@ -1,4 +1,4 @@
-"""Processes of a driver: what it started, what they take, and their end; whatever they did to get away."""
+"""Processes of a driver: how they are found, their resource usage, and their end, also outside its session."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ import time
 from collections.abc import Collection
 
 MARK = "TACTEMU_JUDGE"
-"""In the environment of a driver's processes: by its value they are known, also those that left their session."""
+"""Environment variable whose value identifies a driver's processes, also those that left their session."""
 _PAGE, _TICK = os.sysconf("SC_PAGE_SIZE"), os.sysconf("SC_CLK_TCK")
 
 
 def marked(mark: str, old: Collection[int] = ()) -> list[int]:
-    """Processes that carry the mark; ``old`` are known to carry none."""
+    """Return the processes that carry the mark, without a look at the ``old`` ones."""
     found, text = [], f"{MARK}={mark}".encode()
     for name in os.listdir("/proc"):
         if not name.isdigit() or int(name) in old:
@@ -23,7 +23,7 @@ def marked(mark: str, old: Collection[int] = ()) -> list[int]:
             with open(f"/proc/{name}/environ", "rb") as file:
                 if text in file.read(1 << 17).split(b"\0"):
                     found.append(int(name))
-        except OSError:  # gone, or somebody else's
+        except OSError:  # it has ended, or belongs to another user
             continue
     return found
 
@@ -39,8 +39,8 @@ def family(pid: int) -> list[int]:
     return found
 
 
-def weight(pid: int) -> tuple[int, float]:
-    """Resident memory [byte] and processor time [s] of a process and its descendants."""
+def resource_usage(pid: int) -> tuple[int, float]:
+    """Return resident memory [byte] and processor time [s] of a process and its descendants."""
     size, cpu = 0, 0.0
     for each in family(pid):
         with contextlib.suppress(OSError, IndexError, ValueError):
@@ -53,9 +53,9 @@ def weight(pid: int) -> tuple[int, float]:
 
 
 def queued_ns(pid: int) -> int:
-    """Return the time for which threads of a process and its descendants were ready to run and waited for a processor.
+    """Return the time for which threads of a process and its descendants waited for a processor [ns].
 
-    Linux counts it where it was built with schedstats; elsewhere it is 0.
+    It is 0 on kernels without schedstats.
     """
     waited = 0
     for each in family(pid):
@@ -70,14 +70,14 @@ def queued_ns(pid: int) -> int:
 
 
 def age_s() -> float:
-    """Return the time since this process began, its imports included [s]."""
+    """Return the time since this process began, including its imports [s]."""
     with open("/proc/self/stat") as file:
         began = int(file.read().rsplit(")", 1)[1].split()[19]) / _TICK
     return time.clock_gettime(time.CLOCK_BOOTTIME) - began
 
 
 def end(mark: str, seconds: float = 2.0) -> int:
-    """Kill every process that carries the mark; returns how many there were."""
+    """Kill every process that carries the mark, and return how many there were."""
     deadline, ended = time.monotonic() + seconds, set()
     while (left := marked(mark)) and time.monotonic() < deadline:
         for pid in left:

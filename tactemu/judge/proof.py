@@ -1,4 +1,4 @@
-"""Proof that the event of a trial happened, from its record. Without it the trial says nothing about the driver."""
+"""Proof from a record that the event of its trial happened; without it the trial proves nothing about the driver."""
 
 from __future__ import annotations
 
@@ -12,23 +12,31 @@ from tactemu.judge.outcome import CleanRun
 from tactemu.judge.trial_record import InjectedFault, ReceivedFrame, TrialRecord
 from tactemu.wire.faults import parse
 
-MOST_OF_IT = 0.5
-"""Share of an outage for which nothing may come, or the driver's process must stand still."""
-STOPPED_MOVING = 0.3
-"""Share of its former spread below which a channel has stopped moving."""
-AT_ITS_END, LEAST_AT_END = 0.05, 3
-"""Share and number of samples that show one and the same extreme value where a channel is saturated."""
-RISES, FALLS = 1.1, 0.9
-"""How many times more readings must arrive at a higher rate, and how many times fewer be taken at a lower one."""
+MIN_OUTAGE_SHARE = 0.5
+"""Least share of an outage in which no frame is sent, or for which the driver's process is stopped."""
+STOPPED_SHARE = 0.3
+"""Share of its former spread below which a channel has stopped changing."""
+SATURATED_SHARE = 0.05
+"""Least share of samples with one and the same extreme value, for a saturated channel."""
+MIN_SATURATED_SAMPLES = 3
+"""Least number of samples with this value."""
+MIN_RATE_RISE = 1.1
+"""Least factor on the readings that arrive at a higher rate."""
+MAX_RATE_FALL = 0.9
+"""Largest factor on the samples that are taken at a lower rate."""
 SECOND_NS = 1_000_000_000
-BEGUN_BEFORE_NS = SECOND_NS
-"""Greatest time by which the emulator's loop dates an action before it was over."""
-FOLLOWS, FRAMES_NEEDED, FRAMES_COMPARED = 0.4, 40, 400
-"""A byte belongs to a value if it correlates so much with a channel over the frames that are compared."""
+MAX_ACTION_NS = SECOND_NS
+"""Greatest time by which the emulator's loop dates an action before its end [ns]."""
+MIN_CORRELATION = 0.4
+"""Least correlation with a channel by which a byte belongs to a value."""
+MIN_FRAMES = 40
+"""Least number of frames for this correlation."""
+MAX_FRAMES = 400
+"""Maximum number of frames for this correlation."""
 
 
 def missing(record: TrialRecord, columns: Columns, known: CleanRun) -> str:
-    """Return why the event of a trial did not happen, or cannot be shown to have happened; empty where it did."""
+    """Return why the event of a trial did not happen or cannot be proved; empty if it happened."""
     check = _BY_NAME.get(record.name) or _BY_ACTION.get(record.trial.get("action", ""), _no_check)
     if record.trial.get("faults") and not _changes(record):
         return "none of its faults hit anything"
@@ -40,14 +48,14 @@ def _no_check(record: TrialRecord, columns: Columns, known: CleanRun) -> str:
 
 
 def _changes(record: TrialRecord, *kinds: str) -> list[InjectedFault]:
-    """Return the faults that were injected in the trial, of some kinds or all."""
+    """Return the faults injected in the trial, of the given kinds or of all."""
     return [
         change for change in record.injected_faults if change.t >= record.on and (not kinds or change.what in kinds)
     ]
 
 
 def outages(record: TrialRecord) -> int:
-    """Return how often the port went away in the trial."""
+    """Return the number of times that the port was unplugged in the trial."""
     return len({change.t for change in _changes(record, "unplug")})  # several skins lose their ports at one time
 
 
@@ -55,7 +63,7 @@ def outages(record: TrialRecord) -> int:
 
 
 def _flipped(record: TrialRecord, columns: Columns, known: CleanRun) -> str:
-    """Where bytes follow the channels that the driver reads, a flip must have hit one of them."""
+    """Return why no flip hit a value: bytes that correlate with a channel the driver reads; empty if one did."""
     changes = [change for change in _changes(record, "flip") if change.after]
     for size in {len(change.before) for change in changes}:
         places = _places_of_values(record, columns, size)
@@ -71,9 +79,9 @@ def _differing(change: InjectedFault) -> set[int]:
 
 
 def _places_of_values(record: TrialRecord, columns: Columns, size: int) -> set[int]:
-    """Return the positions of bytes that follow a channel which the driver reads, and of bytes beside them that vary.
+    """Return the positions of bytes that correlate with a channel that the driver reads, and of their neighbours.
 
-    Low bytes of a value follow nothing, so those next to one that does are taken for its own.
+    Low bytes of a value correlate with nothing, so varying bytes next to one that does are taken for its own.
     """
     read = sorted({int(k) for c in columns.values for k in (c.weights or (c.channel,))})
     samples = {sample.number: sample.counts for sample in record.samples if len(sample.counts) > max(read, default=0)}
@@ -85,30 +93,30 @@ def _places_of_values(record: TrialRecord, columns: Columns, size: int) -> set[i
         for frame in record.frames
         if frame.way == "tx" and len(frame.data) == size and frame.data not in harmed
         if frame.sample is not None and frame.sample in samples
-    ][:FRAMES_COMPARED]
-    if len(carried) < FRAMES_NEEDED or not read:
+    ][:MAX_FRAMES]
+    if len(carried) < MIN_FRAMES or not read:
         return set()
     sent = np.array([list(bytes.fromhex(data)) for data, _ in carried], np.uint8)
     counts = np.array([each[read] for _, each in carried])
-    follows = _correlation(sent.astype(float), counts) | _correlation(sent.view(np.int8).astype(float), counts)
+    follows = _correlates(sent.astype(float), counts) | _correlates(sent.view(np.int8).astype(float), counts)
     varies = np.ptp(sent, axis=0) > 0
     near = follows | np.append(follows[1:], False) | np.append(False, follows[:-1])
     return set(np.flatnonzero(near & varies).tolist())
 
 
-def _correlation(sent: np.ndarray, counts: np.ndarray) -> np.ndarray:
-    """Return for each byte whether it follows any of the channels."""
+def _correlates(sent: np.ndarray, counts: np.ndarray) -> np.ndarray:
+    """Return for each byte True if it correlates with any of the channels."""
 
     def standard(x: np.ndarray) -> np.ndarray:
         spread = x.std(axis=0)
         return np.where(spread > 0, (x - x.mean(axis=0)) / np.where(spread > 0, spread, 1.0), 0.0)
 
     together = np.abs(standard(sent).T @ standard(counts)) / len(sent)
-    return np.any(together > FOLLOWS, axis=1)
+    return np.any(together > MIN_CORRELATION, axis=1)
 
 
 def _late_answer(record: TrialRecord, columns: Columns, known: CleanRun) -> str:
-    """The driver must have asked again before the answer came."""
+    """Return why no late answer met another question: the driver must ask again before the answer comes."""
     asked = [frame.t for frame in record.frames if frame.way == "rx"]
     waits = [(change.t, change.t + parse(change.fault).by_ns) for change in _changes(record, "late")]
     overtaken = any(ready < t < came for ready, came in waits for t in asked)
@@ -119,28 +127,28 @@ def _late_answer(record: TrialRecord, columns: Columns, known: CleanRun) -> str:
 
 
 def _hang(record: TrialRecord, columns: Columns, known: CleanRun) -> str:
-    """Nothing came of the device, although something would have."""
+    """Return why the device did not hang: frames went on, or no question came that it could have answered."""
     if record.trial.get("faults"):
         return ""
     if known.asks and not any(frame.way == "rx" and record.on < frame.t < record.off for frame in record.frames):
         return "the driver asked for nothing meanwhile"
     quiet = _longest_gap([frame.t for frame in record.frames if frame.way == "tx"], record)
-    return "" if quiet > MOST_OF_IT else "frames went on"
+    return "" if quiet > MIN_OUTAGE_SHARE else "frames went on"
 
 
 def _stopped(record: TrialRecord, columns: Columns, known: CleanRun) -> str:
     quiet = _longest_gap([printed.t for printed in record.rows], record)
-    return "" if quiet > MOST_OF_IT else "the driver's process did not stand still"
+    return "" if quiet > MIN_OUTAGE_SHARE else "the driver's process did not stand still"
 
 
 def _longest_gap(times: Sequence[int], record: TrialRecord) -> float:
-    """Return the longest time between events, as a share of the time that the trial lasted."""
+    """Return the longest time between events, as a share of the trial's duration."""
     inside = [record.on, *(t for t in times if record.on < t < record.off), record.off]
     return max(b - a for a, b in itertools.pairwise(inside)) / max(1, record.off - record.on)
 
 
 def _wrong_baud(record: TrialRecord, columns: Columns, known: CleanRun) -> str:
-    """What is heard at another speed has another length, or nothing is heard at all."""
+    """Return why the speed was not wrong: frames at another speed have other lengths, or none arrive."""
     during = [frame for frame in record.frames if record.on < frame.t < record.off]
     usual = {(frame.way, len(frame.data)) for frame in record.frames if frame.t < record.on}
     misheard = [frame for frame in during if (frame.way, len(frame.data)) not in usual]
@@ -151,7 +159,7 @@ def _wrong_baud(record: TrialRecord, columns: Columns, known: CleanRun) -> str:
 
 
 def _reset(record: TrialRecord, columns: Columns, known: CleanRun) -> str:
-    begun = record.on - BEGUN_BEFORE_NS
+    begun = record.on - MAX_ACTION_NS
     happened = any(change.what == "reset" and change.t >= begun for change in record.injected_faults)
     return "" if happened else "the device did not restart"
 
@@ -161,29 +169,29 @@ def _wrap(record: TrialRecord, columns: Columns, known: CleanRun) -> str:
 
 
 def _saturated(record: TrialRecord, columns: Columns, known: CleanRun) -> str:
-    """Several samples show one extreme that none shows afterwards."""
+    """Return why no channel was saturated: several samples must share an extreme that none reaches afterwards."""
     during, usual = _counts(record, record.on, record.off), _afterwards(record)
     for sign in (1.0, -1.0) if len(during) and len(usual) else ():
         end = (sign * during).max(axis=0)
-        often = (sign * during == end).sum(axis=0) >= max(LEAST_AT_END, AT_ITS_END * len(during))
+        often = (sign * during == end).sum(axis=0) >= max(MIN_SATURATED_SAMPLES, SATURATED_SHARE * len(during))
         if (often & (end > (sign * usual).max(axis=0))).any():
             return ""
     return "no channel came to an end of its range"
 
 
 def _dead(record: TrialRecord, columns: Columns, known: CleanRun) -> str:
-    """Return a channel that moves afterwards stands still, once the device's own filter has settled."""
+    """Return why no taxel was dead: some channel must stop, once the filter has settled, while others change."""
     during, usual = _counts(record, (record.on + record.off) // 2, record.off), _afterwards(record)
     if len(during) and len(usual):
         moves = usual.std(axis=0)
-        stopped = (moves > 0) & (during.std(axis=0) < STOPPED_MOVING * moves)
+        stopped = (moves > 0) & (during.std(axis=0) < STOPPED_SHARE * moves)
         if stopped.any() and not stopped[moves > 0].all():
             return ""
     return "no channel stood still while others moved"
 
 
 def _afterwards(record: TrialRecord) -> np.ndarray:
-    """Return the counts of the time in which the driver reads on; what was before may be another trial."""
+    """Return the counts after the trial's end, as those before it may belong to another trial."""
     return _counts(record, (record.off + record.end) // 2, record.end)
 
 
@@ -192,18 +200,18 @@ def _counts(record: TrialRecord, since: int, until: int) -> np.ndarray:
 
 
 def _rate(record: TrialRecord, columns: Columns, known: CleanRun) -> str:
-    """More readings arrive than usually, or fewer samples are taken."""
+    """Return why the rate did not change: more readings must arrive than usually, or fewer samples be taken."""
     rises = record.name == "high rate"
     times = _carried(record.frames) if rises else [sample.t for sample in record.samples]
     during = _per_second(times, record.on, record.off)
     usual = max(_per_second(times, record.on - SECOND_NS, record.on), _per_second(times, record.off, record.end))
-    if during > RISES * usual if rises else during < FALLS * usual:
+    if during > MIN_RATE_RISE * usual if rises else during < MAX_RATE_FALL * usual:
         return ""
     return f"{during:.0f} readings a second {'arrived' if rises else 'were taken'}, {usual:.0f} otherwise"
 
 
 def _carried(frames: Sequence[ReceivedFrame]) -> list[int]:
-    """Return when the first frame of each sample left."""
+    """Return the times at which the first frame of each sample left [ns]."""
     first: dict[int, int] = {}
     for frame in frames:
         if frame.way == "tx" and frame.sample is not None:

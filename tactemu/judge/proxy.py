@@ -1,8 +1,8 @@
-"""Between a real sensor and its driver: bytes go both ways, faults are injected, truth and a recording are written.
+"""Proxy between a real sensor and its driver: it passes bytes, injects faults, and writes truth and a recording.
 
-The driver's side is a wire as any other (:class:`~tactemu.wire.wire.Wire`), without pace: the real line has that. What
-comes from the sensor is cut into frames where the device's model sends frames of one length with a head of their own,
-and decoded where it has a table of them; otherwise it is passed as it comes, and said to be undecoded.
+The driver's side is a normal wire (:class:`~tactemu.wire.wire.Wire`) without pacing, which the real line provides.
+Data from the sensor are cut into frames if the device's model sends frames of one length with a constant head, and
+decoded if it has a table of them; otherwise they pass unchanged, and the proxy reports them as undecoded.
 """
 
 from __future__ import annotations
@@ -29,10 +29,11 @@ from tactemu.truth.recording import Entry
 from tactemu.wire.wire import ReceivedData, Wire
 
 MAX_READ_BYTES = 4096
+"""Maximum number of bytes in one read of the real port."""
 MAX_PARTIAL_WAIT_S = 0.02
-"""A frame of which the rest does not come is passed on as it is, if a fault waits for whole frames."""
+"""Maximum time for which an incomplete frame waits for its end while faults are on; then it passes as it is [s]."""
 _PROBE_FORCES_N = (0.0, 0.3, 1.0, 2.5)
-"""What a model is pressed with [N] to see what of its frames is always the same."""
+"""Forces on a model by which the constant head of its frames is found [N]."""
 
 
 # -- the device's tables -----------------------------------------------------------------------------------------------
@@ -40,25 +41,23 @@ _PROBE_FORCES_N = (0.0, 0.3, 1.0, 2.5)
 
 @dataclass
 class Framing:
-    """How a device's frames are told, and decoded."""
+    """The framing of a device's stream: the head and the size of its frames, and the table that decodes them."""
 
     head: bytes = b""
     size: int = 0
-    """0: they cannot be told."""
+    """Size of a frame [byte]; 0: frames cannot be recognised."""
     table: FrameTable | None = None
 
     @property
     def about(self) -> str:
-        """In words."""
+        """The framing as text."""
         if not self.size:
             return "undecoded: this device has no frames of one length and head; bytes pass as they come"
         cut = f"frames of {self.size} bytes that begin with {self.head.hex()}"
         return f"{cut}, {'decoded' if self.table else 'undecoded: no table of one frame'}"
 
     def counts(self, frame: bytes) -> np.ndarray | None:
-        """Return the numbers of the longest field of a frame; ``None`` where it has a wrong sum, or there is no
-        table.
-        """
+        """Return the numbers of the longest field of a frame, or None for a wrong checksum or without a table."""
         values = self.table.unpack(frame) if self.table is not None else None
         if values is None:
             return None
@@ -67,7 +66,7 @@ class Framing:
 
 
 def framing_of(device: Device) -> Framing:
-    """What the device's own model sends by itself, looked at."""
+    """Return the framing of a device, from the frames that its model streams under several forces."""
     frames = []
     for k, push in enumerate(_PROBE_FORCES_N):
         for stream in device.periods:
@@ -96,14 +95,14 @@ def _decodes(table: FrameTable, frames: Sequence[bytes]) -> bool:
 
 
 class Cutter:
-    """Cuts a stream into frames, and what is between them."""
+    """A cutter of a stream into frames and the bytes between them."""
 
     def __init__(self, framing: Framing):
         self.framing = framing
         self.partial = b""
 
     def cut(self, data: bytes) -> list[bytes]:
-        """Whole frames, and pieces that are none, in order; the beginning of a frame stays in :attr:`rest`."""
+        """Return complete frames and the bytes between them, in order; an incomplete one stays in :attr:`partial`."""
         head, size = self.framing.head, self.framing.size
         if not size:
             return [data] if data else []
@@ -127,7 +126,7 @@ class Cutter:
         return found
 
     def flush_partial(self) -> list[bytes]:
-        """What waits, as it is."""
+        """Return the incomplete frame, if there is one, and clear it."""
         partial, self.partial = self.partial, b""
         return [partial] if partial else []
 
@@ -136,7 +135,7 @@ class Cutter:
 
 
 class RealPort(Protocol):
-    """The sensor's side."""
+    """The interface of the sensor's port."""
 
     def fileno(self) -> int: ...  # noqa: D102
 
@@ -158,18 +157,20 @@ class RealSerial:
         try:
             self.port = serial.serial_for_url(name, baudrate=baud, timeout=0, write_timeout=0.2)
         except (OSError, ValueError) as error:
-            raise TransportError(f"cannot open {name}: {error}; check the name, and that you may read it") from None
+            raise TransportError(
+                f"cannot open {name}: {error}; check the name and your permission to read it"
+            ) from None
         self.name = name
 
     def fileno(self) -> int:
-        """To select; -1 where there is none."""
+        """Return the file descriptor for ``select``, or -1 if there is none."""
         try:
             return self.port.fileno()
         except (OSError, AttributeError):
             return -1
 
     def read(self) -> list[WireFrame]:
-        """What is there."""
+        """Return the data that have arrived."""
         try:
             data = self.port.read(MAX_READ_BYTES)
         except OSError as error:
@@ -177,7 +178,7 @@ class RealSerial:
         return [data] if data else []
 
     def write(self, data: WireFrame) -> None:
-        """What the driver has sent."""
+        """Send data of the driver to the sensor."""
         assert isinstance(data, bytes)
         try:
             self.port.write(data)
@@ -185,7 +186,7 @@ class RealSerial:
             raise TransportError(f"lost the sensor's port {self.name}: {error}") from None
 
     def follow(self, event: SettingChanged | LinesChanged) -> None:
-        """The driver's settings and modem lines become the sensor's; those that the port cannot have are left."""
+        """Set the driver's settings and modem lines on the port, except those that it does not support."""
         with contextlib.suppress(OSError, ValueError):
             if isinstance(event, LinesChanged):
                 self.port.dtr, self.port.rts = event.dtr, event.rts
@@ -198,7 +199,7 @@ class RealSerial:
                     setattr(self.port, name, value)
 
     def close(self) -> None:
-        """Let it go."""
+        """Close the port."""
         self.port.close()
 
 
@@ -210,37 +211,37 @@ class RealBus:
         self.port.open()
 
     def fileno(self) -> int:
-        """To select; -1 where there is none."""
+        """Return the file descriptor for ``select``, or -1 if there is none."""
         return next(iter(self.port.filenos()), -1)
 
     def read(self) -> list[WireFrame]:
-        """What is there."""
+        """Return the data that have arrived."""
         return [event.data for event in self.port.poll() if isinstance(event, Received)]
 
     def write(self, data: WireFrame) -> None:
-        """What the driver has sent."""
+        """Send data of the driver to the sensor."""
         self.port.write(data)
 
     def follow(self, event: SettingChanged | LinesChanged) -> None:
-        """A bus has none."""
+        """Do nothing: a bus has no such settings."""
 
     def close(self) -> None:
-        """Let it go."""
+        """Close the port."""
         self.port.close()
 
 
-# -- between -----------------------------------------------------------------------------------------------------------
+# -- the proxy ---------------------------------------------------------------------------------------------------------
 
 
 @dataclass
 class Proxy:
-    """Passes what comes on either side to the other until :attr:`stopped`.
+    """A proxy that passes data between a sensor and its driver until :attr:`stopped`.
 
     Args:
-        device: the model whose tables cut and decode; ``None``: nothing is decoded.
-        real: the sensor's side.
-        port: the driver's, as for ``tactemu run --port``.
-        faults: what goes wrong between them.
+        device: the model whose tables cut and decode frames; ``None``: nothing is decoded.
+        real: the sensor's port.
+        port: the driver's port, as for ``tactemu run --port``.
+        faults: to inject between them.
     """
 
     device: Device | None
@@ -264,15 +265,15 @@ class Proxy:
         self.clock = RealClock()
         self.samples = 0
         self.passed = {"to driver": 0, "from driver": 0}
-        """Bytes, or frames of a bus."""
+        """Number of bytes, or of frames on a bus, by direction."""
         self.stopped = False
         self._began_ns = 0
 
     def run(self, seconds: float | None = None, opened: Callable[[str], object] = lambda address: None) -> None:
-        """Pass on; ``opened`` is told where the driver's port is.
+        """Pass data until :attr:`stopped` or for some seconds; call ``opened`` with the address of the driver's port.
 
         Raises:
-            TransportError: a port cannot be made, or the sensor's is lost.
+            TransportError: the driver's port cannot be created, or the sensor's port is lost.
         """
         self.wire.open()
         try:
@@ -288,7 +289,7 @@ class Proxy:
             self.truth.close()
 
     def turn(self) -> None:
-        """What is there on both sides goes to the other; then wait for more."""
+        """Pass on the data that have arrived on both sides, then wait for more."""
         now = self.clock.now_ns()
         for event in self.wire.receive(now):
             if isinstance(event, ReceivedData):
@@ -312,7 +313,7 @@ class Proxy:
             return
         self._began_ns = now
         pieces = self.cutter.cut(data)
-        if not self.wire.faults:  # nothing waits for the rest of a frame
+        if not self.wire.faults:  # no fault needs complete frames
             self._decode(pieces, now)
             self.wire.send([data], now, self.name)
             return
@@ -340,7 +341,7 @@ class Proxy:
             self.recorder.add(Entry(now, data, kind))
 
     def _wait(self) -> None:
-        """Until something comes, or something that a fault held back is due."""
+        """Wait until data arrive, or until data that a fault holds back are due."""
         due = self.wire.next_due_ns()
         wait_s = 0.05 if due is None else min(0.05, max(0.0, (due - self.clock.now_ns()) / 1e9))
         if self.cutter.partial and self.wire.faults:

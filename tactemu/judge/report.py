@@ -1,4 +1,4 @@
-"""The outcome of a whole run, as data: for JSON, for comparison with an earlier run, and for the pages."""
+"""Reports of complete runs, for JSON, for the comparison with an earlier run, and for HTML and JUnit."""
 
 from __future__ import annotations
 
@@ -17,24 +17,24 @@ VERSION = 1
 
 @dataclass
 class Report:
-    """What was judged, and what came of it."""
+    """The report of a run: the driver, the device and the outcomes of the trials."""
 
     device: str
     command: list[str]
     seed: int = 0
     fail_on: Sequence[str] = FAILING
     columns: list[tuple[str, str]] = field(default_factory=list)
-    """What each column of the driver's rows holds, in words."""
+    """Name and content of each column of the driver's rows, as text."""
     asks: bool = False
     outcomes: list[Outcome] = field(default_factory=list)
     left_behind: int = 0
-    """Processes that had left the driver's session and were ended."""
+    """Number of processes that had left the driver's session and were ended."""
     seconds: float = 0.0
     known: set[tuple[str, str]] = field(default_factory=set)
-    """Findings of the baseline, by trial and kind: they do not fail."""
+    """Findings of the baseline, as trial and kind; they do not fail the run."""
 
     def failures(self, outcome: Outcome) -> list[str]:
-        """Kinds of finding that fail the run, in one trial."""
+        """Return the kinds of a trial's findings that fail the run."""
         if outcome.confirmed is False:
             return []
         kinds = [finding.kind for finding in outcome.findings if finding.kind in self.fail_on]
@@ -42,12 +42,12 @@ class Report:
 
     @property
     def failed(self) -> list[Outcome]:
-        """Trials that fail the run."""
+        """The outcomes that fail the run."""
         return [outcome for outcome in self.outcomes if self.failures(outcome)]
 
     @property
     def is_judged(self) -> bool:
-        """Whether there was anything to judge."""
+        """True if the clean run gave rows that can be judged."""
         return bool(self.outcomes) and not self.outcomes[0].has("silent", "unlearned", "floods", "died")
 
     @property
@@ -56,11 +56,11 @@ class Report:
         return [outcome.case for outcome in self.outcomes if outcome.case]
 
     def findings(self) -> list[tuple[str, str]]:
-        """Trial and kind of all findings that came again."""
+        """Return trial and kind of all findings, without those that a second run did not confirm."""
         return [(o.name, f.kind) for o in self.outcomes if o.confirmed is not False for f in o.findings]
 
     def as_dict(self) -> dict[str, Any]:
-        """As plain data."""
+        """Return the report as JSON data."""
         return {
             "version": VERSION, "tactemu": __version__, "device": self.device, "command": self.command,
             "seed": self.seed, "seconds": round(self.seconds, 3), "asks": self.asks,
@@ -74,7 +74,7 @@ class Report:
         }  # fmt: skip
 
     def write_json(self, path: Path) -> None:
-        """Write it as JSON; a baseline for later runs.
+        """Write the report as JSON, which later runs take as a baseline.
 
         Raises:
             TactemuError: the file cannot be written.
@@ -82,10 +82,10 @@ class Report:
         written(path, json.dumps(self.as_dict(), indent=1, default=float) + "\n")
 
     def compare(self, path: Path) -> None:
-        """Let what an earlier report has found not fail this one.
+        """Mark the findings of an earlier report as known, so that they do not fail this run.
 
         Raises:
-            TactemuError: it cannot be read, or is no report.
+            TactemuError: the file cannot be read or is no report.
         """
         try:
             data = json.loads(path.read_text(encoding="utf-8"))
@@ -98,10 +98,10 @@ class Report:
 
 
 def written(path: Path, text: str) -> None:
-    """Write a file.
+    """Write a text file.
 
     Raises:
-        TactemuError: it cannot be written.
+        TactemuError: the file cannot be written.
     """
     try:
         path.write_text(text, encoding="utf-8")

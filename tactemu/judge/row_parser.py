@@ -1,4 +1,4 @@
-"""Lines that a driver prints, as rows of numbers: JSON, CSV with or without a head, or ``name=number``."""
+"""Parsing of a driver's printed lines as rows of numbers: JSON, CSV with or without a header, ``name=number``."""
 
 from __future__ import annotations
 
@@ -9,22 +9,22 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 MAX_LINE_LENGTH = 1 << 18
-"""A longer line is no row [characters]."""
+"""Maximum length of a row; bounds the memory and time for one line [characters]."""
 _PAIRS = re.compile(r"(?<![\w.\[\]])([A-Za-z_][\w.\[\]]*)\s*[=:]\s*(-?\d[\d.]*(?:[eE][-+]?\d+)?)\b")
 _SEPARATORS = re.compile(r"[,;\t ]+")
 _MAX_NAME_LENGTH = 40
-"""A head of a table has no longer names."""
+"""Maximum length of a column name in the header of a table [characters]."""
 
 
 class RowParser:
-    """Parses line after line; remembers the head of a table."""
+    """A parser of consecutive lines that keeps the header of a table."""
 
     def __init__(self):
         self.head: list[str] | None = None
         self._has_numbers = False
 
     def parse(self, line: str) -> dict[str, float] | None:
-        """Return numbers by column; ``None`` where the line holds none, or words beside them."""
+        """Return the numbers of a line by column, or None if it has none or is other text."""
         line = line.strip()
         if not line or len(line) > MAX_LINE_LENGTH:
             return None
@@ -32,7 +32,7 @@ class RowParser:
             return self._json(line)
         if (numbers := self._numbers(line)) is not None:
             self._has_numbers = True
-            if self.head is None or len(self.head) != len(numbers):  # what stood before was talk
+            if self.head is None or len(self.head) != len(numbers):  # the line before was a message, not a header
                 self.head = [str(k) for k in range(len(numbers))]
             return dict(zip(self.head, numbers))
         pairs = _PAIRS.findall(line) if "=" in line or ":" in line else []
@@ -62,7 +62,7 @@ class RowParser:
 
 
 def flatten(name: str, value: Any) -> Iterator[tuple[str, float]]:
-    """The numbers in a value, with where they are; what is no number is left out."""
+    """Yield the path and value of each number in a JSON value, without everything else."""
     if isinstance(value, bool | int | float):
         try:
             yield name or "0", float(value)

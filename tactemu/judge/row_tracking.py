@@ -1,4 +1,4 @@
-"""How the rows of a driver go on: each as the sample that it is, and when it is well again after a fault."""
+"""Tracking of a driver's rows: the sample of each row, its age, and the driver's recovery after a fault."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from tactemu.judge.sample_matching import Match, Matcher
 from tactemu.judge.trial_record import TrialRecord
 
 SETTLED = 10
-"""Right rows in a row after which a driver is well again."""
+"""Number of consecutive right rows after which a driver has recovered."""
 DISTINCT_SAMPLES = 2
-"""Samples between two questions that tell an answer to the one from an answer to the other."""
+"""Least number of samples between two questions by which their answers can be told apart."""
 GRACE_MS = 100.0
-"""A reading that is handed out again so long after it was sent, while nothing comes, is stale; or three times as long
-as the driver takes at its 99th percentile."""
+"""Age from which a reading that is handed out again while nothing is sent is stale [ms]; three times the driver's 99th
+percentile if that is longer."""
 
 
 class RowTracker:
-    """The record's rows as samples, in order of time. Also used while a trial runs: more may be fed."""
+    """A tracker that matches the rows of a record with its samples; the record may grow between two calls."""
 
     def __init__(self, columns: Columns, known: CleanRun):
         self.columns, self.known = columns, known
@@ -30,8 +30,8 @@ class RowTracker:
         self._rows = 0
 
     def feed(self, record: TrialRecord) -> list[Match]:
-        """Match what is new on a record that only grows; returns the new matches, without rows that are no reading."""
-        rows = record.rows[self._rows :]  # before the samples: no row is there before its own
+        """Match the new rows of a growing record, and return the new matches, without rows that are no reading."""
+        rows = record.rows[self._rows :]  # taken before the samples, so that the sample of each row is there
         self.matcher.add(record.samples[self.matcher.count :])
         new = [match for printed in rows if (match := self.matcher.match(printed)) is not None]
         self._rows += len(rows)
@@ -40,7 +40,7 @@ class RowTracker:
 
 
 def left_times(record: TrialRecord) -> np.ndarray:
-    """When the last frame of each sample left [ns]; of those that none carried, when they were taken."""
+    """Return the time at which the last frame of each sample left, or its sampling time if no frame carried it [ns]."""
     times = np.array([sample.t for sample in record.samples], np.int64)
     at = {sample.number: k for k, sample in enumerate(record.samples)}
     for frame in record.frames:
@@ -53,8 +53,9 @@ def left_times(record: TrialRecord) -> np.ndarray:
 def recovered(
     record: TrialRecord, matches: Sequence[Match], known: CleanRun, after: int, left: np.ndarray | None = None
 ) -> float | None:
-    """Return seconds from ``after`` to the first of ten right rows in a row, all of samples since then and in their
-    order.
+    """Return the time from ``after`` to the first of ten consecutive right rows [s], or None if there are none.
+
+    The rows must be of samples since then, in their order.
     """
     left = left_times(record) if left is None else left
     limit_ns = 1e6 * max(GRACE_MS, 2 * known.p99_ms + 2 * known.row_ms)
@@ -83,7 +84,7 @@ def recovered(
 
 
 class Questions:
-    """Of a driver that asks: what was the newest when it asked for a row."""
+    """The questions of a driver that polls, with the newest sample at each."""
 
     def __init__(self, record: TrialRecord, ask_ms: float):
         self._asked = np.array([f.t for f in record.frames if f.way == "rx"])
@@ -91,15 +92,15 @@ class Questions:
         self._usual_ns = 1e6 * ask_ms
         rows = sum(printed.t > record.on for printed in record.rows)
         self._per_row = max(1, round(sum(f.t > record.on for f in record.frames if f.way == "rx") / max(1, rows)))
-        """Questions that are asked for one row."""
+        """Number of questions for one row."""
         self._newest = _newest(record, self._asked)
-        """Index of the newest sample by question."""
+        """Index of the newest sample at each question."""
 
     def behind(self, match: Match) -> int | None:
-        """How many samples were taken since the one that a row is, until the question that it answers; None: unknown.
+        """Return the number of samples between a row's sample and the question that it answers; None if unknown.
 
-        A row is heard a little after it was printed, and the next question may have been asked in between: only one
-        that is half of the usual time old, or that has been answered since, is what the row answers.
+        A row is received a little after it was printed, and the next question may have been asked in between: the row
+        answers the last question that is at least half of the usual time old, or that has been answered since.
         """
         last = self._last(match)
         if match.sample is None or last < 0:
@@ -107,7 +108,7 @@ class Questions:
         return int(self._newest[last]) - match.sample
 
     def _last(self, match: Match) -> int:
-        """Return the number of the question that a row answers; -1: none was asked."""
+        """Return the number of the question that a row answers, or -1 if there was none."""
         if not len(self._asked):
             return -1
         answered = self._answered[: np.searchsorted(self._answered, match.printed.t, side="right")]
@@ -115,7 +116,7 @@ class Questions:
         return int(np.searchsorted(self._asked, since)) - 1
 
     def is_one_behind(self, match: Match, matcher: Matcher) -> bool | None:
-        """Return True where a row is the answer to the question before; ``None`` where nothing tells them apart."""
+        """Return True if a row answers the previous question, or None if the two answers cannot be told apart."""
         last = self._last(match)
         if match.sample is None or last < self._per_row:
             return None
@@ -128,17 +129,17 @@ class Questions:
         return match.sample <= before
 
     def is_old(self, match: Match, known: CleanRun) -> bool:
-        """Whether a row was already old when it was asked for."""
+        """Return True if a row's sample was already old when the driver asked for it."""
         a_row = known.row_ms / max(known.period_ms, 1e-6)
         behind = self.behind(match)
         return behind is not None and behind > known.behind + max(1.0, 0.5 * a_row)
 
 
 def _newest(record: TrialRecord, asked: np.ndarray) -> np.ndarray:
-    """Return the index of the newest sample for each question: the one of its answer, or by time where none came.
+    """Return the index of the newest sample for each question: that of its answer, or by time if there is no answer.
 
-    A busy loop takes samples between the arrival of a question and its answer, and a device may answer with the sample
-    that it takes next. A frame that is no answer and older than the question tells nothing.
+    A busy loop takes samples between the arrival of a question and its answer, and a device may answer with its next
+    sample. A frame that is no answer and older than the question is ignored.
     """
     newest = np.searchsorted(np.array([sample.t for sample in record.samples]), asked, side="right") - 1
     index = {sample.number: k for k, sample in enumerate(record.samples)}

@@ -1,4 +1,4 @@
-"""Which sample a row is: the one of the last seconds with whose counts all its columns agree."""
+"""Matching of rows with samples: a row is the recent sample with whose counts all its columns agree."""
 
 from __future__ import annotations
 
@@ -10,28 +10,28 @@ from tactemu.judge.columns import Columns
 from tactemu.judge.trial_record import DriverRow, Sample
 
 WINDOW_S = 8.0
-"""A row is no older sample than this."""
+"""Greatest age of a row's sample [s]."""
 AHEAD_NS = 2_000_000
-"""By how much the times of a sample and of a row may contradict each other."""
+"""Greatest time by which a sample may seem later than its row [ns]."""
 
 
 @dataclass(frozen=True)
 class Match:
-    """What a row turned out to be."""
+    """The result of matching a row."""
 
     printed: DriverRow
     sample: int | None
-    """Index of its sample, of several skins the oldest; ``None``: it is none."""
+    """Index of the row's sample, with several skins the oldest; ``None``: the row is no sample."""
     marked: bool = False
-    """The driver says that something is wrong with it."""
+    """True if the driver marks the row as bad."""
     odd: tuple[str, ...] = ()
-    """Columns that differ from the sample which the others name."""
+    """Columns that differ from the nearest sample."""
     nearest: int | None = None
-    """That sample."""
+    """Index of the sample with which most columns agree."""
 
 
 class Matcher:
-    """Finds the sample of each row among those taken so far; more may be added."""
+    """A search for the sample of each row among the samples added so far."""
 
     def __init__(self, columns: Columns):
         self.columns = columns
@@ -40,12 +40,12 @@ class Matcher:
         self._times = np.zeros(0, np.int64)
         self._filled = 0
         self._skins = columns.by_skin()
-        # The columns with the finest steps exclude most samples: they are looked at first.
+        # The columns with the finest steps exclude most samples, so they are compared first.
         gains = [abs(column.gain) or 1.0 for column in columns.values]
         self._first = np.argsort([column.tolerance / gain for column, gain in zip(columns.values, gains)])[:3]
 
     def add(self, samples: list[Sample]) -> None:
-        """Samples after those that were added."""
+        """Add further samples, in the order of time."""
         if not samples:
             return
         counts = np.array([sample.counts for sample in samples])
@@ -63,11 +63,11 @@ class Matcher:
 
     @property
     def count(self) -> int:
-        """How many samples were added."""
+        """The number of samples added so far."""
         return self._filled
 
     def match(self, printed: DriverRow) -> Match | None:
-        """What a row is; ``None`` where it lacks columns: it is no reading."""
+        """Return the match of a row, or None if it lacks columns and so is no reading."""
         y = self.columns.row(printed.row)
         if y is None:
             return None
@@ -83,7 +83,7 @@ class Matcher:
             if (np.abs(expected[at] - y) <= slack[at]).all():
                 return Match(printed, int(low + at), marked)
         near = np.abs(expected - y) <= slack
-        if len(self._skins) > 1:  # each has a clock and a port of its own: only its own columns belong together
+        if len(self._skins) > 1:  # each skin has its own clock and port: only its own columns belong to one sample
             by_skin = [np.flatnonzero(near[:, skin].all(axis=1)) for skin in self._skins]
             if all(len(found) for found in by_skin):
                 return Match(printed, int(low + min(found[-1] for found in by_skin)), marked)
@@ -96,14 +96,17 @@ class Matcher:
         return Match(printed, None, marked, odd, int(low + best))
 
     def fits(self, printed: DriverRow, sample: int) -> bool:
-        """Return whether all columns of a row agree with a sample, given by its index."""
+        """Return True if all columns of a row agree with the sample of an index."""
         y = self.columns.row(printed.row)
         if y is None or not 0 <= sample < self._filled:
             return False
         return bool((np.abs(self._expected[sample] - y) <= self._slack[sample]).all())
 
     def between(self, printed: DriverRow, back: int) -> bool:
-        """Whether every column lies within what the last ``back`` samples before the row span: a filter on its way."""
+        """Return True if every column lies in the range of the last ``back`` samples before the row.
+
+        Such a row may come from a filter that is still settling.
+        """
         y = self.columns.row(printed.row)
         if y is None or not self._filled:
             return False

@@ -1,7 +1,7 @@
-"""The smallest case: of many edits the one that the driver does not bear, confirmed alone.
+"""The smallest case: the one edit out of many that causes a finding, confirmed alone.
 
-First the edit that stands before the first wrong row is tried alone; then halves. Nothing is looked for at random,
-since a run takes a second.
+First the edit before the first wrong row is tried alone, then halves of all edits. There is no random search, since
+each run takes a second.
 """
 
 from __future__ import annotations
@@ -17,16 +17,17 @@ from tactemu.judge.outcome import FAILING, Outcome
 from tactemu.judge.plan import Trial
 from tactemu.judge.trial_record import InjectedFault, TrialRecord
 
-MOST_RUNS = 8
+MAX_RUNS = 8
+"""Maximum number of runs of a search; bounds its time."""
 VERSION = 1
 _CAN_HEAD = re.compile(r"([0-9A-Fa-f]+#(#[0-9A-Fa-f])?)?")
-"""Identifier and flags of a CAN frame; nothing of other frames."""
+"""A pattern of the identifier and flags of a CAN frame; it matches "" at the begin of other frames."""
 
 Run = Callable[[Trial], tuple[TrialRecord, Outcome]]
 
 
 def may_be(trial: Trial) -> bool:
-    """Whether the trial consists of edits of single frames."""
+    """Return True if a trial consists of edits of single frames, so that it can have a smallest case."""
     return bool(trial.faults) and not trial.action and all(" frame " in f" {fault} " for fault in trial.faults)
 
 
@@ -39,9 +40,9 @@ def find(
     command: Sequence[str],
     kinds: Sequence[str] = FAILING,
 ) -> dict[str, Any] | None:
-    """Return the smallest case of the worst finding of these kinds as plain data.
+    """Return the smallest case of the worst finding of these kinds, as JSON data.
 
-    ``None``: there is no such finding, or nothing that was tried alone causes it.
+    It is None if there is no such finding, or if no edits that were tried alone cause it.
     """
     kind = next((finding.kind for finding in outcome.findings if finding.kind in kinds), None)
     if kind is None:
@@ -62,7 +63,7 @@ def find(
         if seen := fails([group]):
             found, groups = seen, [group]
             break
-    while found is None and len(groups) > 1 and runs < MOST_RUNS:
+    while found is None and len(groups) > 1 and runs < MAX_RUNS:
         half = len(groups) // 2
         for part in (groups[:half], groups[half:]):
             if seen := fails(part):
@@ -81,7 +82,7 @@ def find(
 
 
 def _by_frame(faults: Sequence[str]) -> list[list[str]]:
-    """Return faults of one frame belong together."""
+    """Return the faults in groups, one for each frame."""
     groups: dict[str, list[str]] = {}
     for fault in faults:
         words = fault.split()
@@ -90,7 +91,7 @@ def _by_frame(faults: Sequence[str]) -> list[list[str]]:
 
 
 def _suspects(groups: list[list[str]], record: TrialRecord, outcome: Outcome) -> list[list[str]]:
-    """Return the edits that were made last before something went wrong."""
+    """Return the groups of edits that were made last before the first wrong row."""
     wrong = [bad["t"] for bad in outcome.bad if bad["t"] > record.on]
     until = min(wrong) if wrong else record.rows[-1].t if record.rows else record.end
     made = [change for change in record.injected_faults if record.on <= change.t <= until + 1_000_000]
@@ -101,7 +102,7 @@ def _suspects(groups: list[list[str]], record: TrialRecord, outcome: Outcome) ->
 
 
 def _numbered_anew(groups: Sequence[Sequence[str]]) -> list[str]:
-    """Return the same edits, so that the first hits an early frame."""
+    """Return the same edits with lower frame numbers, so that the first one hits an early frame."""
     firsts = [_number(group[0]) for group in groups]
     shift = max(0, min(firsts) - 8)
     return [_shifted(fault, shift) for group in groups for fault in group]
@@ -154,7 +155,7 @@ def read(path: Path) -> dict[str, Any]:
     """Return a case that :func:`write` wrote.
 
     Raises:
-        TactemuError: it cannot be read, or is none.
+        TactemuError: the file cannot be read or is no case.
     """
     try:
         case = json.loads(path.read_text(encoding="utf-8"))
@@ -172,12 +173,12 @@ def read(path: Path) -> dict[str, Any]:
 
 
 def trial_of(case: dict[str, Any]) -> Trial:
-    """Return the trial that a case is."""
+    """Return the trial of a case."""
     return Trial(case["trial"], "the smallest case", [str(fault) for fault in case["faults"]], takes_s=1.0)
 
 
 def in_words(case: dict[str, Any]) -> str:
-    """Ten lines for an issue with the driver's maintainers."""
+    """Return a case as about ten lines of text, for an issue with the driver's maintainers."""
     lines = [f"Sensor: {case['device']} (emulated by tactemu). Driver: {' '.join(case['command'])}"]
     lines += [f"What goes wrong on the wire: {'; '.join(case['faults'])} (frames counted from 1, bytes from 0)"]
     for each in case["bytes"][:2]:
@@ -194,20 +195,20 @@ def in_words(case: dict[str, Any]) -> str:
 
 
 def _around(before: str, after: Sequence[str], most: int = 96) -> list[str]:
-    """Return what was sent and what arrived of it, long frames cut around the first byte in which they differ."""
+    """Return the sent and the arrived frames, with long ones cut around the first byte in which they differ."""
     if max(map(len, (before, *after))) <= most:
         return [before, *after]
     match = _CAN_HEAD.match(before)
     head = match[0] if match else ""
     sent, *arrived = (data.removeprefix(head) for data in (before, *after))
-    same = max((_same(sent, each) for each in arrived if each != sent), default=0)
+    same = max((_common_length(sent, each) for each in arrived if each != sent), default=0)
     start = max(0, same - most // 2) // 2 * 2
-    # A piece that goes on where another ended has a beginning of its own.
+    # A piece that continues another one has its own beginning.
     return [_cut(head, data, start if data[:start] == sent[:start] else 0, most) for data in (sent, *arrived)]
 
 
-def _same(one: str, other: str) -> int:
-    """Return how many characters two texts share at their beginning."""
+def _common_length(one: str, other: str) -> int:
+    """Return the length of the common beginning of two texts."""
     return next((k for k, (a, b) in enumerate(zip(one, other)) if a != b), min(len(one), len(other)))
 
 

@@ -1,14 +1,14 @@
-"""Does it still succeed? A whole task, such as a grasp, under faults of growing strength: `tactemu judge --success`.
+"""Success rate of a task, such as a grasp, under faults of growing strength: `tactemu judge --success`.
 
-The command runs the task; the script says whether it succeeded, by what happened in the scene::
+The command runs the task; the function ``success`` of a script returns True if it succeeded, from the scene's state::
 
     def success(dev):
-        time.sleep(4)                                   # it has grasped by then
+        time.sleep(4)                                   # the task needs this time to grasp
         dev.move((0, 0, -0.2), body="table", speed=0.3)
         time.sleep(2)
         return dev.state()["bodies"]["object"]["position"][2] > 0.06
 
-``dev`` is what :func:`tactemu.serve` gives. Each trial has an emulator, a process and a seed of its own.
+``dev`` is what :func:`tactemu.serve` returns. Each trial has its own emulator, process and seed.
 """
 
 from __future__ import annotations
@@ -32,10 +32,11 @@ STRENGTHS: Mapping[str, tuple[str, tuple[float, ...]]] = {
     "late": ("frames late by [ms]", (5, 20, 50, 100, 200)),
     "dead": ("taxels dead [%]", (5, 10, 25, 50, 75)),
 }
-"""What grows, and how."""
+"""Title with unit, and strengths, of each kind of fault."""
 ROUNDS = 3
-"""Trials at each strength, unless a budget says otherwise."""
-CONFIDENT = 1.96
+"""Number of trials at each strength without a budget."""
+Z_SCORE = 1.96
+"""Quantile of the normal distribution for an interval of 95 %."""
 Success = Callable[[Served], Any]
 
 
@@ -44,22 +45,22 @@ class Point:
     """One strength of one fault."""
 
     fault: str
-    """Its kind; "": none."""
+    """The kind of fault; "" for none."""
     strength: float
     tried: int = 0
     succeeded: int = 0
 
     @property
     def interval(self) -> tuple[float, float]:
-        """Within which its rate of success is, by Wilson at 95 %."""
-        n, z2 = max(self.tried, 1), CONFIDENT**2
+        """The confidence interval of the success rate, by Wilson at 95 %."""
+        n, z2 = max(self.tried, 1), Z_SCORE**2
         rate = self.succeeded / n
         middle = (rate + z2 / (2 * n)) / (1 + z2 / n)
-        half = CONFIDENT / (1 + z2 / n) * math.sqrt(rate * (1 - rate) / n + z2 / (4 * n * n))
+        half = Z_SCORE / (1 + z2 / n) * math.sqrt(rate * (1 - rate) / n + z2 / (4 * n * n))
         return max(0.0, middle - half), min(1.0, middle + half)
 
     def after(self, success: bool) -> Point:
-        """Return one more trial."""
+        """Return the point with one more trial."""
         return Point(self.fault, self.strength, self.tried + 1, self.succeeded + success)
 
 
@@ -67,7 +68,7 @@ def read_script(path: Path) -> Success:
     """Return the function ``success`` of a script.
 
     Raises:
-        TactemuError: it cannot be read or run, or has none.
+        TactemuError: the script cannot be read or run, or has no such function.
     """
     names: dict[str, Any] = {"__name__": "success", "__file__": str(path)}
     try:
@@ -77,7 +78,7 @@ def read_script(path: Path) -> Success:
     except Exception as error:
         raise TactemuError(f"--success: {path}: {type(error).__name__}: {error}") from error
     if not callable(names.get("success")):
-        raise TactemuError(f"--success: {path} has no function success(dev)")
+        raise TactemuError(f"--success: {path} has no function success(dev); define one that returns True or False")
     return names["success"]
 
 
@@ -92,20 +93,20 @@ def success_curve(
     budget_s: float | None = None,
     report_progress: Callable[[str], object] = lambda text: None,
 ) -> Iterator[dict[tuple[str, float], Point]]:
-    """Try each fault at each strength, round by round; yields all points after each trial.
+    """Try each fault at each strength, round by round, and yield all points after each trial.
 
     Args:
         target: scene file or device.
         command: of the task; ``{port}`` as for drivers, ``{channel}`` and ``{interface}`` on CAN.
-        success: whether it succeeded, given what is served.
+        success: a function that returns True if the task succeeded, given the served emulator.
         only: kinds of :data:`STRENGTHS`; default: all.
         port: as for :func:`tactemu.serve`.
-        seed: of the first round; later ones count on.
-        budget_s: rounds go on until so much time has passed; the first is always whole.
-        report_progress: gets what is being tried.
+        seed: of the first round; each later round adds 1.
+        budget_s: time after which no further trial begins [s]; the first round is always complete.
+        report_progress: called with a description of each trial.
 
     Raises:
-        TactemuError: no such kind, or something asked for cannot be had; the script failed.
+        TactemuError: there is no such kind, the emulator or the command cannot be started, or the script failed.
     """
     for kind in only:
         if kind not in STRENGTHS:
@@ -124,7 +125,7 @@ def success_curve(
 
 
 def title(kind: str) -> str:
-    """What grows, with its unit."""
+    """Return the title of a kind of fault, with its unit."""
     return STRENGTHS[kind][0] if kind else "no fault"
 
 
@@ -136,7 +137,7 @@ def _tried(
     port: str | Mapping[str, str] | None,
     seed: int,
 ) -> bool:
-    """Return one trial."""
+    """Run one trial and return True if it succeeded."""
     kind, strength = key
     faults = {"drop": f"drop {strength:g}% both", "flip": f"flip {strength:g}% both", "late": f"late by {strength:g}ms"}
     with serve(target, port, faults=faults.get(kind, ()), seed=seed, adjustable=["dead"]) as dev:
@@ -154,7 +155,7 @@ def _tried(
 
 
 def _kill(dev: Served, share: float, seed: int) -> None:
-    """Let a share of all taxels die, each skin's own, at nothing."""
+    """Make a share of each skin's taxels dead, at value 0."""
     for channel in dev.emulator.channels:
         if n := len(channel.device.layout):
             chosen = np.random.default_rng((seed, n)).permutation(n)[: round(share * n)]
@@ -162,7 +163,7 @@ def _kill(dev: Served, share: float, seed: int) -> None:
 
 
 def as_text(points: Mapping[tuple[str, float], Point]) -> list[str]:
-    """Return the curve, a line for each strength."""
+    """Return the curve as text, a line for each strength."""
     lines, last = [], None
     for (kind, strength), point in points.items():
         if not point.tried:
@@ -180,7 +181,7 @@ def as_text(points: Mapping[tuple[str, float], Point]) -> list[str]:
 
 
 def as_data(points: Mapping[tuple[str, float], Point]) -> list[dict[str, Any]]:
-    """Return the curve for other programs."""
+    """Return the curve as JSON data."""
     return [
         {
             "fault": point.fault, "strength": point.strength, "of": title(point.fault), "tried": point.tried,

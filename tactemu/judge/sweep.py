@@ -1,7 +1,7 @@
-"""Many runs of the judge: over drivers, devices and seeds, on this machine's cores or a cluster's.
+"""Sweeps: many runs of the judge over drivers, devices and seeds, on this machine's cores or on a cluster.
 
-A run is a process of its own, so that a driver that goes wild takes nobody with it. Results stream into a journal
-beside the Parquet file; a plan that was interrupted goes on from it, and a run whose worker is lost is run again.
+Each run is a process of its own, so that a crashing driver does not stop the others. Results are appended to a journal
+beside the Parquet file; an interrupted plan continues from it, and a run whose worker is lost is repeated.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ from typing import Any
 
 from tactemu.base.errors import TactemuError
 
-LONGEST_S = 3600.0
-"""After which a run is ended."""
-TRIES = 3
-"""How often a run is begun whose worker is lost."""
+RUN_TIMEOUT_S = 3600.0
+"""Time after which a run is ended [s]."""
+RETRIES = 3
+"""Number of retries of a run whose worker is lost."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class Job:
     """One run of the judge."""
 
     name: str
-    """Of the driver, or of its version."""
+    """The name of the driver or of its version."""
     device: str
     command: tuple[str, ...]
     seed: int = 0
@@ -41,15 +41,15 @@ class Job:
 
     @property
     def key(self) -> str:
-        """By which a finished run is known."""
+        """The key of a finished run in the journal."""
         return json.dumps([self.name, self.device, list(self.command), self.seed, list(self.words)])
 
 
 def read_plan(path: Path) -> list[Job]:
-    """The runs that a TOML file asks for: ``[[driver]]`` tables with ``name``, ``devices``, ``command``, ``seeds``.
+    """Return the runs of a TOML file: ``[[driver]]`` tables with ``name``, ``devices``, ``command``, ``seeds``.
 
     Raises:
-        TactemuError: it cannot be read, or says what is no plan.
+        TactemuError: the file cannot be read or is no plan.
     """
     try:
         tables = tomllib.loads(path.read_text(encoding="utf-8")).get("driver", [])
@@ -65,15 +65,15 @@ def read_plan(path: Path) -> list[Job]:
             f"{path}: not a plan: {error!r}; expected [[driver]] name, devices, command, seeds"
         ) from None
     if not jobs:
-        raise TactemuError(f"{path}: no [[driver]] in the plan")
+        raise TactemuError(f"{path}: the plan has no runs; add a [[driver]] table with devices and seeds")
     return jobs
 
 
 def seeds_of(text: str | int | Sequence[int]) -> list[int]:
-    """``7``, ``"0-9"`` or a list.
+    """Return the seeds of ``7``, ``"0-9"`` or a list.
 
     Raises:
-        ValueError: it is none.
+        ValueError: the text has another form.
     """
     if isinstance(text, int):
         return [text]
@@ -84,7 +84,7 @@ def seeds_of(text: str | int | Sequence[int]) -> list[int]:
 
 
 def run_job(job: Job) -> dict[str, Any]:
-    """Return one run, in a process of its own; its report as plain data. What went wrong is in ``trouble``."""
+    """Run the judge in a process of its own, and return its report as data; an error is in ``trouble``."""
     with tempfile.TemporaryDirectory(prefix="tactemu-judge-") as folder:
         out = Path(folder) / "report.json"
         command = [
@@ -93,10 +93,10 @@ def run_job(job: Job) -> dict[str, Any]:
         ]  # fmt: skip
         try:
             done = subprocess.run(
-                command, check=False, capture_output=True, text=True, timeout=LONGEST_S, stdin=subprocess.DEVNULL
+                command, check=False, capture_output=True, text=True, timeout=RUN_TIMEOUT_S, stdin=subprocess.DEVNULL
             )
         except subprocess.TimeoutExpired:
-            return {"trouble": f"took longer than {LONGEST_S:g} s"}
+            return {"trouble": f"took longer than {RUN_TIMEOUT_S:g} s"}
         if out.exists():
             return json.loads(out.read_text())
         return {"trouble": done.stderr.strip()[:500] or f"exit status {done.returncode}"}
@@ -119,7 +119,7 @@ def rows_of(job: Job, report: dict[str, Any]) -> list[dict[str, Any]]:
 
 
 class Journal:
-    """Rows of finished runs, one JSON line a run, so that nothing is lost when the plan is interrupted."""
+    """The rows of finished runs, one JSON line for each run, so that an interrupted plan loses nothing."""
 
     def __init__(self, path: Path):
         self.path = path
@@ -130,12 +130,12 @@ class Journal:
             for line in written.splitlines():
                 try:
                     entry = json.loads(line)
-                except ValueError:  # cut off by the interruption
+                except ValueError:  # a line cut off by an interruption
                     continue
                 self.rows[entry["key"]] = entry["rows"]
 
     def add(self, job: Job, rows: list[dict[str, Any]]) -> None:
-        """One more run is finished."""
+        """Add the rows of a finished run."""
         self.rows[job.key] = rows
         with self.path.open("a+", encoding="utf-8") as file:
             if self._cut:
@@ -145,7 +145,7 @@ class Journal:
             file.flush()
 
     def write_parquet(self, path: Path) -> None:
-        """All rows as one Parquet file.
+        """Write all rows to a Parquet file.
 
         Raises:
             TactemuError: pyarrow is missing.
@@ -166,14 +166,14 @@ def sweep(
     cluster: str | None = None,
     report_progress: Callable[[str], object] = lambda text: None,
 ) -> list[dict[str, Any]]:
-    """Run what is not in the journal yet; all rows, also written to ``results`` (Parquet).
+    """Run the jobs that are not in the journal yet; write all rows to a Parquet file and return them.
 
     Args:
-        jobs: what to run.
-        results: the Parquet file; the journal is beside it.
-        at_once: runs side by side on this machine; default: one for each core, which is what keeps real time.
-        cluster: address of a Dask scheduler, whose workers run them, one at a time each.
-        report_progress: told when a run is finished.
+        jobs: the runs.
+        results: path of the Parquet file; the journal is beside it.
+        at_once: parallel runs on this machine; default: one for each core, so that each can keep real time.
+        cluster: address of a Dask scheduler, whose workers run one job at a time each.
+        report_progress: called when a run is finished.
 
     Raises:
         TactemuError: a library is missing, or the cluster cannot be reached.
@@ -182,7 +182,7 @@ def sweep(
     left = [job for job in jobs if job.key not in journal.rows]
     if len(left) < len(jobs):
         report_progress(f"{len(jobs) - len(left)} of {len(jobs)} runs are in the journal already")
-    finished = _on_cluster(left, cluster) if cluster else _here(left, at_once or os.cpu_count() or 1)
+    finished = _on_cluster(left, cluster) if cluster else _on_this_machine(left, at_once or os.cpu_count() or 1)
     for job, report in finished:
         rows = rows_of(job, report)
         journal.add(job, rows)
@@ -192,7 +192,7 @@ def sweep(
     return [row for job in jobs for row in journal.rows.get(job.key, [])]
 
 
-def _here(jobs: Sequence[Job], at_once: int) -> Iterator[tuple[Job, dict[str, Any]]]:
+def _on_this_machine(jobs: Sequence[Job], at_once: int) -> Iterator[tuple[Job, dict[str, Any]]]:
     with ThreadPoolExecutor(max_workers=at_once) as pool:
         running = {pool.submit(run_job, job): job for job in jobs}
         try:
@@ -205,7 +205,7 @@ def _here(jobs: Sequence[Job], at_once: int) -> Iterator[tuple[Job, dict[str, An
 
 
 def _on_cluster(jobs: Sequence[Job], address: str) -> Iterator[tuple[Job, dict[str, Any]]]:
-    """Each worker runs one at a time: a resource of its own keeps real time for it."""
+    """Yield the jobs with their reports as the workers of a cluster finish them."""
     try:
         from distributed import Client, as_completed
     except ImportError:
@@ -215,10 +215,10 @@ def _on_cluster(jobs: Sequence[Job], address: str) -> Iterator[tuple[Job, dict[s
     except (OSError, TimeoutError, ValueError) as error:
         raise TactemuError(f"--cluster {address}: no scheduler answers: {error}") from None
     with client:
-        futures = {client.submit(run_job, job, pure=False, retries=TRIES): job for job in jobs}
+        futures = {client.submit(run_job, job, pure=False, retries=RETRIES): job for job in jobs}
         for future in as_completed(futures):
             job = futures[future]
             try:
                 yield job, future.result()
-            except Exception as error:  # a driver that takes every worker with it
+            except Exception as error:  # such as a driver that ends every worker
                 yield job, {"trouble": f"{type(error).__name__}: {error}"}

@@ -1,4 +1,4 @@
-"""Counting a trial: every row, every sample, what was said, processor and memory."""
+"""Counts of a trial: rows, samples and messages, and the driver's processor time and memory."""
 
 from __future__ import annotations
 
@@ -18,27 +18,29 @@ from tactemu.judge.row_tracking import GRACE_MS, Questions, RowTracker
 from tactemu.judge.sample_matching import Match
 from tactemu.judge.trial_record import TrialRecord
 
-OWN_LATE_MS = 2.0
-"""Lateness of our own process with a sample's frames from which on nobody may ask the driver for the sample [ms]."""
-LEAK_BYTES, LEAK_FLOOR = 500, 1_000_000
-"""Growth for each reading, and in all, from which on memory is said to leak [byte]."""
-LEAK_AT_ONCE = 100_000_000
-"""Growth in a trial which is a finding however short the trial is [byte]."""
-LEAK_STEPS = 0.15
-"""Share of looks at the memory at which it must have grown: a buffer that is doubled once is no leak."""
+MAX_OWN_LATENESS_MS = 2.0
+"""Lateness of our own process with a sample's frames above which the driver may lose the sample [ms]."""
+LEAK_BYTES = 500
+"""Growth of the memory for each reading above which there is a leak [byte]."""
+MIN_LEAK_BYTES = 1_000_000
+"""Least total growth for such a leak [byte]."""
+LEAK_AT_ONCE_BYTES = 100_000_000
+"""Growth in a trial that is a finding however short the trial is [byte]."""
+MIN_GROWING_SHARE = 0.15
+"""Least share of measurements at which the memory has grown: a buffer that is doubled once is no leak."""
 HARMLESS = ("duplicate", "garbage", "split", "chunk", "merge", "late", "stray", "reorder", "latency")
-"""Faults after which the frame itself is still there."""
+"""Faults after which the frame itself still arrives undamaged."""
 MIXING = ("stray", "reorder")
-"""Of them those that can spoil a sample that comes in several frames."""
+"""Harmless faults that can still damage a sample of several frames."""
 
 
 def template(text: str) -> str:
-    """Return a text without what differs each time."""
+    """Return a message with its numbers replaced, so that its repetitions are equal."""
     return re.sub(r"0x[0-9a-fA-F]+|\d+(\.\d+)?(e-?\d+)?", "#", text)[:120]
 
 
 def count_rows(out: Outcome, record: TrialRecord, tracker: RowTracker, left: np.ndarray) -> None:
-    """Every row of the trial is one of: right, wrong, marked, again, older."""
+    """Count each row of the trial as right, wrong, marked, again or older, and measure the latencies."""
     known = tracker.known
     times = np.array([sample.t for sample in record.samples])
     sent_at = np.sort(np.array([f.t for f in record.frames if f.way == "tx"], np.int64))
@@ -50,12 +52,12 @@ def count_rows(out: Outcome, record: TrialRecord, tracker: RowTracker, left: np.
         t, k = match.printed.t, match.sample
         if t > record.end:
             break
-        if t <= record.on:  # only to know what was handed out last
+        if t <= record.on:  # needed only for the last sample that was handed out
             last = max(last, k if k is not None else -1)
             continue
         out.rows += 1
-        nothing = any(math.isnan(value) for value in match.printed.row.values())
-        if match.marked or nothing:
+        has_nan = any(math.isnan(value) for value in match.printed.row.values())
+        if match.marked or has_nan:
             out.marked += 1
         elif k is None:
             if tracker.columns.steps and tracker.matcher.between(match.printed, 2 * STEP + STEP // 2):
@@ -64,7 +66,7 @@ def count_rows(out: Outcome, record: TrialRecord, tracker: RowTracker, left: np.
             _keep_bad(out, match, record, tracker)
         elif k > last or (known.asks and k == last):
             old = known.asks and questions.is_old(match, known)
-            if old and k == last:  # handed out before, and asked for again since
+            if old and k == last:  # it was handed out before, and asked for again since
                 out.stale += 1
                 _keep_bad(out, match, record, tracker, old=True)
             else:
@@ -95,7 +97,7 @@ def count_rows(out: Outcome, record: TrialRecord, tracker: RowTracker, left: np.
 def _wait_ns(
     match: Match, left: np.ndarray, answers: Mapping[int, list[int]], sent_at: np.ndarray, record: TrialRecord
 ) -> int:
-    """From the last byte that a row needed to the driver's hands; of one that asks, from the end of the answer."""
+    """Return the time from the last byte that a row needs, or of its answer if the driver polls, to the row [ns]."""
     t, k = match.printed.t, match.sample
     assert k is not None
     if answers:
@@ -108,7 +110,7 @@ def _wait_ns(
 
 
 def _answers(record: TrialRecord) -> dict[int, list[int]]:
-    """When frames left that carried a sample, by its number."""
+    """Return the times at which the frames of each sample left, by its number [ns]."""
     found: dict[int, list[int]] = {}
     for frame in record.frames:
         if frame.way == "tx" and frame.sample is not None:
@@ -117,7 +119,10 @@ def _answers(record: TrialRecord) -> dict[int, list[int]]:
 
 
 def _lost(record: TrialRecord, seen: set[int]) -> tuple[int, int]:
-    """Unharmed samples that left between the first and the last that came and did not come; and how many left."""
+    """Return the numbers of undamaged samples that were lost and that were sent.
+
+    Only samples between the first and the last that the driver handed out count.
+    """
     if not seen:
         return 0, 0
     times = np.array([sample.t for sample in record.samples])
@@ -135,11 +140,11 @@ def _lost(record: TrialRecord, seen: set[int]) -> tuple[int, int]:
 
 
 def _held_up(record: TrialRecord, number: Mapping[int, int]) -> set[int]:
-    """Return the samples whose frames left late because our own process was held up, and those right after them.
+    """Return the samples whose frames left late because our own process was delayed, and those right after them.
 
-    A driver may refuse them: the frames of a sample are further apart than those of the device, or closer together.
+    A driver may refuse them: their frames are further apart than those of the device, or closer together.
     """
-    late = {f.sample for f in record.frames if f.way == "tx" and f.late_ns > 1e6 * OWN_LATE_MS}
+    late = {f.sample for f in record.frames if f.way == "tx" and f.late_ns > 1e6 * MAX_OWN_LATENESS_MS}
     held_up = {k for sample, k in number.items() if sample in late}
     return held_up | {k + 1 for k in held_up}
 
@@ -162,7 +167,7 @@ def _keep_bad(out: Outcome, match: Match, record: TrialRecord, tracker: RowTrack
 
 
 def count_messages(out: Outcome, record: TrialRecord, known: CleanRun) -> None:
-    """New things that were said, and the longest silence while the fault lasted."""
+    """Count the new messages, and measure the longest silence during the fault."""
     usual = set(known.usual)
     columns = Columns.from_dict(record.columns or {"columns": []})
     new = [(n.t, n.text) for n in record.notes if record.on < n.t <= record.end and template(n.text) not in usual]
@@ -173,10 +178,10 @@ def count_messages(out: Outcome, record: TrialRecord, known: CleanRun) -> None:
     ]
     out.notes = len(new)
     out.said = list(dict.fromkeys(template(text) for _, text in new))[:4]
-    heard = sorted(
+    times = sorted(
         [record.on, *(printed.t for printed in record.rows if record.on < printed.t <= record.off), record.off]
     )
-    gaps = [later - earlier for earlier, later in itertools.pairwise(heard)]
+    gaps = [later - earlier for earlier, later in itertools.pairwise(times)]
     out.quiet_s = max(gaps, default=0) / 1e9
     words = [t for t, _ in new if t <= record.off]
     if words:
@@ -184,8 +189,8 @@ def count_messages(out: Outcome, record: TrialRecord, known: CleanRun) -> None:
 
 
 def measure_resources(out: Outcome, record: TrialRecord) -> None:
-    """Processor and memory."""
-    during = [weight for weight in record.resource_usage if record.on <= weight.t <= record.off]
+    """Measure the driver's processor time and the growth of its memory."""
+    during = [usage for usage in record.resource_usage if record.on <= usage.t <= record.off]
     if len(during) > 3:
         took = (during[-1].t - during[0].t) / 1e9
         out.cpu = (during[-1].cpu - during[0].cpu) / took if took > 0 else 0.0
@@ -194,22 +199,22 @@ def measure_resources(out: Outcome, record: TrialRecord) -> None:
 
 
 def _grown(record: TrialRecord) -> int:
-    """Return the growth from the last look before the fault until the driver was well again [byte]."""
-    before = [weight.bytes for weight in record.resource_usage if weight.t <= record.on][-1:]
-    sizes = before + [weight.bytes for weight in record.resource_usage if record.on < weight.t <= record.end]
+    """Return the growth from the last measurement before the fault until the recovery [byte]."""
+    before = [usage.bytes for usage in record.resource_usage if usage.t <= record.on][-1:]
+    sizes = before + [usage.bytes for usage in record.resource_usage if record.on < usage.t <= record.end]
     return sizes[-1] - sizes[0] if sizes else 0
 
 
 def _growth(record: TrialRecord) -> float:
-    """Return bytes for each reading, by the median of all slopes after the first third of the time."""
-    weights = [weight for weight in record.resource_usage if record.on <= weight.t <= record.off]
-    if len(weights) < 15:
+    """Return the growth for each reading, as the median of all slopes after the first third of the time [byte]."""
+    during = [usage for usage in record.resource_usage if record.on <= usage.t <= record.off]
+    if len(during) < 15:
         return 0.0
-    late = weights[len(weights) // 3 :]
-    size, t = np.array([weight.bytes for weight in late], float), np.array([weight.t for weight in late])
+    late = during[len(during) // 3 :]
+    size, t = np.array([usage.bytes for usage in late], float), np.array([usage.t for usage in late])
     sent = np.array([sample.t for sample in record.samples])
     n = np.searchsorted(sent, t).astype(float)
     i, k = np.triu_indices(len(n), 5)
     slopes = (size[k] - size[i]) / np.maximum(n[k] - n[i], 1.0)
     grows = (np.diff(size) > 0).mean()
-    return float(np.median(slopes)) if grows > LEAK_STEPS and size[-1] - size[0] > LEAK_FLOOR else 0.0
+    return float(np.median(slopes)) if grows > MIN_GROWING_SHARE and size[-1] - size[0] > MIN_LEAK_BYTES else 0.0

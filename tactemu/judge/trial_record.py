@@ -1,6 +1,6 @@
-"""What one trial saw, from both ends of the wire, on one clock: samples, frames, faults, rows, notes, memory.
+"""The record of one trial from both ends of the wire: samples, frames, faults, rows, notes and resource usage.
 
-It is all that the verdicts are made from, and one file of JSON lines: a head, then an object each. Times are those of
+The verdicts follow from it alone. Its file has JSON lines: a head, then one object for each entry. Times are those of
 the machine's monotonic clock [ns].
 """
 
@@ -33,11 +33,11 @@ class Sample(NamedTuple):
     t: int
     number: int
     counts: np.ndarray
-    """What a perfect driver decodes, one number for each channel."""
+    """The values that a perfect driver decodes, one for each channel."""
 
 
 class ReceivedFrame(NamedTuple):
-    """A frame that left for the driver, or arrived from it."""
+    """A frame that was sent to the driver or received from it."""
 
     t: int
     way: str
@@ -45,11 +45,11 @@ class ReceivedFrame(NamedTuple):
     data: str
     """Hex, or ``candump`` notation."""
     sample: int | None = None
-    """Number of the sample that it carries; of an answer, of the latest when the driver asked."""
+    """Number of the sample that it carries; for an answer, of the latest sample when the driver asked."""
     answer: bool = False
-    """It was sent because the driver had said something, or by itself between samples."""
+    """True if it carries no sample of its own: an answer, or a frame between samples."""
     late_ns: int = 0
-    """Time by which our own process was late in handing it over, after its last bit had left the line."""
+    """Time by which our own process handed it over late, after its last bit had left the line."""
 
 
 class InjectedFault(NamedTuple):
@@ -59,64 +59,67 @@ class InjectedFault(NamedTuple):
     what: str
     """Kind of the fault."""
     fault: str
-    """Its words."""
+    """The fault in the language of ``--fault``."""
     frame: int | None
-    """Number of the frame, counted from when the fault was switched on."""
+    """Number of the frame, counted from the time at which the fault was switched on."""
     before: str
+    """The frame as it was sent."""
     after: tuple[str, ...]
+    """The frames that arrived in its place."""
 
 
 class DriverRow(NamedTuple):
-    """A row of numbers that the driver handed out."""
+    """A row of numbers that the driver printed."""
 
     t: int
     row: Row
 
 
 class Note(NamedTuple):
-    """Something else that it said."""
+    """A line without a row that the driver printed."""
 
     t: int
     text: str
     err: bool = False
-    """On its standard error."""
+    """True if it came on standard error."""
 
 
 class ResourceUsage(NamedTuple):
-    """What the driver's processes take."""
+    """The memory and processor time of the driver's processes."""
 
     t: int
     bytes: int
     """Resident memory."""
     cpu: float
-    """Processor time so far [s]."""
+    """Total processor time so far [s]."""
 
 
 @dataclass
 class TrialRecord:
-    """One trial. Lists are in the order of time.
+    """The record of one trial. Lists are sorted by time.
 
-    ``on`` is when the faults were switched on, ``off`` when the last had been, ``end`` when nobody looked any more.
+    ``on`` is the time at which the faults were switched on, ``off`` the time of the last one, ``end`` that of the last
+    entry.
     """
 
     name: str = ""
     trial: dict[str, Any] = field(default_factory=dict)
-    """What was done, as :class:`tactemu.judge.plan.Trial` says it."""
+    """The trial, as the data of a :class:`tactemu.judge.plan.Trial`."""
     known: dict[str, Any] = field(default_factory=dict)
-    """What the clean run has shown, as :class:`tactemu.judge.outcome.CleanRun` says it."""
+    """The facts from the clean run, as the data of a :class:`tactemu.judge.outcome.CleanRun`."""
     columns: dict[str, Any] = field(default_factory=dict)
-    """What the driver's columns hold, as :class:`tactemu.judge.columns.Columns` says it."""
+    """The driver's columns, as the data of :class:`tactemu.judge.columns.Columns`."""
     on: int = 0
     off: int = 0
     end: int = 0
     exit: int | None = None
-    """The driver's exit status, if it has ended."""
+    """The driver's exit status; None if it has not ended."""
     late_ms: float = 0.0
-    """How late our own loop was at worst [ms]."""
+    """Delay of a row for which the driver is not to blame [ms]."""
     unread: int = 0
-    """Frames that the driver did not read, so that they never left."""
+    """Number of frames that were never sent because the driver did not read."""
     trouble: str = ""
-    """Why nothing could be seen."""
+    """The reason why the trial could not be run."""
     samples: list[Sample] = field(default_factory=list)
     frames: list[ReceivedFrame] = field(default_factory=list)
     injected_faults: list[InjectedFault] = field(default_factory=list)
@@ -125,14 +128,14 @@ class TrialRecord:
     resource_usage: list[ResourceUsage] = field(default_factory=list)
 
     def since(self, t: int) -> TrialRecord:
-        """Return a copy that begins at a time."""
+        """Return a copy with the entries from a time on."""
         lists = {name: [each for each in getattr(self, name) if each.t >= t] for name, _ in _LISTS.values()}
         return replace(self, **lists)
 
     # -- as a file -----------------------------------------------------------------------------------------------------
 
     def write(self, path: str | Path) -> None:
-        """Write it as JSON lines.
+        """Write the record as JSON lines.
 
         Raises:
             TactemuError: the file cannot be written.
@@ -145,7 +148,7 @@ class TrialRecord:
             raise TactemuError(f"{path}: cannot write the recorded trial: {error.strerror}") from None
 
     def lines(self) -> Iterator[dict[str, Any]]:
-        """Head first, then everything by time."""
+        """Yield the head, then all entries sorted by time, as JSON data."""
         head = {name: getattr(self, name) for name in _HEAD}
         yield {"kind": "trial", "version": VERSION, **head}
         entries = [(each.t, kind, each) for kind, (name, _) in _LISTS.items() for each in getattr(self, name)]
@@ -154,10 +157,10 @@ class TrialRecord:
 
     @classmethod
     def read(cls, path: str | Path) -> TrialRecord:
-        """Return the trial in a file.
+        """Return the record in a file.
 
         Raises:
-            TactemuError: it cannot be read, or is none.
+            TactemuError: the file cannot be read or is no record.
         """
         try:
             with open(path, encoding="utf-8") as file:
@@ -209,9 +212,9 @@ def _plain(value: Any) -> Any:
 
 
 class Recorder:
-    """Hears everything that the truth is told (:meth:`tactemu.truth.Truth.tap`), of all skins, on the machine's clock.
+    """A recorder of all entries of the truth (:meth:`tactemu.truth.Truth.tap`), of all skins, on the machine's clock.
 
-    Bounded: of samples, frames and changes only the latest are kept.
+    Only the latest samples, frames and faults are kept, which bounds the memory.
     """
 
     def __init__(self, keep: int = 200_000):
@@ -222,23 +225,23 @@ class Recorder:
         self.unread = 0
         self._keep = keep
         self._truth: Truth | None = None
-        self._whole: dict[str, np.ndarray] = {}
+        self._latest_counts: dict[str, np.ndarray] = {}
         """The latest counts by skin and sense."""
         self._asked: int | None = None
-        """Number of the sample that was the latest when the driver asked last."""
+        """Number of the latest sample at the driver's last question."""
 
     @property
     def senses(self) -> list[str]:
-        """``skin/sense`` in the order of the counts."""
-        return list(self._whole)
+        """The keys ``skin/sense`` in the order of the counts."""
+        return list(self._latest_counts)
 
     def listen(self, truth: Truth) -> None:
-        """From now on; before the run begins."""
+        """Record the entries of a truth from now on; call it before the run begins."""
         self._truth = truth
         truth.tap(self)
 
     def put(self, entry: Entry) -> None:
-        """Something happened."""
+        """Record an entry."""
         origin = self._truth.origin_ns if self._truth is not None else None
         t = entry.t_ns + (origin or 0)
         match entry:
@@ -266,10 +269,10 @@ class Recorder:
                 self._bound(self.events)
 
     def _sampled(self, t: int, entry: TrueSample) -> None:
-        """Samples of several senses or skins that were taken together are one."""
+        """Record a sample; samples of several senses or skins that were taken together become one."""
         last = self.samples[-1] if self.samples else None
-        self._whole[f"{entry.device}/{entry.sense}"] = np.asarray(entry.counts, float).ravel()
-        joined = np.concatenate(list(self._whole.values()))
+        self._latest_counts[f"{entry.device}/{entry.sense}"] = np.asarray(entry.counts, float).ravel()
+        joined = np.concatenate(list(self._latest_counts.values()))
         if last is not None and last.t == t and entry.number == last.number:
             self.samples[-1] = Sample(t, entry.number, joined)
             return

@@ -1,4 +1,4 @@
-"""Judging a driver: it is started, learned, and put through one trial after the other; each becomes a record."""
+"""The judge of a driver: it learns the columns in a clean run, runs the trials, and confirms their findings."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from tactemu.judge import smallest_case
 from tactemu.judge.budget import EVERY_POSITION_BUDGET_S, BudgetSpentError, ordered
 from tactemu.judge.column_learning import UnlearnableError, learn
 from tactemu.judge.columns import Columns
-from tactemu.judge.driver_session import LOOK_S, DriverSession
+from tactemu.judge.driver_session import POLL_PERIOD_S, DriverSession
 from tactemu.judge.excitation import STEP
 from tactemu.judge.options import JudgeOptions
 from tactemu.judge.outcome import ABOUT, CleanRun, Outcome
@@ -19,24 +19,31 @@ from tactemu.judge.rollover_counter import RolloverCounter
 from tactemu.judge.trial_record import InjectedFault, TrialRecord
 from tactemu.judge.verdicts import judge_record, measure_clean_run
 
-CLEAN_ROWS, CLEAN_S, SLOW_S = 320, 4.0, 12.0
-"""Of the run without faults: so many rows, in this time; a slow driver gets more of it until there are enough."""
+CLEAN_ROWS = 320
+"""Number of rows after which the run without faults ends."""
+CLEAN_TIMEOUT_S = 4.0
+"""Time after which it ends with :data:`ENOUGH_ROWS` [s]."""
+SLOW_TIMEOUT_S = 12.0
+"""Time after which it ends with fewer [s]."""
 ENOUGH_ROWS = 60
-HOLDS, HOLDS_S = 24, 12.0
-"""Samples that are held, of a driver that filters, and the time for them."""
+"""Number of rows that suffices when the time is over."""
+MAX_HELD_SAMPLES = 24
+"""Number of samples that are held for a driver that filters."""
+HELD_SAMPLES_TIMEOUT_S = 12.0
+"""Time after which the run with held samples ends with :data:`ENOUGH_ROWS` [s]."""
 BEFORE_S = 3.0
-"""How much of what was before a trial is on its record."""
-MOST_COUNTS = 200_000
-"""Counts a second that a device is made to convert, where it is sampled faster than by itself."""
+"""Time before a trial that its record covers [s]."""
+MAX_COUNTS_PER_S = 200_000
+"""Maximum number of counts per second where a device is sampled faster than at its own rate; bounds the load."""
 
 
 class Judge(DriverSession):
-    """Judges one driver at one device; use it in a ``with`` statement."""
+    """A judge of one driver at one device; use it in a ``with`` statement."""
 
-    # -- the whole -----------------------------------------------------------------------------------------------------
+    # -- all trials ----------------------------------------------------------------------------------------------------
 
     def run(self) -> Iterator[Outcome]:
-        """Every trial's outcome, as it comes; first that of the run without faults."""
+        """Yield the outcome of the run without faults, then that of every trial as it ends."""
         outcome = self.clean()
         yield outcome
         if not self.columns.values:
@@ -45,7 +52,7 @@ class Judge(DriverSession):
             yield self.judge(trial)
 
     def plan(self) -> list[Trial]:
-        """Return the trials after the clean run, the most telling first."""
+        """Return the trials after the clean run, the most valuable first."""
         opts = self.options
         every = opts.every or (opts.budget_s or 0.0) >= EVERY_POSITION_BUDGET_S
         trials = ordered(Plan(self.facts, opts.seed, every).trials())
@@ -54,7 +61,7 @@ class Judge(DriverSession):
         return trials
 
     def judge(self, trial: Trial) -> Outcome:
-        """Try a trial; its findings must come again. Where a fault causes them, look for the smallest case."""
+        """Run a trial and confirm its findings; if edits of frames cause them, search for the smallest case."""
         expected = trial.takes_s + self._restart_s()
         trial.skipped = trial.skipped or self.budget.lacks(expected, times=2)
         if trial.skipped:
@@ -64,7 +71,7 @@ class Judge(DriverSession):
             self.budget.begin()
             record = self.run_trial(trial)
         except BudgetSpentError:
-            trial.skipped = "the budget was spent before it was over"
+            trial.skipped = "the budget was spent during the trial"
             return judge_record(TrialRecord(trial.name, trial.as_dict()))
         finally:
             self.budget.end(expected, time.monotonic() - began)
@@ -74,7 +81,7 @@ class Judge(DriverSession):
         return outcome
 
     def _confirm(self, outcome: Outcome, trial: Trial, record: TrialRecord, took_s: float) -> None:
-        """See a trial's findings again, alone as the smallest case or as a whole, while the budget lasts."""
+        """Confirm a trial's findings by its smallest case or by a second run, as long as the budget lasts."""
         kinds = self.options.fail_on
         try:
             self.budget.begin(reserve_s=1.5 * took_s)
@@ -83,7 +90,7 @@ class Judge(DriverSession):
                     trial, record, outcome, self._repeat, self.target, self.command, kinds
                 )
         except BudgetSpentError:
-            self.report_progress("no time is left to look for the smallest case")
+            self.report_progress("no time is left to search for the smallest case")
         outcome.confirmed = outcome.case is not None
         try:
             self.budget.begin()
@@ -99,7 +106,7 @@ class Judge(DriverSession):
         return record, judge_record(record)
 
     def _restart_s(self) -> float:
-        """Return the time to start the driver anew, if it has ended [s]."""
+        """Return the time for a new start of the driver if it has ended, else 0 [s]."""
         if self.driver is not None and self.driver.exit is None:
             return 0.0
         return max(self.starts[-3:], default=0.5) + self.options.no_contact_s + 0.3 + 12 * self.facts.row_s
@@ -107,9 +114,9 @@ class Judge(DriverSession):
     # -- the run without faults ----------------------------------------------------------------------------------------
 
     def clean(self) -> Outcome:
-        """Start the driver, learn its columns, and see how it does when nothing is wrong.
+        """Start the driver, learn its columns, and judge it without faults.
 
-        What is found must come again, with the driver started and learned anew.
+        A second run, with the driver started and learned anew, must confirm the findings.
         """
         began = time.monotonic()
         first = self._clean()
@@ -117,9 +124,9 @@ class Judge(DriverSession):
         if not first.findings or not self.options.shrink:
             return self._save_columns(first)
         if why := self.budget.lacks(1.2 * (time.monotonic() - began)):
-            first.confirmed, first.untried = False, f"once; to look again {why}"
+            first.confirmed, first.untried = False, f"once; a second run {why}"
             return self._save_columns(first)
-        self.report_progress("looking again")
+        self.report_progress("running without faults again")
         again = self._clean()
         if not again.findings:
             again.verdict += f" (once, and not again: {first.verdict})"
@@ -136,20 +143,20 @@ class Judge(DriverSession):
         return self._save_columns(first)
 
     def _save_columns(self, outcome: Outcome) -> Outcome:
-        """Write the columns to their file, if they are new."""
+        """Write the columns to the file of --columns if it does not exist, and return the outcome."""
         path = self.options.columns
         if path is not None and self.columns.values and not path.exists():
             self.columns.save(path)
         return outcome
 
     def _clean(self) -> Outcome:
-        """Look at the driver once."""
+        """Run once without faults, and return the outcome."""
         self.columns, self.known, self.facts = Columns(), CleanRun(), LineFacts()
         began = time.monotonic()
         if why := self.start():
             return self._unjudgeable(why)
         assert self.driver is not None
-        self.report_progress("looking at how it reads")
+        self.report_progress("running without faults")
         time.sleep(0.3)
         since = time.monotonic_ns()
         self._collect(since, 12, 1.0)
@@ -157,13 +164,13 @@ class Judge(DriverSession):
         if self.facts.asks and not self.facts.sets_rate and not self.options.rate_hz:
             self._sample_faster()
         on = time.monotonic_ns()
-        self._collect(on, CLEAN_ROWS, CLEAN_S)
+        self._collect(on, CLEAN_ROWS, CLEAN_TIMEOUT_S)
         record = self._clean_record(on)
         if record.exit is None and (trouble := self._learn(record)):
-            self.report_progress("looking again, at samples that are held: it may filter")
+            self.report_progress("running again with held samples, as the driver may filter")
             self.rig.excite(steps=True)
             on = time.monotonic_ns()
-            self._collect(on, (HOLDS + 2) * STEP, HOLDS_S)
+            self._collect(on, (MAX_HELD_SAMPLES + 2) * STEP, HELD_SAMPLES_TIMEOUT_S)
             record = self._clean_record(on)
             if record.exit is None and self._learn(record, steps=True):
                 return self._unjudgeable(trouble)
@@ -180,7 +187,7 @@ class Judge(DriverSession):
         return outcome
 
     def _learn(self, record: TrialRecord, steps: bool = False) -> str:
-        """Return the columns from the clean run, or from the file; returns why there are none."""
+        """Learn the columns from the clean run, or read them from their file; return why there are none, else ""."""
         channels = self.rig.channels()
         if self.options.columns is not None and self.options.columns.exists():
             self.columns = Columns.load(self.options.columns, channels)
@@ -196,10 +203,10 @@ class Judge(DriverSession):
         return f"no row is a reading that was sent: none of the columns {names} follows a channel of the device"
 
     def _sample_faster(self) -> None:
-        """So fast that each answer holds a sample of its own."""
+        """Raise the sampling rate so that each answer holds a new sample."""
         own = 1.0 / self.rig.period_s
         wide = max((len(sample.counts) for sample in self.rig.recorder.samples[-1:]), default=1)
-        hz = min(1000.0, MOST_COUNTS / max(1, wide), 6.0 / max(1e-4, self.facts.row_s))
+        hz = min(1000.0, MAX_COUNTS_PER_S / max(1, wide), 6.0 / max(1e-4, self.facts.row_s))
         if hz > 1.2 * own:
             self.rig.speed_up(round(hz))
             time.sleep(0.1)
@@ -208,9 +215,9 @@ class Judge(DriverSession):
         assert self.driver is not None
         began = time.monotonic()
         while self.driver.exit is None and not self.driver.flooded:
-            time.sleep(LOOK_S)
+            time.sleep(POLL_PERIOD_S)
             count, took = self._rows_since(since), time.monotonic() - began
-            if count >= rows or took > SLOW_S or (took > seconds and count >= min(rows, ENOUGH_ROWS)):
+            if count >= rows or took > SLOW_TIMEOUT_S or (took > seconds and count >= min(rows, ENOUGH_ROWS)):
                 return
 
     def _clean_record(self, on: int) -> TrialRecord:
@@ -231,7 +238,7 @@ class Judge(DriverSession):
     # -- a trial -------------------------------------------------------------------------------------------------------
 
     def run_trial(self, trial: Trial, keep: bool = True) -> TrialRecord:
-        """Have it happen; the record of it."""
+        """Run a trial and return its record."""
         self.report_progress(trial.name)
         record = TrialRecord(trial.name, trial.as_dict(), asdict(self.known), self.columns.as_dict())
         counter = RolloverCounter(self.rig, trial.preset, self.budget.sleep) if trial.action == "wrap" else None
@@ -263,7 +270,7 @@ class Judge(DriverSession):
         return found
 
     def _inject(self, trial: Trial, counter: RolloverCounter | None = None) -> tuple[int, int]:
-        """Do what the trial does, once; returns when it began and when the last of it was over."""
+        """Inject the trial's faults and action once; return the times of its begin and of its end [ns]."""
         driver = self.driver
         assert driver is not None
         on = self.rig.begin(trial)
@@ -282,10 +289,10 @@ class Judge(DriverSession):
         return on, max(changes, default=off) if trial.faults and not trial.action else off
 
     def _wait_for_edits(self, trial: Trial, on: int) -> None:
-        """Until the action is over and every edit was made, or no more frames come."""
+        """Wait until the action is over and every edit is made, or no more frames come."""
         assert self.driver is not None
         end = time.monotonic() + trial.seconds
-        longest = end + 3 * trial.takes_s + 1.0 + self._longest
+        longest = end + 3 * trial.takes_s + 1.0 + self._silent_timeout_s
         recorder = self.rig.recorder
         edits = _edits(trial)
         progress, seen = time.monotonic(), 0
@@ -296,34 +303,34 @@ class Judge(DriverSession):
                 progress, seen = now, made
             if now >= end and (made >= edits or now - progress > self._patience + 8 * self.facts.row_s):
                 return
-            self.budget.sleep(min(LOOK_S / 2, max(0.001, end - now)) if now < end else LOOK_S / 4)
+            self.budget.sleep(min(POLL_PERIOD_S / 2, max(0.001, end - now)) if now < end else POLL_PERIOD_S / 4)
 
     @property
     def _patience(self) -> float:
         return max(self.options.patience_s, 14 * self.facts.row_s, 1.5e-3 * self.known.p99_ms + 0.5)
 
     def _wait_for_recovery(self, off: int, trial: Trial) -> bool:
-        """Return whether the driver is well again before nobody waits any more."""
+        """Return True once the driver has recovered, or False after the timeout."""
         assert self.driver is not None
         driver, patience = self.driver, self._patience
         well = self._recovers(off, patience)
         if well or driver.exit is not None:
-            time.sleep(0.03 + 0.5 * self.facts.row_s)  # for a row that is on its way, and last words
+            time.sleep(0.03 + 0.5 * self.facts.row_s)  # for a row on its way, and for last messages
             return well
-        if not any(printed.t > off for printed in driver.rows[-100:]) and self._longest > patience:
-            # It says nothing at all: it may wait for a time-out of its own. One is waited for, once.
+        if not any(printed.t > off for printed in driver.rows[-100:]) and self._silent_timeout_s > patience:
+            # A silent driver may wait for a long timeout of its own. The judge waits for it once.
             begun = time.monotonic()
-            well = self._recovers(off, self._longest - patience)
+            well = self._recovers(off, self._silent_timeout_s - patience)
             if well:
                 self.options = replace(self.options, patience_s=1.5 * (patience + time.monotonic() - begun))
             else:
-                self._longest = patience
+                self._silent_timeout_s = patience
         return well
 
     def _bring_near_rollover(self, counter: RolloverCounter) -> tuple[str, str]:
-        """Have a driver that reads well shortly before the counter is full.
+        """Start the driver and bring the counter close to its rollover while the driver reads correctly.
 
-        Returns why it does not read, and why the counter cannot be brought there while it does; nothing if all is well.
+        Return why the driver does not read, and why the counter cannot be brought there; both "" on success.
         """
         trouble, why = "", ""
         own_s = 0.4 + 20 * self.facts.row_s + 20e-3 * self.known.p99_ms
@@ -341,7 +348,7 @@ class Judge(DriverSession):
         return trouble, why or f"the driver does not read on when the {counter.name} jumps"
 
     def _wait_for_wrap(self, counter: RolloverCounter, trial: Trial) -> None:
-        """Wait until the counter has been full, and put that on record."""
+        """Wait until the counter has rolled over, and record that as an injected fault."""
         driver = self.driver
         assert driver is not None
         if passed := counter.wait_until_full(lambda: driver.exit is None, trial.seconds):
@@ -351,7 +358,7 @@ class Judge(DriverSession):
 
 
 def _edits(trial: Trial) -> int:
-    """How many frames the trial's faults hit in all."""
+    """Return the total number of frames that the trial's faults edit."""
     count = 0
     for fault in trial.faults:
         words = fault.split()

@@ -1,7 +1,7 @@
-"""What a recorded trial says of the driver: a pure function of the record.
+"""Verdicts on a driver: a pure function of the record of a trial.
 
-A row is *right* if it is, column by column, a sample that was sent. What is done with the others, and when they come,
-are the verdicts. Thresholds stand at the top of the file that uses them; each has its reason.
+A row is *right* if all its columns agree with one sample that was sent. The verdicts follow from the other rows and
+from the times of all rows. Thresholds are at the top of the file that uses them, each with its reason.
 """
 
 from __future__ import annotations
@@ -17,33 +17,44 @@ from tactemu.judge.checks import clipped, frozen, mirrored, misnamed, misread, m
 from tactemu.judge.columns import Columns
 from tactemu.judge.outcome import ABOUT, CleanRun, Finding, Outcome
 from tactemu.judge.row_tracking import SETTLED, Questions, RowTracker, left_times, recovered
-from tactemu.judge.trial_counts import LEAK_AT_ONCE, LEAK_BYTES, count_messages, count_rows, measure_resources, template
+from tactemu.judge.trial_counts import (
+    LEAK_AT_ONCE_BYTES,
+    LEAK_BYTES,
+    count_messages,
+    count_rows,
+    measure_resources,
+    template,
+)
 from tactemu.judge.trial_record import TrialRecord
 
 LATE_MS = 5.0
-"""A driver may always be so late at its median; half a period, if that is more."""
-SPINS = 0.3
-"""Share of a core that a driver takes which waits in a loop."""
-BLOCKS = 0.8
-"""Share of a silence in which nothing comes of a driver that blocks."""
-OFTEN = 3
-"""What a driver says so often when nothing is wrong says nothing when something is."""
-LOSES = 0.004
-"""Share of good readings lost without any fault."""
-BUSY = 0.5
-"""Fewer readings than this share of those that came were sent in time, on a machine that is too busy."""
-COLLATERAL = 0.05, 0.25
-"""Share of good readings, and of those hit, that may be lost beside those that were hit."""
-OUT_OF_TURN = ("reordered", "old frame")
-"""Trials in which frames come after newer ones; where they carry a number, a driver can leave them out."""
-ONE_BEHIND, LEAST_ANSWERS = 0.7, 20
-"""Share and number of rows that answer the question before, of a driver that never takes its newest answer."""
-CAME_AGAIN = ("doubled", "late answer", "old frame")
-"""Trials in which an old answer does come; where answers have no number, nobody can tell one or two."""
+"""Latency that a driver may always have at its median; half a period if that is more [ms]."""
+SPINNING_CPU_SHARE = 0.3
+"""Least share of a core that a driver takes which waits in a busy loop."""
+BLOCKING_SHARE = 0.8
+"""Least share of an outage without a row or message, for a driver that blocks."""
+USUAL_COUNT = 3
+"""A message that the driver prints at least so often without faults does not count as a new one."""
+MAX_LOST_SHARE = 0.004
+"""Largest share of good readings lost without any fault."""
+MIN_IN_TIME_SHARE = 0.5
+"""Least share of readings sent in time; with fewer the machine is too busy to judge losses."""
+COLLATERAL_SHARE = 0.05
+"""Largest share of all good readings that may be lost besides those that were hit."""
+COLLATERAL_PER_HIT = 0.25
+"""Largest number of good readings for each hit frame that may be lost besides."""
+OUT_OF_ORDER_TRIALS = ("reordered", "old frame")
+"""Trials in which old frames come after newer ones; where frames carry a number, a driver can drop the old ones."""
+ONE_BEHIND_SHARE = 0.7
+"""Least share of rows that answer the previous question, for a driver that never takes its newest answer."""
+MIN_ANSWERS = 20
+"""Least number of rows for this share."""
+OLD_ANSWER_TRIALS = ("doubled", "late answer", "old frame")
+"""Trials in which an old answer does come; without a number in it, a driver cannot recognise one or two of them."""
 
 
 def judge_record(record: TrialRecord) -> Outcome:
-    """What a recorded trial says."""
+    """Return the outcome of a recorded trial."""
     columns, known = Columns.from_dict(record.columns or {"columns": []}), CleanRun(**record.known)
     trial = record.trial
     out = Outcome(record.name, trial.get("why", ""), skipped=trial.get("skipped", ""))
@@ -81,13 +92,13 @@ def _otherwise(out: Outcome, known: CleanRun) -> str:
         return f"not tried: {out.skipped}"
     if out.notes or out.marked:
         return "noticed"
-    if out.name == "clean" and known.keeps and not known.asks and out.sent < BUSY * out.right:
+    if out.name == "clean" and known.keeps and not known.asks and out.sent < MIN_IN_TIME_SHARE * out.right:
         return "right; this machine was too busy to tell whether readings were lost"
     return "right" if not out.lost else f"right; {out.lost} readings beside those hit never came"
 
 
 class _FindingRules:
-    """From counts to findings."""
+    """The rules that turn the counts of a trial into findings."""
 
     def __init__(self, out: Outcome, record: TrialRecord, tracker: RowTracker, columns: Columns, known: CleanRun):
         self.out, self.record, self.tracker, self.columns, self.known = out, record, tracker, columns, known
@@ -96,7 +107,7 @@ class _FindingRules:
         self.noticed = out.notes + out.marked > 0
 
     def findings(self) -> list[Finding]:
-        """Worst first."""
+        """Return the findings, worst first."""
         found = [*self._ends(), *self._wrong(), *self._stale(), *self._sync(), *self._waits(), *self._clean()]
         found += [*self._mixed(), *self._collateral(), *self._keeps_up(), *self._late(), *self._leaks()]
         return sorted(found, key=lambda finding: list(ABOUT).index(finding.kind))
@@ -107,7 +118,7 @@ class _FindingRules:
 
     @property
     def _may_leave(self) -> bool:
-        """A driver may end with a word when the port goes, but not when it came back from such an outage before."""
+        """True if the driver may end: with a message at the first outage of the port, not after it has come back."""
         return self.action in ("unplug", "halfopen") and self.noticed and proof.outages(self.record) < 2
 
     def _ends(self):
@@ -128,7 +139,7 @@ class _FindingRules:
     def _stale(self):
         out = self.out
         asks = self.known.asks and not self._outage
-        again = out.injected if asks and self.record.name in CAME_AGAIN else 0
+        again = out.injected if asks and self.record.name in OLD_ANSWER_TRIALS else 0
         if out.stale >= 2 + again:
             what = "was handed out before, and asked for since" if asks else "repeats an old one while nothing comes"
             yield Finding("stale", f"{out.stale} rows: each {what}")
@@ -149,29 +160,29 @@ class _FindingRules:
         lasted = (self.record.off - self.record.on) / 1e9
         if self.action not in ("hang", "halfopen") or self.noticed or lasted < 1.0 or out.stale >= 2:
             return
-        if out.quiet_s > BLOCKS * lasted:
-            spins = out.cpu > SPINS
+        if out.quiet_s > BLOCKING_SHARE * lasted:
+            spins = out.cpu > SPINNING_CPU_SHARE
             words = f"takes {out.cpu:.0%} of a core" if spins else "waits"
             yield Finding("spins" if spins else "blocks", f"{words} for ever while nothing comes, without a word")
 
     @cached_property
     def _behind(self) -> tuple[int, int] | None:
-        """Rows that are the answer to the question before, and rows that can tell, where nearly all are."""
+        """The number of rows that answer the previous question, and of all rows that can be told; None if few do."""
         if self.action != "clean" or not self.known.asks:
             return None
         questions = Questions(self.record, self.known.ask_ms)
         during = [match for match in self.tracker.matches if match.printed.t > self.record.on]
-        told = [questions.is_one_behind(match, self.tracker.matcher) for match in during]
-        yes, no = told.count(True), told.count(False)
-        return (yes, yes + no) if yes + no >= LEAST_ANSWERS and yes > ONE_BEHIND * (yes + no) else None
+        answers = [questions.is_one_behind(match, self.tracker.matcher) for match in during]
+        yes, no = answers.count(True), answers.count(False)
+        return (yes, yes + no) if yes + no >= MIN_ANSWERS and yes > ONE_BEHIND_SHARE * (yes + no) else None
 
     def _clean(self):
         out = self.out
         if self.action != "clean":
             return
         if self._behind:
-            told, answers = self._behind
-            yield Finding("stale", f"{told} of {answers} rows: each is the answer to the question before")
+            behind, answers = self._behind
+            yield Finding("stale", f"{behind} of {answers} rows: each is the answer to the question before")
         yield from (Finding("wrong", text) for text in misread(self.columns))
         if exchanged := misnamed(self.columns) or mirrored(self.columns):
             yield Finding("order", ", ".join(exchanged[:4]))
@@ -181,18 +192,20 @@ class _FindingRules:
             yield Finding("scale", ", ".join(scaled[:3]))
         if left := [channel.name for channel in unread_channels(self.columns)]:
             yield Finding("unread", f"{len(left)} channels are in no column, such as {', '.join(left[:3])}")
-        if self.known.keeps and not self.known.asks and out.lost >= 2 and out.lost > LOSES * out.sent:
+        if self.known.keeps and not self.known.asks and out.lost >= 2 and out.lost > MAX_LOST_SHARE * out.sent:
             yield Finding("loses", f"{out.lost} of {out.sent} good readings, without a fault")
 
     def _mixed(self):
         out, known = self.out, self.known
         usual = known.asks or not known.keeps or (known.repeats and self.action != "clean")
         odd = out.older + (0 if usual else out.again) - out.stale
-        told = known.numbered and self.record.name in OUT_OF_TURN
-        allowed = out.injected if self.record.name in ("doubled", *OUT_OF_TURN) and not told else 0
+        is_numbered = known.numbered and self.record.name in OUT_OF_ORDER_TRIALS
+        allowed = out.injected if self.record.name in ("doubled", *OUT_OF_ORDER_TRIALS) and not is_numbered else 0
         if odd > allowed + 1 and not self._outage and self.action not in ("reset", "wrap", "saturate"):
             words = (
-                "older than those before them, as their numbers say" if told else "readings that were handed out before"
+                "older than those before them, as their numbers say"
+                if is_numbered
+                else "readings that were handed out before"
             )
             yield Finding("again", f"{odd} rows are {words}")
 
@@ -201,8 +214,7 @@ class _FindingRules:
         plain = not self._outage and self.action in ("", "frames")
         if not (self.known.keeps and plain) or self.known.asks or out.recovered_s is None:
             return
-        share, hit = COLLATERAL
-        if out.lost > 1 + hit * out.injected and out.lost > share * max(1, out.sent):
+        if out.lost > 1 + COLLATERAL_PER_HIT * out.injected and out.lost > COLLATERAL_SHARE * max(1, out.sent):
             yield Finding("collateral", f"{out.lost} good readings lost beside the {out.injected} that were hit")
 
     def _keeps_up(self):
@@ -221,7 +233,7 @@ class _FindingRules:
     def _leaks(self):
         if self.out.leak > LEAK_BYTES:
             yield Finding("leaks", f"memory grows by {self.out.leak:.0f} bytes with each reading")
-        elif self.out.grown >= LEAK_AT_ONCE:
+        elif self.out.grown >= LEAK_AT_ONCE_BYTES:
             took = (self.record.off - self.record.on) / 1e9
             yield Finding("leaks", f"memory grows by {self.out.grown / 1e6:.0f} MB within {took:.1f} s")
 
@@ -229,13 +241,13 @@ class _FindingRules:
 def measure_clean_run(
     record: TrialRecord, columns: Columns, *, asks: bool, period_ms: float, numbered: bool = False
 ) -> CleanRun:
-    """What a run without faults shows, for the trials after it."""
+    """Return the facts from the record of a run without faults, for the trials after it."""
     times = [printed.t for printed in record.rows if record.on < printed.t <= record.end]
     row_ms = float(np.median(np.diff(times))) / 1e6 if len(times) > 2 else period_ms
     known = CleanRun(asks=asks, period_ms=period_ms, row_ms=row_ms, behind=1_000_000, numbered=numbered)
     usual = Counter(template(note.text) for note in record.notes if note.t > record.on)
     usual.update(template(json.dumps(dict(printed.row))) for printed in record.rows if columns.row(printed.row) is None)
-    known.usual = [text for text, count in usual.most_common(200) if count >= OFTEN]
+    known.usual = [text for text, count in usual.most_common(200) if count >= USUAL_COUNT]
     tracker = RowTracker(columns, known)
     tracker.feed(record)
     probe = Outcome("clean")

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import pytest
 
 from firmware_protocols.device import Rollover
-from tactemu.judge.rollover_counter import TURN_PARTS, RolloverCounter
+from tactemu.judge.rollover_counter import MAX_JUMP_DIVISOR, RolloverCounter
 
 SPEED = 500.0
 
@@ -46,9 +46,9 @@ def test_a_counter_that_was_set_back_is_brought_near_its_end_by_jumps_forward(bi
     counter = counter_of(device)
     assert counter.bring_near(0.2, 0.4) == ""
     for before, after in device.presets:
-        assert 0 < (after - before) % device.size <= device.size // TURN_PARTS
+        assert 0 < (after - before) % device.size <= device.size // MAX_JUMP_DIVISOR
     before, after = counter.wait_until_full(lambda: True, 30.0)
-    assert after < device.size // TURN_PARTS < before
+    assert after < device.size // MAX_JUMP_DIVISOR < before
 
 
 def test_a_counter_that_is_near_its_end_is_left_alone():
