@@ -210,7 +210,7 @@ class Plan:
             return values.copy()
         if self._thread_pool is None and self.device is not None and self.device.is_cuda:
             self._thread_pool = ThreadPool(min(cores(), MAX_COPY_THREADS))
-        if self._thread_pool is None or not (self._thread_pool.running or self._thread_pool.size > self.threads):
+        if self._thread_pool is None or not (self._thread_pool.is_running or self._thread_pool.size > self.threads):
             return values.copy()
         out = np.empty_like(values)
         ends = [len(values) * k // self._thread_pool.size for k in range(self._thread_pool.size + 1)]
@@ -230,7 +230,7 @@ class Plan:
         self._graph, self._warm, self._legs = None, False, []
 
     @property
-    def loaded(self) -> bool:
+    def has_run(self) -> bool:
         """Has the plan run once, so that it can be captured in a graph?"""
         return self._warm
 

@@ -67,7 +67,7 @@ class ThreadPool:
         self._end: weakref.finalize | None = None
 
     @property
-    def running(self) -> bool:
+    def is_running(self) -> bool:
         """Have the other threads been started in this process?"""
         return bool(self._queues) and self._process == os.getpid()
 

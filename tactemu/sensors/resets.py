@@ -66,7 +66,7 @@ class Resets:
 
     def _on_gpu(self) -> None:
         capturing = wp.get_stream(self._device).is_capturing
-        if capturing and (self._world.waiting or not self._warm):
+        if capturing and (self._world.has_unsent or not self._warm):
             raise SceneError(
                 "reset: take one step and one reset before you capture a reset; they load what a graph cannot load"
             )

@@ -15,7 +15,7 @@ A model is a dataclass of options in one file, derived from :class:`SensorModel`
             kernel = my_kernel(site.context.real, site.table.kinds)
             inputs = [site.table.struct, site.view.pose, site.targets, site.positions, self.stiffness]
             launch = site.context.record(kernel, raw.shape[:2], inputs, [raw])
-            stage = Stage(name=f"{site.name}: my taxel", reason="MyTaxel asks for it", launch=launch)
+            stage = Stage(name=f"{site.name}: my taxel", reason="MyTaxel reads force", launch=launch)
             return Compiled(truth=raw, raw=raw, stages=[stage])
 
 One line in :mod:`tactemu.sensors.models` registers it for scene files, ``tactemu tune``, the benches and

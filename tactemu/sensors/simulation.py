@@ -191,13 +191,13 @@ class Simulation(PoseInput):
 
     def _step_within_capture(self) -> None:
         """Record a step in a graph that the caller captures; steps of that graph are counted on the device only."""
-        if not self.plan.loaded:
+        if not self.plan.has_run:
             raise SceneError("step: take one step before you capture one; it loads what a graph cannot load")
         if self._moving or self.posers:
             raise SceneError(
                 "step: a graph cannot capture bodies with a motion or posed from Python; bind their poses instead"
             )
-        if self.world.waiting:
+        if self.world.has_unsent:
             raise SceneError(
                 "step: poses that you set from the host are not sent yet; take a step before you capture one"
             )

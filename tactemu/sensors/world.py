@@ -185,7 +185,7 @@ class World:
         return values[:, :7].copy()
 
     @property
-    def waiting(self) -> bool:
+    def has_unsent(self) -> bool:
         """Has the host set poses that the next step must send?"""
         return bool(self._dirty)
 

@@ -173,7 +173,7 @@ class ProximityTaxel(SensorModel):
             launches.append(self._forces(site, clouds, sums, measured, site.gain, clusters.n_points, raw))
 
         reason = f"ProximityTaxel sums over {clusters.n_points} points"
-        skips = "ProximityTaxel skips what is out of reach"
+        skips = "ProximityTaxel skips clusters out of reach"
         return [
             Stage(name=f"{site.name}: near points", reason=skips, launch=find, cheaper=FEWER_POINTS),
             Stage(name=f"{site.name}: points", reason=reason, launch=in_turn(*launches), cheaper=FEWER_POINTS),
