@@ -1,1 +1,1 @@
-"""The loop that runs devices: sampling, sensing, ports, saved states, replay. Read `emulator.py` first."""
+"""The loop that runs devices: sampling, senses, ports, saved states, replay. Read `emulator.py` first."""

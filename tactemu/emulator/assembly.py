@@ -1,4 +1,4 @@
-"""From a scene file to an emulator: the simulation, and one channel per skin."""
+"""The assembly of an emulator from a scene file: the simulation, and one channel per skin."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class RunOptions:
-    """What the caller asks for beside the scene; ``None`` and empty leave it to the scene."""
+    """The caller's options of a run; those that are ``None`` or empty follow the scene."""
 
     port: str | Mapping[str, str] | None = None
     """One port, or ports by skin, by the device's connector, or by ``SKIN/CONNECTOR``."""
@@ -52,24 +52,24 @@ class RunOptions:
     faults: Sequence[str] = ()
     seed: int | None = None
     compute: str | None = None
-    """Where kernels run: ``cpu``, ``cuda:0``."""
+    """The device that runs the kernels: ``cpu``, ``cuda:0``."""
     scenario: Sequence[EventTable] = ()
     """Events beside the scene's own."""
     adjustable: Sequence[str] = ()
-    """Laws of imperfection that every skin is built with, so that they can be switched on while it runs."""
+    """Laws of imperfection that every skin is built with, so that you can switch them on while it runs."""
     measured: bool = False
-    """Noise, clock and so on as of real devices, where such were measured and the scene says nothing."""
+    """Take noise, clock and so on from measurements of real devices, where the scene does not set them."""
     fresh_ports: bool = False
-    """Where nobody names a port, one that nobody else has instead of the usual one."""
+    """Take an unused port instead of the usual one, where neither caller nor scene names one."""
     usual_network: bool = False
-    """But the usual one where it is on the network."""
+    """Keep the usual port on the network, also with :attr:`fresh_ports`."""
     env: int = 0
-    """Number of the environment, where others are simulated elsewhere: each has random numbers of its own."""
+    """Number of the environment, if other processes simulate others: each has random numbers of its own."""
 
     def __post_init__(self):
         ports = self.port.values() if isinstance(self.port, Mapping) else [self.port]
         if not all(isinstance(port, str | None) for port in ports):
-            raise SceneError(f"port: expected a text such as 'pty:/tmp/skin', got {self.port!r}")
+            raise SceneError(f"port: give a text such as 'pty:/tmp/skin', got {self.port!r}")
         rates = self.rate_hz.values() if isinstance(self.rate_hz, Mapping) else [self.rate_hz]
         for rate in rates:
             if rate is not None:
@@ -84,18 +84,18 @@ class RunOptions:
 
 @dataclass(frozen=True)
 class Assembled:
-    """An emulator, not yet open, and what it was made of."""
+    """An emulator, not yet open, and its simulation, scene and skins."""
 
     emulator: Emulator
     simulation: Any
     scene: Any
     loaded: LoadedScene
     skins: Mapping[str, PlacedSkin]
-    """Those that are on bodies, by name."""
+    """The skins on bodies, by name."""
     posed: frozenset[str]
-    """Bodies that a source of the user's poses."""
+    """The bodies that the user's source poses."""
     reassemble: Callable[..., Assembled] = field(repr=False)
-    """Assembles another of the same, with a port, a clock and a truth of its own."""
+    """A function that assembles an equal emulator with its own port, clock and truth log."""
 
     def fork(
         self,
@@ -105,20 +105,20 @@ class Assembled:
         truth: Truth | None = None,
         state: Mapping[str, Any] | None = None,
     ) -> Assembled:
-        """Return another emulator that goes on from where this one is, once it is opened, and shares nothing with it
-        but what never changes. Call between two turns, as :meth:`Emulator.snapshot`, or give the state.
+        """Return another emulator that continues from the present state once it is opened, and shares only constant
+        data with this one. Call between two turns, as :meth:`Emulator.snapshot`, or give the state.
 
-        A source of the user's own is asked by the fork, too: one that is a function of time alone gives it the same.
+        The fork calls the user's source, too; a source that is a function of time alone returns the same to both.
 
         Args:
-            port: where it leads; ``None``: fresh ports of the usual kind.
+            port: the port of the fork; ``None``: fresh ports of the usual kind.
             clock: default: a virtual one.
             truth: default: in memory.
-            state: a snapshot, of this emulator or one like it; default: as it is now.
+            state: a snapshot, of this emulator or one like it; default: the present state.
 
         Raises:
             StateError: a part cannot be saved.
-            TactemuError: a port cannot be had.
+            TactemuError: a port cannot be made.
         """
         state = self.emulator.snapshot() if state is None else state
         other = self.reassemble(port=port, clock=clock or VirtualClock(), truth=truth)
@@ -135,13 +135,13 @@ def assemble(
     source: Any = None,
     like: Simulation | None = None,
 ) -> Assembled:
-    """Build everything that a scene file asks for; kernels are compiled here, ports opened only by the emulator.
+    """Build the emulator of a scene file; this compiles the kernels, and only the emulator opens the ports.
 
     ``source`` is a simulator of the user's own (:mod:`tactemu.emulator.sources`), ``like`` a simulation of the same
-    scene and options, which shares what never changes.
+    scene and options, whose constant data is shared.
 
     Raises:
-        TactemuError: something in the scene or the options cannot be had.
+        TactemuError: something in the scene or the options is not available.
     """
     run_options = run_options or RunOptions()
     if run_options.measured:
@@ -212,7 +212,7 @@ def _built(scene: Scene, run_options: RunOptions, world: SceneTable, seed: int, 
 
 
 def _recipe(loaded: LoadedScene, run_options: RunOptions) -> dict[str, Any]:
-    """What a run is of, but for its ports, and for what it keeps in memory: by this a saved state knows its own."""
+    """Return the scene and options of a run without its ports and memory limits; a saved state must have the same."""
     tables = loaded.tables.model_dump(by_alias=True, exclude={"truth": True, "skin": {"__all__": {"port", "ports"}}})
     wished = {name: getattr(run_options, name) for name in ("rate_hz", "faults", "seed", "adjustable")}
     events = [event.model_dump(exclude_defaults=True) for event in run_options.scenario]
@@ -220,10 +220,10 @@ def _recipe(loaded: LoadedScene, run_options: RunOptions) -> dict[str, Any]:
 
 
 def truth_of(loaded: LoadedScene, path: str | Path | None = None, keep: str | int | None = None) -> Truth:
-    """Return the truth of a run of this scene; ``keep`` goes before the scene's own.
+    """Return the truth log of a run of this scene; ``keep`` overrides the scene's own.
 
     Raises:
-        TactemuError: the file cannot be written, or is one that the scene reads.
+        TactemuError: the file cannot be written, or the scene reads it.
     """
     reads = [loaded.source, *(loaded.folder / skin.readings for skin in loaded.tables.skin if skin.readings)]
     try:
@@ -233,10 +233,10 @@ def truth_of(loaded: LoadedScene, path: str | Path | None = None, keep: str | in
 
 
 def _check_faults(loaded: LoadedScene) -> None:
-    """Parse the faults of a scene.
+    """Raise if a fault of the scene cannot be parsed.
 
     Raises:
-        SceneError: one is wrong; names file and entry.
+        SceneError: names the file and the entry.
     """
     texts = {
         f"skin {skin.title!r}.faults[{k}]": text for skin in loaded.tables.skin for k, text in enumerate(skin.faults)
@@ -250,10 +250,10 @@ def _check_faults(loaded: LoadedScene) -> None:
 
 
 def _driven(loaded: LoadedScene, devices: dict[str, Device], local_ns: Callable[[str, int], int]) -> LoadedScene:
-    """Return the scene with bodies that follow a device's joints bound to it.
+    """Return the scene with its joint motions bound to the joints of the devices.
 
     Raises:
-        SceneError: no such skin, or no such joint of its device.
+        SceneError: there is no such skin, or its device has no such joint.
     """
     motions = dict(loaded.motions)
     for body, motion in loaded.motions.items():
@@ -275,7 +275,7 @@ def _driven(loaded: LoadedScene, devices: dict[str, Device], local_ns: Callable[
 
 
 def _recordings(loaded: LoadedScene, devices: dict[str, Device]) -> dict[str, RecordedReadings]:
-    """Return the recordings that skins play in place of physics, by the skin's name."""
+    """Return the recordings that replace physics, by the skin's name."""
     return {
         skin.title: recorded_readings(loaded.folder / skin.readings, skin.readings_of, skin.title, devices[skin.title])
         for skin in loaded.tables.skin
@@ -291,7 +291,7 @@ def _wires(
     seed: int,
     truth: Truth,
 ) -> dict[str, Wire]:
-    """Return one wire per port. Skins that share one add their faults up."""
+    """Return one wire per port, with the faults of all skins that share it."""
     wires: dict[str, Wire] = {}
     for address in dict.fromkeys(assignment.address for assignment in assignments):
         names = [assignment.skin for assignment in assignments if assignment.address == address]
@@ -325,10 +325,10 @@ def _channel(
 
 
 def _periods(skin: SkinTable, device: Device, rate_hz: float | Mapping[str, float] | None) -> dict[str, int]:
-    """Return the sampling periods that the user wants, by stream [ns].
+    """Return the sampling periods that the user has set, by stream [ns].
 
     Raises:
-        DeviceError: one rate for streams that convert different things.
+        DeviceError: a single rate is given for streams with different senses.
     """
     if rate_hz is None:
         return {}

@@ -1,6 +1,6 @@
-"""One device in time: what it samples, when, and through which wires its frames leave.
+"""One device in time: the readings that it samples, their times, and the wires through which its frames leave.
 
-The channel owns the sampling period of each stream: the user's wish, else what the firmware last set.
+The channel owns the sampling period of each stream: the user's setting, else that of the firmware.
 """
 
 from __future__ import annotations
@@ -24,56 +24,56 @@ if TYPE_CHECKING:
 
 
 class Source(Protocol):
-    """What a device's transducers sense: a sensor of a simulation, a recording, or the user's own."""
+    """The source of a device's readings: a sensor of a simulation, a recording, or the user's function."""
 
     @property
     def imperfections(self) -> Imperfections | JoinedImperfections | None:
-        """What spoils its readings, to be changed while it runs; ``None`` for a recording."""
+        """The imperfections of the readings, which can change while it runs; ``None`` for a recording."""
         ...
 
     def sense(self, sense: Sense, t_ns: int, ground_truth: bool = False) -> np.ndarray:
-        """What one sense sees at ``t_ns``, to which the simulation has been brought; SI, shape by its quantity."""
+        """Return the reading of one sense at ``t_ns``, the time of the simulation; SI, shape by its quantity."""
         ...
 
 
 StreamReadings = tuple[dict[str, np.ndarray], dict[str, np.ndarray]]
-"""What the senses of a stream see, ideal and measured, by key."""
+"""The readings of a stream's senses, ideal and measured, by the sense's key."""
 SampledReadings = dict[tuple, StreamReadings]
-"""By device, time and keys."""
+"""The readings of one turn, by device, time and the keys of the senses."""
 
 
 @dataclass
 class StreamTimer:
-    """When one stream of a device converts."""
+    """The times at which one stream of a device converts."""
 
     sampling: SampleClock
     running: bool = False
-    """Off: the firmware has no period for it, or has not booted."""
+    """False if the firmware has no period for the stream, or has not booted."""
     count: int = 1
     """Number of the next conversion since counting began."""
     burst: int = 1
-    """Looks at the skin per conversion, evenly over its period."""
+    """Number of readings per conversion, evenly spaced over its period."""
     readings: list[StreamReadings] = field(default_factory=list)
-    """What was seen so far of the next conversion."""
+    """The readings so far of the next conversion."""
     due_ns: int = 0
-    """When the skin is looked at next; the loop asks for it at every turn."""
+    """Time of the next reading, kept here because the loop compares it at every turn."""
 
     def __post_init__(self):
         if self.burst < 1 or len(self.readings) >= self.burst:
-            raise ValueError(f"expected fewer sampled than {self.burst} of a conversion, got {len(self.readings)}")
+            raise ValueError(f"expected fewer than {self.burst} readings of a conversion, got {len(self.readings)}")
 
     def start(self, now_ns: int, period_ns: int) -> None:
-        """Count anew from now."""
+        """Restart the count from now."""
         self.sampling = self.sampling.restarted(now_ns, period_ns)
         self.running = True
         self._schedule(1)
 
     def next(self, missed: int) -> None:
-        """On to the conversion after the one due, and after those whose time has wholly passed."""
+        """Continue with the next conversion, after ``missed`` ones that are skipped."""
         self._schedule(self.count + 1 + missed)
 
     def add_reading(self, read: StreamReadings) -> None:
-        """One look of several of the conversion that is due."""
+        """Add one of several readings of the conversion that is due."""
         self._schedule(self.count, [*self.readings, read])
 
     def _schedule(self, count: int, seen: Sequence[StreamReadings] = ()) -> None:
@@ -86,10 +86,10 @@ class StreamTimer:
 
 @dataclass
 class Channel:
-    """One device: its source on one side, its wires on the other.
+    """One device with its source and its wires.
 
     Raises:
-        DeviceError: a wish for a stream that the device does not have, or for one of several without its name.
+        DeviceError: a period is given for a stream that the device does not have, or for one of several without name.
     """
 
     TRANSIENT_FIELDS: ClassVar[tuple[str, ...]] = ("name", "wanted_periods", "_ports", "_senses")
@@ -98,30 +98,30 @@ class Channel:
     device: Device
     source: Source
     wires: dict[str, Wire]
-    """By the name of the device's port."""
+    """The wires, by the name of the device's port."""
     sampling: SampleClock
-    """The device's oscillator, and how late its frames leave."""
+    """The device's oscillator, and the delay of its frames."""
     wanted_periods: Mapping[str, int] = field(default_factory=dict)
-    """Sampling periods that the user wants, by stream [ns]; they beat the firmware's and survive every restart."""
+    """The user's sampling periods, by stream [ns]; they override the firmware's and survive every restart."""
     statistics: ChannelStatistics = field(default_factory=ChannelStatistics)
     silent_until_ns: int = 0
-    """The device boots or hangs until then: it neither samples nor hears."""
+    """Time until which the device boots or hangs: it neither samples nor receives."""
     power_cycles: int = 0
-    """How often it has powered up: what was planned in an earlier life does not happen."""
+    """Number of times that the device has powered up; actions of an earlier power cycle are void."""
     refresh_ns: int = 0
-    """How often what it reads is renewed: between, it reads the same again; 0: always."""
+    """Period at which the device's registers are refreshed; between, they keep their values; 0: always fresh."""
     samples: int = 0
-    """Number of the next sample, over all lives and streams; 0 is the one taken at boot."""
+    """Number of the next sample, over all power cycles and streams; 0 is the one taken at boot."""
 
     def __post_init__(self):
         self.alarm_ns: int | None = None
-        """When the device's own clock wakes it."""
+        """The device's own time at which it has asked to be woken."""
         self.held_readings: dict[str, tuple[int, dict[str, np.ndarray]]] = {}
-        """By stream, what was read at the last refresh, and the number of that."""
+        """The number of the last refresh and its readings, by stream."""
         self._ports = self.device.ports
         timers: dict[str, StreamTimer] = {}
         self.timers: Mapping[str, StreamTimer] = timers
-        """By stream."""
+        """The timers, by stream."""
         self._read_senses()
         for stream in self.device.periods:
             name = f"{self.sampling.name}/{stream}" if stream else self.sampling.name
@@ -134,35 +134,33 @@ class Channel:
                 raise DeviceError(f"{self.name}: rate_hz: no stream {stream!r}: {self.device.name} {has}")
 
     def _read_senses(self) -> None:
-        """What its streams sense, which does not change while it has power."""
+        """Read the senses of the streams, which are constant while the device has power."""
         self._senses = {stream: self.device.senses_of(stream) for stream in self.device.periods}
 
     @property
     def wire(self) -> Wire:
-        """The wire of its first port that is plugged in."""
+        """The wire of the first port in use."""
         return next(iter(self.wires.values()))
 
     @property
     def imperfections(self) -> Imperfections | JoinedImperfections:
-        """What spoils its readings.
+        """The imperfections of the readings.
 
         Raises:
-            SceneError: they are a recording, which has no imperfections of ours.
+            SceneError: the readings are not simulated.
         """
         if self.source.imperfections is None:
-            raise SceneError(
-                f"skin {self.name!r}: its readings are not simulated; only faults, hang and reset befall it"
-            )
+            raise SceneError(f"skin {self.name!r}: its readings are not simulated; inject only faults, hang and reset")
         return self.source.imperfections
 
     # -- time ----------------------------------------------------------------------------------------------------------
 
     def local_ns(self, t_ns: int) -> int:
-        """What the device's own clock shows at a time: its firmware knows no other."""
+        """Return the time of the device's own clock, the only one that its firmware has."""
         return self.sampling.local_ns(t_ns)
 
     def period_ns(self, stream: str) -> int:
-        """Return the sampling period in force [ns]; 0 when the firmware has the stream off."""
+        """Return the sampling period in force [ns]; 0 if the firmware has switched the stream off."""
         own = self.device.periods[stream]
         return self.wanted_periods.get(stream, own) if own else 0
 
@@ -171,13 +169,13 @@ class Channel:
         return {name: 1e9 / period if (period := self.period_ns(name)) else 0.0 for name in self.timers}
 
     def begin(self, now_ns: int) -> None:
-        """The device has booted: every stream counts from now."""
+        """Start the timer of every stream when the device has booted."""
         for stream, timer in self.timers.items():
             if period := self.period_ns(stream):
                 timer.start(now_ns, period)
 
     def halt(self) -> None:
-        """The device has restarted: nothing is sampled until :meth:`begin`."""
+        """Stop all timers when the device restarts; it samples again after :meth:`begin`."""
         self.alarm_ns = None
         self.held_readings.clear()
         self._read_senses()
@@ -186,7 +184,7 @@ class Channel:
             timer.running = False
 
     def apply_changes(self, now_ns: int) -> None:
-        """After a call into the device: its periods and line settings may have changed."""
+        """Apply the periods and line settings that a call into the device may have changed."""
         for stream, timer in self.timers.items():
             period = self.period_ns(stream)
             if not period:
@@ -197,8 +195,8 @@ class Channel:
             self.attach_wires()
 
     def defer_statistics(self, injected: Counter[str]) -> Callable[[], dict[str, Any]]:
-        """What gives the statistics and counters of this device as they are now, as plain data; other threads than the
-        loop's may call it. ``injected``: the faults that befell it, by name."""
+        """Return a function that returns the present statistics and counters of this device as plain data; another
+        thread than the loop's may call it. ``injected`` counts the injected faults, by name."""
         statistics = self.statistics.copy()
         counts = {
             "wire": sum((wire.counters for wire in self.wires.values()), Counter()),
@@ -212,29 +210,29 @@ class Channel:
         }
 
     def attach_wires(self) -> None:
-        """Tell the wires what is plugged into them."""
+        """Attach the device's connectors to their wires."""
         self._ports = self.device.ports
         for port, wire in self.wires.items():
             wire.attach(self.name, self.device.connector(port))
 
     def after_restore(self) -> None:
-        """A state was restored: its wires have the settings that they had then."""
+        """Keep the restored settings of the wires: the connectors need no second attachment."""
         self._ports = self.device.ports
 
     def due(self, now_ns: int) -> list[tuple[int, str]]:
-        """Streams whose time has come, with that time."""
+        """Return the streams whose next reading is due, with its time."""
         return [(each.due_ns, name) for name, each in self.timers.items() if each.running and each.due_ns <= now_ns]
 
     def next_due_ns(self) -> int | None:
-        """When the next of its streams converts."""
+        """Return the time of the next reading of any stream; ``None`` if none is running."""
         return min([timer.due_ns for timer in self.timers.values() if timer.running], default=None)
 
     # -- calls into the device -----------------------------------------------------------------------------------------
 
     def read(self, stream: str, t_ns: int, sampled: SampledReadings | None = None) -> StreamReadings:
-        """What the senses of one stream see at ``t_ns``, to which the simulation has been brought.
+        """Return the readings of a stream's senses at ``t_ns``, the time of the simulation.
 
-        ``sampled`` are those taken since anything changed: boards that sample together share one.
+        ``sampled`` has the readings of this turn: streams with the same senses and time share one.
         """
         senses, source = self._senses[stream], self.source
         key = (self.name, t_ns, *[sense.key for sense in senses])
@@ -249,14 +247,15 @@ class Channel:
         return seen
 
     def _refreshed(self, stream: str, t_ns: int, measured: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-        """What a register holds that is renewed once in each refresh, by the first look."""
+        """Return the first readings in the present refresh period, which the registers keep until the next one."""
         number = self.local_ns(t_ns) // self.refresh_ns
         if stream not in self.held_readings or self.held_readings[stream][0] != number:
             self.held_readings[stream] = number, {key: np.array(values) for key, values in measured.items()}
         return self.held_readings[stream][1]
 
     def complete_conversion(self, stream: str, last: StreamReadings) -> StreamReadings:
-        """Return a conversion that ends with the look ``last``: senses with a burst have a last axis of all looks."""
+        """Return the conversion that ends with the reading ``last``; the readings of a burst are stacked along a last
+        axis."""
         timer = self.timers[stream]
         if timer.burst == 1:
             return last
@@ -273,7 +272,7 @@ class Channel:
         return ideal, measured
 
     def measure(self, stream: str, measured: Mapping[str, np.ndarray], stamp_ns: int) -> Any:
-        """Return one conversion; returns the device's counts.
+        """Return the device's counts of one conversion.
 
         Raises:
             DeviceError: the device raised, or returned no array.
@@ -284,10 +283,10 @@ class Channel:
             raise DeviceError(str(error)) from error
 
     def call(self, method: str, *args: Any) -> Sequence[Any]:
-        """Call ``stream``, ``receive``, ``lines``, ``boot`` or ``wake``; returns its outs, checked.
+        """Call ``stream``, ``receive``, ``lines``, ``boot`` or ``wake``; return what the device transmits, checked.
 
         Raises:
-            DeviceError: the device raised or returned what cannot be sent; names method, input, file and line.
+            DeviceError: the device raised, or returned what no port can carry; names method, input, file and line.
         """
         port = args[2] if method == "receive" else args[3] if method == "lines" else ""
         try:

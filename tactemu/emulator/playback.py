@@ -1,4 +1,4 @@
-"""Recorded readings in place of physics: skins of a scene that feel what a truth log says was felt."""
+"""Recorded readings in place of physics: skins of a scene whose readings come from a truth log."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from tactemu.truth import read_log
 
 
 class RecordedReadings:
-    """Readings from a truth log in place of physics: a source and, for the loop, the simulation that goes with it.
+    """The readings of one device in a truth log, which replace physics.
 
-    Between two samples the earlier one holds; before the first, the first does.
+    Between two samples the earlier one holds; before the first sample, the first.
 
     Args:
         path: a truth log (``tactemu run --truth FILE``).
-        device: whose samples; may be left out where the log has one device only.
+        device: the device of the samples; optional if the log has only one.
 
     Raises:
         TactemuError: the file is no truth log, or has no samples of this device.
@@ -31,9 +31,9 @@ class RecordedReadings:
     TRANSIENT_FIELDS: ClassVar[tuple[str, ...]] = ("times_ns", "_measured", "_ideal")
 
     imperfections = None
-    """They are in the recording, or in the sensor that it was made of."""
+    """Always ``None``: the recording contains the imperfections of its sensor."""
     wrench = None
-    """It follows from the forces."""
+    """Always ``None``: the wrench follows from the forces."""
 
     def __init__(self, path: str | Path, device: str = ""):
         log = read_log(path)
@@ -52,15 +52,15 @@ class RecordedReadings:
         self._now = 0
 
     def advance_to(self, t_ns: int) -> None:
-        """Move to this time."""
+        """Select the sample of this time."""
         self._now = max(0, int(np.searchsorted(self.times_ns, t_ns, side="right")) - 1)
 
     def ambient(self, name: str, t_ns: int, link: str = "") -> Any:
-        """Not recorded: room temperature, at rest."""
+        """Return room temperature and gravity at rest, since a truth log does not record them."""
         return AMBIENT[name]
 
     def quantity(self, name: str, ground_truth: bool = False) -> np.ndarray:
-        """The recorded reading at the present time, whatever quantity it was; shape ``(n_taxels[, 3])``."""
+        """Return the recorded reading of the present time, of whatever quantity; shape ``(n_taxels[, 3])``."""
         return (self._ideal if ground_truth else self._measured)[self._now]
 
 
@@ -84,14 +84,14 @@ def recorded_readings(path: Path, of: str | None, skin: str, device: Device) -> 
 
 
 class Playback:
-    """What the loop advances where some skins play recordings: them, and the simulation of the others, if any."""
+    """The recordings of some skins together with the simulation of the others, if any, as one simulation."""
 
     TRANSIENT_FIELDS: ClassVar[tuple[str, ...]] = ()
 
     def __init__(self, simulation: Any, recordings: Sequence[RecordedReadings]):
         self.simulation, self.recordings = simulation, recordings
         self.time_ns = 0
-        """Time reached."""
+        """The present time."""
 
     @property
     def dt_ns(self) -> int:
@@ -100,11 +100,11 @@ class Playback:
 
     @property
     def plan(self) -> Any:
-        """What a simulation step computes; ``None`` where nothing is simulated."""
+        """The plan of a simulation step; ``None`` where nothing is simulated."""
         return self.simulation.plan if self.simulation is not None else None
 
     def advance_to(self, t_ns: int, max_steps: int | None = None) -> bool:
-        """Bring everything to ``t_ns``; true if a simulation step was stretched."""
+        """Bring recordings and simulation to ``t_ns``; return True if a simulation step was stretched."""
         for recording in self.recordings:
             recording.advance_to(t_ns)
         self.time_ns = t_ns

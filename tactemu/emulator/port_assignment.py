@@ -1,4 +1,4 @@
-"""Which port of which device goes where: what the user says, what the scene says, else the usual place."""
+"""The assignment of devices' connectors to ports: by the user, else by the scene, else the usual ones."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class PortAssignment:
     skin: str
     connector: Connector
     address: str
-    """``scheme:rest``, as for ``--port``."""
+    """The port, as for ``--port``: ``scheme:address``."""
 
 
 def assign_ports(
@@ -30,19 +30,19 @@ def assign_ports(
     fresh: bool = False,
     usual_network: bool = False,
 ) -> list[PortAssignment]:
-    """Where every connector that is in use goes.
+    """Return the port of every connector that is in use.
 
     Args:
-        skins: of the scene.
-        devices: by the skin's name.
+        skins: the skins of the scene.
+        devices: the devices, by the skin's name.
         wish: one port for the first connector that fits it, or ports by ``SKIN``, ``PORT`` or ``SKIN/PORT``.
-        fresh: where nobody says, a port that nobody else has instead of the usual one.
-        usual_network: but the usual one where it is on the network.
+        fresh: take an unused port instead of the usual one, where neither user nor scene names one.
+        usual_network: keep the usual port on the network, also with ``fresh``.
 
     Raises:
-        DeviceError: a device has no connector that goes with the port, or none of that name.
-        SceneError: two devices would hold one port that cannot be shared.
-        TransportError: an address that cannot be, or two devices on one bus that disagree about its speed.
+        DeviceError: a device has no connector that fits the port, or none of that name.
+        SceneError: two devices would share a port that cannot be shared.
+        TransportError: an address is not valid, or two devices on one bus have different speeds.
     """
     fresh_kinds = (fresh and not usual_network, fresh)
     wanted = {} if wish is None or isinstance(wish, str) else dict(wish)
@@ -60,14 +60,14 @@ def assign_ports(
         assignments += _assign_ports_of(skin.title, device, single, named, fresh_kinds)
     if wanted:
         known = [skin.title for skin in skins] + [f"{s.title}/{c.name}" for s in skins for c in devices[s.title].ports]
-        raise DeviceError(f"no such port: {', '.join(wanted)} (there are: {', '.join(known)})")
+        raise DeviceError(f"no such port: {', '.join(wanted)}; use one of: {', '.join(known)}")
     return _shared([_own_memory(assignment, assignments) for assignment in assignments])
 
 
 def _assign_ports_of(
     skin: str, device: Device, single: str | None, named: dict[str, str], fresh: tuple[bool, bool]
 ) -> list[PortAssignment]:
-    """Where the connectors of one device go; ``fresh``: to new ports, if on the network, and if not."""
+    """Return the ports of one device's connectors; ``fresh``: use unused ports on the network, and elsewhere."""
     connectors = {connector.name: connector for connector in device.ports}
     for name in named:
         if name not in connectors:
@@ -95,8 +95,8 @@ def _default_port(skin: str, device: Device, connector: Connector, fresh: tuple[
 
 
 def _fitting(device: Device, address: str) -> Connector:
-    """Return the connector that goes best with a port."""
-    transports.create(address)  # an address that cannot be is named as that
+    """Return the connector that fits a port best."""
+    transports.create(address)  # raises its own error for an address that is not valid
     scheme = address.partition(":")[0]
     if scheme == "memory":
         return device.ports[0]
@@ -109,7 +109,7 @@ def _fitting(device: Device, address: str) -> Connector:
 
 
 def _own_memory(assignment: PortAssignment, assignments: Sequence[PortAssignment]) -> PortAssignment:
-    """``memory:`` given to several is one for each."""
+    """Return the assignment with a port of its own, where several connectors have the address ``memory:``."""
     if assignment.address == "memory:" and sum(other.address == "memory:" for other in assignments) > 1:
         name = f"{assignment.skin}/{assignment.connector.name}" if assignment.connector.name else assignment.skin
         return PortAssignment(assignment.skin, assignment.connector, f"memory:{name}")

@@ -1,4 +1,4 @@
-"""Recorded streams to a driver again, and a sensor's stream to a file: the loops around ``recording.py``."""
+"""The replay of recorded streams to a driver, and the recording of a sensor's stream: loops around ``recording.py``."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ from tactemu.truth.recording import Entry, Recording
 from tactemu.wire.wire import Wire
 
 DEFAULT_BAUD = 115_200
-"""Speed to which a serial port is set where nobody says [bit/s]."""
+"""Speed of a serial port whose speed is not given [bit/s]."""
 _UARTS = ("ttyS", "ttyUSB", "ttyAMA", "ttyTHS", "ttymxc", "ttyO", "COM", "cu.usbserial", "tty.usbserial")
-"""Names of ports with a UART behind them, as Linux, macOS and Windows have them."""
+"""Names of ports with a UART on Linux, macOS and Windows."""
 
 
 def connector_for(recording: Recording, baud: int | None = None) -> Connector:
-    """Return the wire that a recording needs: CAN, a UART where its speed is known, else USB.
+    """Return the connector that a recording needs: CAN, a UART if its speed is known, else USB.
 
-    The entries are as far apart as the line had them: make the wire that replays them with ``pacing=False``.
+    The entries have the spacing of the recorded line: make the wire that replays them with ``pacing=False``.
     """
     if recording.kind == "can":
         return Can()
@@ -36,11 +36,11 @@ def connector_for(recording: Recording, baud: int | None = None) -> Connector:
 
 
 class Replay:
-    """Plays the driver's side of a recording through a wire.
+    """A loop that sends the frames of a recording to a driver through a wire.
 
     Args:
-        recording: what to play.
-        wire: where to; not yet open.
+        recording: the recording to play.
+        wire: the wire to the driver.
         clock: real or virtual.
         speed: 2 is twice as fast. Infinity sends all at once; use :meth:`step` to send one frame at a time.
         loop: start again at the end.
@@ -49,7 +49,7 @@ class Replay:
     simulation = None
     channels: Sequence[Any] = ()
     is_settled = True
-    """As of an emulator without devices: who has something done in its loop may ask."""
+    """Always True, as in an emulator without devices; :class:`tactemu.control.loop_task.LoopTask` reads it."""
 
     def __init__(self, recording: Recording, wire: Wire, *, clock: Clock, speed: float = 1.0, loop: bool = False):
         if not speed > 0:
@@ -69,11 +69,11 @@ class Replay:
 
     @property
     def is_done(self) -> bool:
-        """Whether everything has been sent."""
+        """True once everything has been sent."""
         return self.position >= len(self.entries)
 
     def run(self, seconds: float | None = None) -> None:
-        """Play until the end, for ``seconds``, or until :meth:`stop`, also one that came before.
+        """Play until the end, for ``seconds``, or until :meth:`stop`, also if that was called before.
 
         Time starts when the driver opens the port.
         """
@@ -92,7 +92,7 @@ class Replay:
             self._stop_requested = False
 
     def stop(self) -> None:
-        """Leave :meth:`run`, or the next one at once; may be called from a signal handler."""
+        """Leave :meth:`run`, or the next run at once. Safe from a signal handler."""
         self._stop_requested = True
         self.call(lambda: None)
 
@@ -101,22 +101,22 @@ class Replay:
         self._calls.put(action, at_ns)
 
     def turn(self, now_ns: int) -> None:
-        """Listen, send what is due, write."""
+        """Receive port events, send the entries that are due, and write them to the port."""
         for event in self.wire.receive(now_ns):
             if isinstance(event, Opened):
                 self._restart(now_ns)
         if self._start_ns is None and self.wire.transport.has_reader:
-            self._restart(now_ns)  # a bus has no opening
-        for _ in self.entries:  # once around at most, also in an endless loop at infinite speed
+            self._restart(now_ns)  # a bus reports no opening of its port
+        for _ in self.entries:  # at most one round, also in an endless loop at infinite speed
             due = self._due_ns()
             if due is None or due > now_ns:
                 break
             self.step(due)
-            self.wire.flush(now_ns)  # one by one: a loop that is late owes many, and a line takes so many only
+            self.wire.flush(now_ns)  # after each entry: a late loop has many, and the queue of a line is limited
         self.wire.flush(now_ns)
 
     def step(self, now_ns: int) -> Entry | None:
-        """Send the next frame, whatever its time; ``None`` at the end."""
+        """Send the next frame, whatever its time, and return its entry; ``None`` at the end."""
         if self.is_done:
             return None
         entry = self.entries[self.position]
@@ -142,10 +142,10 @@ class Replay:
 
 
 def line_note(source: str, baud: int | None) -> str:
-    """What a recording notes of the line that it is of: its speed, ``usb`` where it has none, nothing of CAN.
+    """Return the line in the header of a recording: its speed, ``usb`` if it has none, an empty text for CAN.
 
-    A network connection and USB's own serial class know no speed, whatever a program sets; a port that nobody can look
-    behind (a pty) is taken for one of them, unless the caller gives ``baud``.
+    Network connections and USB's serial class have no speed, whatever a program sets. A port of unknown hardware (a
+    pty) counts as one of them, unless the caller gives ``baud``.
     """
     if source.startswith("can:"):
         return ""
@@ -158,18 +158,19 @@ def line_note(source: str, baud: int | None) -> str:
 def record(
     source: str, recorder: Recorder, *, clock: Clock, stop: Callable[[int], bool], baud: int = DEFAULT_BAUD
 ) -> None:
-    """Write what a sensor sends to a file until ``stop(entries so far)`` is true; asked at least every 100 ms.
+    """Record a sensor's bytes or frames until ``stop(number of entries)`` returns True; it is called at least every
+    100 ms.
 
     Args:
         source: a serial port or URL of pyserial (``/dev/ttyUSB0``, ``socket://...``), or ``can:INTERFACE:CHANNEL``.
         recorder: the open file.
-        clock: gives the entries' times.
-        stop: when to end.
+        clock: the clock of the entries' times.
+        stop: returns True when the recording is to end.
         baud: speed to set on a serial port [bit/s].
 
     Raises:
         TransportError: the source cannot be opened, or was lost.
-        TactemuError: the file cannot be written any more.
+        TactemuError: the file can no longer be written.
     """
     take = _from_can if source.startswith("can:") else _from_serial
     take(source, recorder, clock, stop, baud)
@@ -200,5 +201,5 @@ def _from_serial(source: str, recorder: Recorder, clock: Clock, stop: Callable[[
                     recorder.add(Entry(clock.now_ns(), data))
     except (OSError, ValueError) as error:  # pyserial's own error is an OSError
         raise TransportError(
-            f"cannot record from {source}: {error}; check the name, and that you may read it"
+            f"cannot record from {source}: {error}; check its name and your permission to read it"
         ) from None

@@ -1,4 +1,4 @@
-"""When a device samples, and when its sample leaves: the time domain of imperfections, in integer nanoseconds."""
+"""The sample times of a device and the times at which its samples leave, in integer nanoseconds."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from tactemu.base.random_streams import stream_key, uniform_64
 
 @dataclass(frozen=True, kw_only=True)
 class SampleClock:
-    """The device's own clock, seen from ours.
+    """The device's own clock, in emulation time.
 
     Sample ``k`` (from 1) is due when the device's oscillator has counted ``k * period`` since ``start``. An
-    oscillator that is slow by ``skew_ppm``, and slower each second by ``drift_ppm_per_s``, takes longer for it than
-    ours: a count of n seconds lasts ``n + 1e-6 (skew n + drift n^2 / 2)``. Times follow from the count, so that no
-    error accumulates. Frames of a sample leave ``delay_ns`` after it was due, plus a jitter that is uniform in
-    ``[0, jitter_ns]``; unless ``reorder`` is set they never overtake those of an earlier sample. A loop that is too
-    slow at times misses its turn: a share ``missed`` of samples is never taken, and periods have a second mode at
-    twice the first.
+    oscillator that is slow by ``skew_ppm``, and slower each second by ``drift_ppm_per_s``, takes longer for it: a
+    count of n seconds lasts ``n + 1e-6 (skew n + drift n^2 / 2)``. Times follow from the count, so that no error
+    accumulates. Frames of a sample leave ``delay_ns`` after it was due, plus a jitter that is uniform in
+    ``[0, jitter_ns]``; unless ``reorder`` is set they never overtake those of an earlier sample. Firmware whose loop
+    is too slow at times skips samples: a share ``missed`` is never taken, and the periods have a second mode at twice
+    the first.
 
     Raises:
         ValueError: a period that is not positive; a negative delay or jitter; a clock that stands still or misses all.
@@ -27,9 +27,9 @@ class SampleClock:
 
     period_ns: int
     start_ns: int = 0
-    """Since when samples are counted."""
+    """Time from which samples are counted."""
     shown_ns: int | None = None
-    """What the device's clock showed at ``start_ns``; ``None``: the same."""
+    """Time of the device's clock at ``start_ns``; ``None``: the same."""
     skew_ppm: float = 0.0
     """Positive: the device's clock is slow, its samples come late."""
     drift_ppm_per_s: float = 0.0
@@ -41,7 +41,7 @@ class SampleClock:
     missed: float = 0.0
     """Share of samples that are never taken."""
     restarts: int = 0
-    """How often counting began anew: each time has its own jitter."""
+    """Number of times that counting was restarted; each restart has its own jitter."""
     seed: int = 0
     name: str = "device"
 
@@ -61,16 +61,16 @@ class SampleClock:
     # -- the oscillator ----------------------------------------------------------------------------------------------
 
     def due_ns(self, k: int) -> int:
-        """Absolute time of sample ``k``."""
+        """Return the time of sample ``k``."""
         counted = k * self.period_ns
         return self.start_ns + counted + self._lateness_ns(counted)
 
     def stamp_ns(self, k: int) -> int:
-        """What the device's clock shows when sample ``k`` is taken: exactly a period after the one before."""
+        """Return the time of the device's clock at sample ``k``: exactly a period after the sample before."""
         return self._shown_at_start + k * self.period_ns
 
     def local_ns(self, t_ns: int) -> int:
-        """What the device's clock, started with ours, shows at our time ``t_ns``."""
+        """Return the time of the device's clock at emulation time ``t_ns``."""
         since = t_ns - self.start_ns
         shown = self._shown_at_start
         if since <= 0 or not (self.skew_ppm or self.drift_ppm_per_s):
@@ -85,7 +85,7 @@ class SampleClock:
         return shown + counted
 
     def world_ns(self, shown_ns: int) -> int:
-        """Our time at which the device's clock shows ``shown_ns``."""
+        """Return the emulation time at which the device's clock shows ``shown_ns``."""
         counted = shown_ns - self._shown_at_start
         return self.start_ns + counted + (self._lateness_ns(counted) if counted > 0 else 0)
 
@@ -94,13 +94,13 @@ class SampleClock:
         return self.start_ns if self.shown_ns is None else self.shown_ns
 
     def _lateness_ns(self, counted: int) -> int:
-        """How much longer than the count itself a count [ns] lasts."""
+        """Return the extra duration of a count [ns] due to skew and drift."""
         ppm = self.skew_ppm + 0.5 * self.drift_ppm_per_s * (counted * 1e-9)
-        # Never faster than nine tenths of its time, however long it drifts.
+        # However long the oscillator drifts, a count lasts at least nine tenths of its nominal time.
         return round(counted * max(ppm, -1e5)) // 1_000_000 if ppm else 0
 
     def first_taken(self, k: int) -> int:
-        """Return the first sample from ``k`` on that is not missed."""
+        """Return the number of the first sample from ``k`` on that is not missed."""
         while self.missed and uniform_64(self._missed_key, k) < self.missed * 2**64:
             k += 1
         return k
@@ -112,7 +112,7 @@ class SampleClock:
     # -- what leaves -------------------------------------------------------------------------------------------------
 
     def release_ns(self, k: int, due_ns: int) -> int:
-        """When the frames of sample ``k`` leave: never before ``delay_ns`` has passed."""
+        """Return the time at which the frames of sample ``k`` leave, ``delay_ns`` after ``due_ns`` at the earliest."""
         release = due_ns + self.delay_ns + self._jitter(k)
         if self.reorder or not self.jitter_ns:
             return release
@@ -128,11 +128,11 @@ class SampleClock:
         return stream_key(self.seed, f"{self.name}/jitter/{self.restarts}")
 
     def _jitter(self, k: int) -> int:
-        """Uniform in ``[0, jitter_ns]``, a function of the seed, the name and ``k`` alone."""
+        """Return the jitter of sample ``k``, uniform in ``[0, jitter_ns]``: it depends on seed, name and ``k``."""
         return (uniform_64(self._jitter_key, k) * (self.jitter_ns + 1)) >> 64 if self.jitter_ns else 0
 
     def restarted(self, start_ns: int, period_ns: int) -> SampleClock:
-        """Return the same oscillator, as far as it has drifted, counting anew from ``start_ns`` with another period."""
+        """Return the same oscillator with its present skew, which counts from ``start_ns`` with another period."""
         seconds = max(0, start_ns - self.start_ns) * 1e-9
         return replace(
             self,

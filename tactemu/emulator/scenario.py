@@ -1,10 +1,10 @@
-"""Schedules: what goes wrong, and when, so that a driver's recovery is a test that can be repeated.
+"""The schedules of events, with which the test of a driver's recovery can be repeated.
 
 An event (:class:`tactemu.Event`) is an entry ``[[scenario]]`` of a scene file, or made in Python::
 
     with tactemu.serve("anyskin", scenario=[Event(at=2, dead=(4,)), Event(at=3, fault="unplug for 0.5s")]) as dev: ...
 
-Faults of bytes are handed to the wire with their times; what befalls values and time is done by the loop.
+The wire applies faults of bytes at their times; the loop applies events of values and time.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from tactemu.wire.faults.fault import Fault, parse
 
 
 def applies_to(event: EventTable, skin: str) -> bool:
-    """Whether an event befalls this skin."""
+    """Return True if an event applies to this skin."""
     return event.skin in (None, skin)
 
 
@@ -32,7 +32,7 @@ def laws_needed(events: Iterable[EventTable], skin: str) -> tuple[str, ...]:
     """Return the laws that a skin's sensor must be built with, so that these events can switch them on.
 
     Raises:
-        SceneError: an option that cannot change while running.
+        SceneError: an event sets an option that cannot change while the emulator runs.
     """
     needed = set()
     for event in events:
@@ -51,10 +51,10 @@ def _changeable(event: EventTable, option: str) -> str:
 
 
 def faults_of(events: Iterable[EventTable], skins: Sequence[str]) -> list[Fault]:
-    """Return the faults that the events bring to a wire with these skins, each with its time.
+    """Return the faults of the events for a wire with these skins, each with its time.
 
     Raises:
-        SceneError: a fault that cannot be parsed, or with a time of its own.
+        SceneError: a fault cannot be parsed, or has a time of its own.
     """
     concerned = (event for event in events if any(applies_to(event, skin) for skin in skins))
     return [timed_fault(event) for event in concerned if event.fault]
@@ -64,17 +64,17 @@ def timed_fault(event: EventTable, now_s: float = 0.0) -> Fault:
     """Return the fault of an event, at its time after ``now_s``.
 
     Raises:
-        SceneError: it cannot be parsed, or says itself when it happens.
+        SceneError: the fault cannot be parsed, or has a time of its own.
     """
     until = None if event.until is None else round((event.until + now_s) * 1e9)
     return parse(event.fault or "").scheduled(round((event.at + now_s) * 1e9), until)
 
 
 def schedule(emulator: Emulator, events: Iterable[EventTable], *, now_s: float = 0.0) -> None:
-    """Have the loop do what the events say, faults of bytes aside; times count from ``now_s`` [s].
+    """Schedule the events in the loop, except faults of bytes; their times count from ``now_s`` [s].
 
     Raises:
-        SceneError: an event that this scene cannot have.
+        SceneError: an event does not fit this scene.
     """
     pairs = [(c, event) for event in events for c in emulator.channels if applies_to(event, c.name)]
     for channel, event in pairs:
@@ -84,10 +84,10 @@ def schedule(emulator: Emulator, events: Iterable[EventTable], *, now_s: float =
 
 
 def apply_event(emulator: Emulator, event: EventTable, now_s: float) -> None:
-    """Let an event happen in a loop that runs, its faults of bytes included; its times count from ``now_s`` [s].
+    """Schedule an event in a running loop, including its fault of bytes; its times count from ``now_s`` [s].
 
     Raises:
-        SceneError: this scene cannot have it.
+        SceneError: the event does not fit this scene.
     """
     schedule(emulator, [event], now_s=now_s)
     for wire in emulator.wires if event.fault else ():
@@ -96,7 +96,7 @@ def apply_event(emulator: Emulator, event: EventTable, now_s: float) -> None:
 
 
 def _check(channel: Channel, event: EventTable, where: str) -> None:
-    """Raise where this device cannot have the event."""
+    """Raise if this device cannot have the event."""
     for name, taxels in (("dead", event.dead), ("taxels", event.taxels or ())):
         if taxels and not 0 <= min(taxels) <= max(taxels) < len(channel.device.layout):
             last = len(channel.device.layout) - 1
@@ -104,9 +104,9 @@ def _check(channel: Channel, event: EventTable, where: str) -> None:
     if event.dead:
         channel.imperfections.set_dead([], True, event.value)
     for option, value in event.set.items():
-        channel.imperfections.set(option, value, (), event.taxels)  # in no environment: whether it fits is known now
+        channel.imperfections.set(option, value, (), event.taxels)  # in no environment: it only checks
     if event.hang and event.until is None:
-        raise SceneError(f"{where}hang: say until when with `until`")
+        raise SceneError(f"{where}hang: give its end with `until`")
 
 
 def _plan(emulator: Emulator, channel: Channel, event: EventTable, origin_ns: int) -> None:
@@ -130,7 +130,7 @@ def _plan(emulator: Emulator, channel: Channel, event: EventTable, origin_ns: in
 
 
 def _built(channel: Channel, option: str, taxels: Sequence[int] | None) -> Any:
-    """Return the value that an option was built with; of some taxels, where it was one for each."""
+    """Return the value that an option was built with; for some taxels only their values, if it has one per taxel."""
     value = getattr(channel.imperfections.options, option)
     each = taxels is not None and np.ndim(value) and len(value) == len(channel.device.layout)
     return np.asarray(value)[list(taxels or ())].tolist() if each else value

@@ -1,4 +1,4 @@
-"""What each sense of a device sees, from what a skin feels and what is around it."""
+"""The readings of a device's senses, from the readings of its skin and the ambient quantities."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 class SkinReadings(Protocol):
-    """What a placed sensor or a recording offers."""
+    """The readings of one skin: of a placed sensor, a recording, or the user's function."""
 
     def quantity(self, name: str, ground_truth: bool = False) -> np.ndarray:
         """Return the latest reading of environment 0, shape ``(n_taxels,)`` or ``(n_taxels, 3)``, SI, device's
@@ -24,26 +24,26 @@ class SkinReadings(Protocol):
         ...
 
     def ambient(self, name: str, t_ns: int, link: str = "") -> Any:
-        """``temperature``, ``acceleration`` or ``angular_velocity`` of one link of the device; "" the first."""
+        """Return ``temperature``, ``acceleration`` or ``angular_velocity`` of a link of the device; "" is the first."""
         ...
 
     @property
     def wrench(self) -> np.ndarray | None:
-        """Force and torque [N, Nm], shape ``(6,)``, in place of what follows from its forces; ``None``: they count."""
+        """Force and torque [N, Nm], shape ``(6,)``; ``None``: they follow from the taxels' forces."""
         ...
 
     @property
     def imperfections(self) -> Imperfections | JoinedImperfections | None:
-        """What spoils its readings; ``None`` for a recording."""
+        """The imperfections of the readings; ``None`` for a recording."""
         ...
 
 
 class SenseReader:
-    """A device's transducers on a skin: a :class:`~tactemu.emulator.channel.Source`.
+    """The senses of a device on a skin: a :class:`~tactemu.emulator.channel.Source`.
 
     Args:
-        skin: what is felt, taxels in the order of the device's layout.
-        device: whose taxels they are, and whose motors feel loads.
+        skin: the readings of the taxels, in the order of the device's layout.
+        device: the device, whose motors measure their loads, too.
     """
 
     TRANSIENT_FIELDS: ClassVar[tuple[str, ...]] = ("_layout", "_device")
@@ -52,15 +52,15 @@ class SenseReader:
         self.skin = skin
         self._layout, self._device = device.layout, device
         self._ambient: tuple[int, dict[str | tuple[str, str], np.ndarray]] = (-1, {})
-        """What is around the links at a time, by quantity and link; and what the senses of it see, by key."""
+        """The ambient quantities at a time, by quantity and link; and the readings of their senses, by key."""
 
     @property
     def imperfections(self) -> Imperfections | JoinedImperfections | None:
-        """What spoils the readings, to be changed while it runs; ``None`` for a recording."""
+        """The imperfections of the readings, which can change while it runs; ``None`` for a recording."""
         return self.skin.imperfections
 
     def sense(self, sense: Sense, t_ns: int, ground_truth: bool = False) -> np.ndarray:
-        """What one sense sees now; shapes as in :data:`firmware_protocols.device.Quantity`."""
+        """Return the reading of one sense now; shapes as in :data:`firmware_protocols.device.Quantity`."""
         if sense.quantity in CONTACT:
             return self.skin.quantity(sense.quantity, ground_truth)
         at: Any = sense.at
@@ -72,11 +72,11 @@ class SenseReader:
             case "vibration":
                 push = self._layout.push(self.skin.quantity("force", ground_truth)).sum()
                 return np.full(len(at), push / self._layout.areas.sum())
-            case "load":  # what an engine's joints do to the motors
+            case "load":  # the torques of an engine's joints on the motors
                 motors = self._device.drives
                 return np.zeros(len(at)) if motors is None or not motors.is_in_engine else motors.loads()
             case quantity:
-                if self._ambient[0] != t_ns:  # looked at once for all that is converted at a time
+                if self._ambient[0] != t_ns:  # read once for all conversions of one time
                     self._ambient = (t_ns, {})
                 found = self._ambient[1]
                 if sense.key not in found:
@@ -96,18 +96,18 @@ class SenseReader:
 
 
 class NullSource:
-    """The skin of a device without taxels."""
+    """The readings of a device without taxels."""
 
     TRANSIENT_FIELDS: ClassVar[tuple[str, ...]] = ()
     imperfections = None
     wrench = None
 
     def quantity(self, name: str, ground_truth: bool = False) -> np.ndarray:
-        """Nothing, shape ``(0, 3)`` or ``(0,)``."""
+        """Return an empty array, shape ``(0, 3)`` or ``(0,)``."""
         return np.zeros((0, 3) if name in VECTORS else 0)
 
     def ambient(self, name: str, t_ns: int, link: str = "") -> Any:
-        """Return a room, at rest."""
+        """Return room temperature, or the motion of a link at rest."""
         return AMBIENT[name]
 
 

@@ -1,20 +1,21 @@
-"""A simulator of the user's own behind a device: what ``tactemu.serve(..., source=...)`` takes.
+"""The sources of the user's own, ``tactemu.serve(..., source=...)``: another simulator behind a device.
 
 A source is one of
 
 * a :class:`tactemu.Scene`, or the :class:`~tactemu.sensors.simulation.Simulation` that it was built into, with a sensor
-  for each skin: of the skin's name, or the only one;
-* a function of time [s] that gives *poses*: a table by body of the scene, each a :class:`tactemu.Pose` in the world,
-  or ``(position, quaternion)``, whose velocities are then how it differs from the last;
-* a function of time [s] that gives *readings*: what the taxels feel, as an array in the device's order, shape ``(n,)``
-  or ``(n, 3)``, SI, vectors in the device's frame, forces on the skin; or a table of such by quantity, where
-  ``temperature``, ``acceleration`` and ``angular_velocity`` may stand too, and for a force-torque sensor ``wrench``
-  [N, Nm], shape ``(6,)``, which then counts and not the forces; or a table of either by skin.
+  for each skin: one of the skin's name, or the only one;
+* a function of time [s] that returns *poses*: a table by body of the scene, each a :class:`tactemu.Pose` in the world,
+  or ``(position, quaternion)``, whose velocities are then the differences to the pose before;
+* a function of time [s] that returns *readings*: of the taxels, as an array in the device's order, shape ``(n,)`` or
+  ``(n, 3)``, SI, vectors in the device's frame, forces on the skin; or a table of arrays by quantity, with optional
+  ``temperature``, ``acceleration`` and ``angular_velocity``, and for a force-torque sensor ``wrench`` [N, Nm], shape
+  ``(6,)``, in place of the one that follows from the forces; or a table of either by skin.
 
-A function is called for times that rise, for each once: by whoever calls ``start`` until that returns (first for 0 s),
-then by the emulator's thread. While it computes the device neither samples nor answers; samples whose time passes
-meanwhile are missed, and counted. Who cannot have that lets a thread of his own compute and gives its latest. What it
-raises, and what is not finite or of another shape, ends the run and is raised from ``stop``.
+A function is called once for each of a rising sequence of times: by the thread that calls ``start`` until that returns
+(first for 0 s), then by the emulator's thread. While it computes, the device neither samples nor answers; samples whose
+time passes meanwhile are missed, and counted. To avoid that, compute in a thread of your own and return its latest
+values. An exception of the function, and a value that is not finite or of another shape, ends the run and is raised
+from ``stop``.
 """
 
 from __future__ import annotations
@@ -44,12 +45,12 @@ Function = Callable[[float], Any]
 
 @dataclass
 class SourceParts:
-    """What a source stands in for."""
+    """The parts of a scene that a source replaces."""
 
     sensors: dict[str, PlacedSkin] = field(default_factory=dict)
-    """Skins that a scene of the user's feels with."""
+    """The sensors of the user's scene, by skin."""
     simulation: Simulation | None = None
-    """That scene, built."""
+    """The simulation of the user's scene."""
     readings: FunctionReadings | None = None
     poses: FunctionPoses | None = None
 
@@ -60,17 +61,17 @@ class SourceParts:
 
     @property
     def posed_bodies(self) -> set[str]:
-        """Bodies that are not moved by their motions."""
+        """Bodies that the source moves instead of their motions."""
         return set(self.poses.names) if self.poses else set()
 
 
 def resolve_source(
     source: Any, loaded: LoadedScene, devices: dict[str, Device], build: Callable[[Scene], Simulation]
 ) -> SourceParts:
-    """What a source stands in for.
+    """Return the parts of the scene that a source replaces.
 
     Raises:
-        TactemuError: it is none, has failed, or does not fit the devices.
+        TactemuError: it is no source, has failed, or does not fit the devices.
     """
     from tactemu.scene.scene import Scene
     from tactemu.sensors.simulation import Simulation
@@ -90,7 +91,7 @@ def resolve_source(
 
 
 def without_replaced(loaded: LoadedScene, given: SourceParts) -> LoadedScene:
-    """Return the scene without what a source stands in for."""
+    """Return the scene without the motions and readings that a source replaces."""
     motions = {name: motion for name, motion in loaded.motions.items() if name not in given.posed_bodies}
     skins = tuple(
         skin.model_copy(update={"link": None, "readings": None}) if skin.title in given.replaced_skins else skin
@@ -100,7 +101,7 @@ def without_replaced(loaded: LoadedScene, given: SourceParts) -> LoadedScene:
 
 
 def _from_function(function: Function, bodies: Sequence[str], devices: Mapping[str, Device]) -> SourceParts:
-    """What a function gives when it is called for the first time."""
+    """Call a function for the first time, and return the parts of the scene that its result replaces."""
     first = _call(function, 0.0)
     if isinstance(first, Mapping) and first and set(first) <= set(bodies):
         return SourceParts(poses=FunctionPoses(function, first))
@@ -122,7 +123,7 @@ def _call(function: Function, t_s: float) -> Any:
 
 
 def _shown(value: Any) -> str:
-    """What was given, in a few words."""
+    """Return a value in a few words, for a message."""
     if isinstance(value, Mapping):
         return f"a table of {', '.join(map(repr, value)) or 'nothing'}"
     return f"{type(value).__name__} {str(value)[:60]}"
@@ -132,7 +133,7 @@ def _shown(value: Any) -> str:
 
 
 class FunctionPoses:
-    """Poses bodies of a simulation at each of its steps."""
+    """The poses that a user's function gives to bodies of a simulation at each of its steps."""
 
     TRANSIENT_FIELDS: ClassVar[tuple[str, ...]] = ("names", "_function")
 
@@ -143,15 +144,15 @@ class FunctionPoses:
         self._before = {name: _pose(name, given, None, 0.0, 0.0) for name, given in first.items()}
 
     def attach(self, simulation: Simulation) -> None:
-        """Pose this simulation's bodies from now on."""
+        """Move this simulation's bodies from now on."""
         self._put(simulation)
         simulation.posers.append(self.pose)
 
     def pose(self, simulation: Simulation, t_s: float) -> None:
-        """Put the bodies where they are at ``t_s``.
+        """Set the bodies to their poses at ``t_s``.
 
         Raises:
-            SourceError: the function raised, or what it gave is no pose of these bodies.
+            SourceError: the function raised, or did not return poses of these bodies.
         """
         given = _call(self._function, t_s)
         if not isinstance(given, Mapping) or set(given) != set(self.names):
@@ -167,7 +168,7 @@ class FunctionPoses:
 
 
 def _pose(name: str, given: Any, before: Pose | None, t_s: float, dt: float) -> Pose:
-    """Return a pose, and velocities where none are given: differences to the pose ``before``, ``dt`` [s] ago."""
+    """Return a pose; velocities that are not given are differences to the pose ``before``, ``dt`` [s] ago."""
     try:
         position, wxyz, *velocities = (np.array(part, float) for part in given)
         shapes = [part.shape for part in (position, wxyz, *velocities)]
@@ -194,7 +195,7 @@ def _pose(name: str, given: Any, before: Pose | None, t_s: float, dt: float) -> 
 
 
 class FunctionSkin:
-    """What one skin feels by the user's function: readings as they are, spoilt by nothing."""
+    """The readings of one skin that the user's function returns, without imperfections."""
 
     TRANSIENT_FIELDS: ClassVar[tuple[str, ...]] = ("name", "_n", "_contact", "_wrenches")
     imperfections = None
@@ -203,12 +204,12 @@ class FunctionSkin:
         self.name, self._n, self._contact = name, len(device.layout), device.contact
         self._wrenches = any(sense.quantity == "wrench" for sense in device.sensed)
         self.wrench: np.ndarray | None = None
-        """In place of what follows from the forces [N, Nm]."""
+        """Force and torque [N, Nm], shape ``(6,)``; ``None``: they follow from the forces."""
         self._values: dict[str, np.ndarray] = {}
         self._ambient: dict[str, Any] = dict(AMBIENT)
 
     def put(self, given: Any, t_s: float) -> None:
-        """Take what the function gave for ``t_s``.
+        """Store the readings that the function returned for ``t_s``.
 
         Raises:
             SourceError: a quantity is missing or unknown, of another shape, or not finite.
@@ -245,12 +246,12 @@ class FunctionSkin:
         return self._values[name]
 
     def ambient(self, name: str, t_ns: int, link: str = "") -> Any:
-        """What is around the device: a room, and at rest, unless the function says otherwise."""
+        """Return an ambient quantity of the function, else room temperature, or the motion of a link at rest."""
         return self._ambient[name]
 
 
 class FunctionReadings:
-    """Asks the user's function for the readings of its skins, as the loop comes to their time."""
+    """The readings of skins by the user's function, which is called as the loop reaches their time."""
 
     TRANSIENT_FIELDS: ClassVar[tuple[str, ...]] = ("_function", "_by_skin")
 
@@ -261,10 +262,10 @@ class FunctionReadings:
         self._put(first, 0.0)
 
     def advance_to(self, t_ns: int) -> None:
-        """Ask for ``t_ns``, unless it was asked for.
+        """Call the function for ``t_ns``, once for each time.
 
         Raises:
-            SourceError: the function raised, or what it gave does not fit.
+            SourceError: the function raised, or its result does not fit the skins.
         """
         if t_ns > self._t_ns:
             self._t_ns = t_ns
@@ -287,7 +288,7 @@ def _skins_of(sensors: Sequence[Sensor], devices: Mapping[str, Device]) -> dict[
     """Return the sensors of the user's scene as skins of devices, by name.
 
     Raises:
-        SceneError: a skin without a sensor, or with one that does not fit its device.
+        SceneError: a skin has no sensor, or one that does not fit its device.
     """
     named = {sensor.name: sensor for sensor in sensors}
     if len(sensors) == len(devices) == 1:

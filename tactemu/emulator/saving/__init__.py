@@ -1,1 +1,1 @@
-"""The whole state of a running emulator: taken as plain data, put into a file and back, and given to another."""
+"""The complete state of a running emulator as plain data: snapshots, files of them, and their restoration."""

@@ -1,7 +1,7 @@
-"""The checks of a saved state, leaf by leaf, against the parts that are to take it.
+"""The checks of a saved state, leaf by leaf, against the parts into which it is restored.
 
-A file of a state may have been altered. What a leaf may be follows from the annotation of its attribute, from what the
-running part (of a device also a fresh one) holds in its place, and from bounds that hold for all numbers.
+A file of a state may have been altered. The valid values of a leaf follow from the annotation of its attribute, from
+the value in its place in the running part (of a device also in a fresh one), and from bounds for all numbers.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from tactemu.base.errors import StateError, shown
 from tactemu.base.options import LARGEST
 
 MAX_AHEAD_NS = 10**15
-"""Largest integer beyond the time of the state: eleven days, farther than which nothing can be scheduled."""
+"""Largest excess of an integer over the time of the state: eleven days, the farthest time of a scheduled action."""
 MAX_GROWTH = 1e3
 """Largest ratio of a float to the one in its place now, where that exceeds :data:`~tactemu.base.options.LARGEST`."""
 _NO_HINT = object()
@@ -33,10 +33,10 @@ _NO_NUMBERS = (type(None), bool, str, bytes)
 
 
 class LeafCheck:
-    """Compares values of a state with those in their places.
+    """A check of the values of a state against those in their places.
 
     Args:
-        t_ns: the time of the state; times and counts in it are bounded by it.
+        t_ns: the time of the state, which bounds the times and counts in it.
     """
 
     def __init__(self, t_ns: int):
@@ -49,25 +49,25 @@ class LeafCheck:
         """Check the attributes of one object of the class ``owner`` against those of the objects in its place.
 
         Raises:
-            StateError: names the leaf, what it must be and what it is.
+            StateError: names the leaf, the expected value and the one found.
         """
-        hints = {} if hasattr(owner, "state") else hints_of(owner)  # what it says of itself are no attributes
+        hints = {} if hasattr(owner, "state") else hints_of(owner)  # the keys of its state() are no attributes
         for name, value in found.items():
             there = [each[name] for each in here if name in each]
             self.value(value, there, hints.get(name, _NO_HINT), f"{where}.{name}".lstrip("."), _is_ours(owner))
 
     def value(self, value: Any, here: Sequence[Any], hint: Any, where: str, ours: bool) -> None:
-        """Check one value, and what it consists of.
+        """Check one value, and the values in it.
 
         Args:
             value: from the state.
-            here: values that the running parts hold in its place; none where nothing can be compared.
+            here: the values in its place in the running parts; empty if there is none to compare.
             hint: the annotation of the attribute.
-            where: the way to it, for the message.
-            ours: the emulator owns it, not the firmware of a device: no integer below -1.
+            where: the path of the value, for the message.
+            ours: True if the emulator owns it, not the firmware of a device: then no integer is below -1.
 
         Raises:
-            StateError: names the leaf, what it must be and what it is.
+            StateError: names the leaf, the expected value and the one found.
         """
         self._check_type(value, here, hint, where)
         if isinstance(value, _NO_NUMBERS):
@@ -108,7 +108,7 @@ class LeafCheck:
         found, there = _attributes(value), [_attributes(each) for each in here]
         if missing := [name for each in there for name in each if name not in found and not _is_cached(value, name)]:
             raise StateError(f"{where}: lacks {missing[0]}")
-        if plain.has_own_state(type(value)):  # and has checked the sizes of its arrays
+        if plain.has_own_state(type(value)):  # it has checked the sizes of its arrays itself
             there = [{k: each for k, each in one.items() if not isinstance(each, np.ndarray)} for one in there]
         self.attributes(type(value), found, there, where)
 
@@ -150,7 +150,7 @@ class LeafCheck:
 
 @cache
 def hints_of(cls: type) -> dict[str, Any]:
-    """Return the annotations of a class's attributes, those of ``self.name: type`` in its methods included."""
+    """Return the annotations of a class's attributes, including those of ``self.name: type`` in its methods."""
     found: dict[str, Any] = {}
     for base in reversed(cls.__mro__):
         module = sys.modules.get(base.__module__)
@@ -175,7 +175,7 @@ def _annotated(cls: type) -> Iterator[tuple[str, Any]]:
 
 
 def _source_of(cls: type) -> ast.AST:
-    """Return the definition of a class; of one without source, nothing."""
+    """Return the definition of a class; an empty module if it has no source."""
     classes = _classes_of(cls.__module__)
     return classes.get(cls.__name__, ast.Module([], []))
 
@@ -190,7 +190,7 @@ def _classes_of(module: str) -> dict[str, ast.AST]:
 
 
 def fits(value: Any, hint: Any) -> bool:
-    """Return True if a value is of an annotated type; of what cannot be judged, True."""
+    """Return True if a value is of an annotated type, or if the annotation cannot be checked."""
     origin, args = typing.get_origin(hint), typing.get_args(hint)
     if origin in (typing.Union, types.UnionType):
         return any(fits(value, each) for each in args)
@@ -216,7 +216,7 @@ def fits(value: Any, hint: Any) -> bool:
 
 
 def _inner_hint(value: Any, hint: Any) -> Any:
-    """Return the annotation of the items of a container, where all have the same one."""
+    """Return the annotation of the items of a container, if all have the same one."""
     kinds = typing.get_args(hint) if typing.get_origin(hint) in (typing.Union, types.UnionType) else (hint,)
     for kind in kinds:
         args = [each for each in typing.get_args(kind) if each is not ...]
@@ -250,7 +250,7 @@ def _items_fit(value: Any, args: tuple[Any, ...]) -> bool:
 
 
 def _alike(here: Any, there: Any) -> bool:
-    """Return True if two values of one place are of one kind."""
+    """Return True if two values of one place have the same type; arrays also the same shape."""
     if isinstance(here, np.ndarray) and isinstance(there, np.ndarray):
         return here.shape == there.shape and (here.dtype == there.dtype or (_is_numeric(here) and _is_numeric(there)))
     return _kind_of(here) == _kind_of(there) or {_kind_of(here), _kind_of(there)} == {"float", "int"}

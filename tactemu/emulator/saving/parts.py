@@ -1,18 +1,17 @@
-"""The state of an object and of all that it is made of, as plain data, and back.
+"""The state of an object and of all its parts, as plain data, and its restoration.
 
-A *part* is an object that is there before a state is restored, and goes on being the same object: the loop, a channel,
-a wire. Its class says by ``TRANSIENT_FIELDS`` which of its attributes are none (what is made anew and equal, what
-belongs to the outside); all others are its state, so that what is added to a class later is saved without a word.
-Attributes that lead to parts are how it is built. What else they hold must be plain data or objects of the modules in
-:data:`VALUES`.
+A *part* is an object that exists before a state is restored and stays the same object: the loop, a channel, a wire.
+Its class lists in ``TRANSIENT_FIELDS`` the attributes that are no state (those that are made anew and equal, those of
+the outside); all others are its state, so that an attribute that is added to a class later is saved, too. Attributes
+that lead to parts are its structure. All others must hold plain data or objects of the modules in :data:`VALUES`.
 
-A part may say otherwise, by methods:
+A part may have methods in place of this rule:
 
-* ``extra_state()``: further parts, by name, that no attribute leads to;
-* ``state()``, and ``prepare_restore(state)``, which checks, changes nothing and returns what does: in place of
-attributes;
-* ``other_state()``: values that its state may have at other times, beside those of now;
-* ``after_restore()``: called when all parts have their state.
+* ``extra_state()`` returns further parts, by name, to which no attribute leads;
+* ``state()`` and ``prepare_restore(state)`` replace the attributes; the second checks the state, changes nothing and
+  returns a callable that restores it;
+* ``other_state()`` returns values that its state may have at other times, beside the present ones;
+* ``after_restore()`` is called when all parts have their state.
 """
 
 from __future__ import annotations
@@ -34,11 +33,11 @@ VALUES = (
     "tactemu.emulator.sampling", "tactemu.geometry.motion", "tactemu.transports.transport", "tactemu.truth.entries",
     "tactemu.wire",
 )  # fmt: skip
-"""Packages and modules whose objects are data: written with their attributes, and made anew."""
+"""Packages and modules whose objects are data: they are saved with their attributes, and made anew."""
 
 
 def parts_of(root: Any) -> dict[str, Any]:
-    """Return the parts of ``root``, itself included, by the way to them: ``channels[0].wires['']``."""
+    """Return the parts of ``root``, itself included, by their paths: ``channels[0].wires['']``."""
     found: dict[str, Any] = {}
     seen: set[int] = set()
 
@@ -65,7 +64,7 @@ def state_of(parts: Mapping[str, Any]) -> dict[str, Any]:
     """Return the state of all parts: nested dicts and lists of plain values and arrays, which share nothing with them.
 
     Raises:
-        StateError: something in them cannot be saved; says where.
+        StateError: a value cannot be saved; names its place.
     """
     writer = _Writer(_belongs, parts)
     try:
@@ -75,10 +74,10 @@ def state_of(parts: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def prepare_restore(parts: Mapping[str, Any], state: Mapping[str, Any], t_ns: int) -> Callable[[], None]:
-    """Check that :func:`state_of` may have returned ``state`` for such parts at ``t_ns``; return what gives it to them.
+    """Check that ``state`` is a state of such parts at ``t_ns``; return a callable that restores it.
 
     Raises:
-        StateError: says what does not fit. Nothing has been changed.
+        StateError: names the value that does not fit. Nothing has been changed.
     """
     _check_names("the emulator", "part", parts, state)
     reader, leaves = _Reader(_belongs, parts), LeafCheck(t_ns)
@@ -124,10 +123,10 @@ def _prepare_restore(part: Any, name: str, state: Any, reader: _Reader, leaves: 
 
 
 def _device_attributes(device: Device, where: str, state: Mapping[str, Any], leaves: LeafCheck) -> dict[str, Any]:
-    """Return the attributes in the state of a device.
+    """Return the attributes in the state of a device, after a rehearsal with a copy of the device.
 
     Raises:
-        ValueError, StateError: a device of this kind does not have such, or raises with them.
+        ValueError, StateError: a device of this class cannot have them, or raises with them.
     """
     fresh, other = type(device)(**device.options), type(device)(**device.options)
     there = [
@@ -158,13 +157,13 @@ def _attributes(part: Any) -> dict[str, Any]:
 
 
 def _own(part: Any) -> dict[str, Any]:
-    """Its attributes without those that lead to other parts."""
-    return {name: value for name, value in _attributes(part).items() if not _leads(value)}
+    """Return the attributes of a part without those that lead to other parts."""
+    return {name: value for name, value in _attributes(part).items() if not _leads_to_parts(value)}
 
 
-def _leads(value: Any) -> bool:
+def _leads_to_parts(value: Any) -> bool:
     if isinstance(value, list | tuple | dict) and value:
-        return all(map(_leads, value.values() if isinstance(value, dict) else value))
+        return all(map(_leads_to_parts, value.values() if isinstance(value, dict) else value))
     return _is_part(value)
 
 

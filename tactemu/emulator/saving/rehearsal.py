@@ -1,4 +1,4 @@
-"""The rehearsal of a device's state: a copy of the device is called as the loop will call the device itself."""
+"""The rehearsal of a device's state: a copy of the device is called in the way in which the loop calls the device."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from firmware_protocols.frames import frame_of
 
 
 def rehearse(copy: Device, streams: Collection[str], t_ns: int) -> None:
-    """Let a copy that has the state sample, answer every documented request, and wake.
+    """Let a copy with the state sample, answer every documented request, and wake.
 
     Raises:
-        ValueError: it raises, or sends what its ports cannot carry.
+        ValueError: the copy raises, or sends frames that its ports cannot carry.
     """
     if copy.periods.keys() != streams or min(copy.periods.values(), default=0) < 0:
         raise ValueError(f"periods: expected times of at least 0 ns of the streams {list(streams)}, got {copy.periods}")

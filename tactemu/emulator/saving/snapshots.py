@@ -1,4 +1,4 @@
-"""Snapshots of an emulator: what belongs to one, in memory and in a file."""
+"""The snapshots of an emulator, in memory and in a file."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from tactemu.base.errors import StateError
 from tactemu.emulator.saving import parts, state_file
 
 MAX_TURN_NS = 600_000_000_000
-"""Longest turn of the loop in which a state can be saved: one in which kernels are compiled."""
+"""Longest turn of the loop in which a state can be saved; long enough for the compilation of kernels."""
 
 
 def snapshot_of(emulator: Any) -> dict[str, Any]:
-    """Return the whole state as plain data.
+    """Return the complete state of an emulator as plain data.
 
     Raises:
-        StateError: some part of it cannot be saved.
+        StateError: a part of it cannot be saved.
     """
     there = parts.parts_of(emulator)
     state = parts.state_of(there)
@@ -30,7 +30,7 @@ def snapshot_of(emulator: Any) -> dict[str, Any]:
 
 
 def write(path: str | Path, state: Mapping[str, Any]) -> int:
-    """Return a state as a file; returns its size [byte].
+    """Write a state to a file; return its size [byte].
 
     Raises:
         StateError: the file cannot be written.
@@ -39,10 +39,10 @@ def write(path: str | Path, state: Mapping[str, Any]) -> int:
 
 
 def restore(emulator: Any, state: Mapping[str, Any] | str | Path) -> None:
-    """Let the emulator go on from a state.
+    """Restore a state of the emulator.
 
     Raises:
-        StateError: it is not one of such an emulator; says what differs. Nothing has changed.
+        StateError: the state is of another emulator; names the difference. Nothing has changed.
     """
     there = parts.parts_of(emulator)
     recipe = _recipe(emulator, there)
@@ -76,11 +76,11 @@ def _memory(there: Mapping[str, Any]) -> list[Any]:
     return [] if simulation is None else simulation.context.memory
 
 
-# -- what it is of -----------------------------------------------------------------------------------------------------
+# -- the recipe --------------------------------------------------------------------------------------------------------
 
 
 def _recipe(emulator: Any, there: Mapping[str, Any]) -> dict[str, Any]:
-    """What a state must have been saved of, to be restored here: tables of texts and numbers, by names for messages."""
+    """Return the scene, devices and options that a state must have: tables of texts and numbers, named for messages."""
     devices = {channel.name: _device(channel.device) for channel in emulator.channels}
     found: dict[str, Any] = {"device": devices, **emulator.recipe}
     simulation = _simulation(there)
@@ -102,14 +102,14 @@ def _recipe(emulator: Any, there: Mapping[str, Any]) -> dict[str, Any]:
 def _device(device: Any) -> dict[str, Any]:
     found: dict[str, Any] = {"name": device.name, "option": {key: repr(each) for key, each in device.options.items()}}
     module = inspect.getmodule(type(device))
-    if module is None or not module.__name__.startswith("firmware_protocols."):  # a file that somebody works on
+    if module is None or not module.__name__.startswith("firmware_protocols."):  # a file that its author may change
         source = inspect.getsourcefile(type(device))
         found["file"] = _digest(Path(source).read_bytes()) if source else "unknown"
     return found
 
 
 def _options(model: Any) -> dict[str, str]:
-    """Class and options of a sensor model; what is long as its digest."""
+    """Return the class and options of a sensor model; long options as their digests."""
     values = {each.name: getattr(model, each.name) for each in dataclasses.fields(model)}
     texts = {name: str(each.tolist() if isinstance(each, np.ndarray) else each) for name, each in values.items()}
     short = {name: text if len(text) <= 200 else _digest(text.encode()) for name, text in texts.items()}

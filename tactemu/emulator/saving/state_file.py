@@ -1,7 +1,7 @@
-"""A state in a file: NumPy's ``.npz``, uncompressed, of what it is of, the tree of plain data as JSON, and its arrays.
+"""The file of a state: an uncompressed ``.npz`` of NumPy with its header, its tree of plain data as JSON, and arrays.
 
-Nothing in it is ever unpickled. It is read as what anybody may have written: nothing is bigger in memory than the file,
-and a file that is much bigger than a state of this run can be is refused before it is read.
+Nothing in it is ever unpickled. Its content is not trusted: nothing is larger in memory than the file, and a file that
+is much larger than a state of this run can be is refused before it is read.
 """
 
 from __future__ import annotations
@@ -24,25 +24,26 @@ from tactemu.version import __version__
 FORMAT = 1
 MAX_TIME_NS = 10 * 366 * 86_400_000_000_000
 """Latest time of a state, ten years: times of a run that begins there still fit 64 bits."""
-_HEADER, _TREE = "header", "tree"
-_MOST_TEXT = 16 << 20
-"""Bytes of JSON. A hand of a thousand taxels has half a megabyte."""
-_SLACK = 64 << 20
-"""Bytes that devices, queues and the like may have beside the simulation."""
-_KINDS = "biufcV"
-"""Of numbers, and records of them, that an array may hold."""
+_HEADER = "header"
+_TREE = "tree"
+_MAX_TEXT_BYTES = 16 << 20
+"""Maximum size of the JSON texts; a hand of a thousand taxels has half a megabyte."""
+_MAX_EXTRA_BYTES = 64 << 20
+"""Maximum size of the state of devices, queues and the like, beside the simulation."""
+_ARRAY_KINDS = "biufcV"
+"""Kinds of NumPy types that an array may have: numbers, and records of them."""
 
 
 def header(recipe: Mapping[str, Any], t_ns: int) -> dict[str, Any]:
-    """What stands before a state: by whom it was written, of what scene, at which time."""
+    """Return the header of a state: format, version of tactemu, time, and the recipe as texts."""
     return {"format": FORMAT, "tactemu": __version__, "t_ns": t_ns, "made_of": flat(recipe)}
 
 
 def check_header(found: Any, recipe: Mapping[str, Any], where: str) -> None:
-    """Refuse what another version wrote, or what is of another scene.
+    """Raise if another version wrote the state, or if it is of another scene.
 
     Raises:
-        StateError: names what differs.
+        StateError: names the difference.
     """
     here = header(recipe, 0)
     if not isinstance(found, dict) or found.keys() != here.keys():
@@ -58,7 +59,7 @@ def check_header(found: Any, recipe: Mapping[str, Any], where: str) -> None:
         raise StateError(f"{where}: its time is {t_ns!r:.40} ns; expected 0 to {MAX_TIME_NS}")
     there = found["made_of"]
     if not isinstance(there, dict):
-        raise StateError(f"{where}: does not say what it is of")
+        raise StateError(f"{where}: its header names no scene")
     differs = [name for name in [*here["made_of"], *there] if here["made_of"].get(name) != there.get(name)]
     if differs:
         lines = [
@@ -88,7 +89,7 @@ def flat(tree: Any, name: str = "") -> dict[str, str]:
 
 
 def write(path: str | Path, head: Mapping[str, Any], state: dict[str, Any]) -> int:
-    """Write a state; returns its size [byte]. What was there under this name stays until it is whole.
+    """Write a state; return its size [byte]. An older file of this name stays until the new one is complete.
 
     Raises:
         StateError: the file cannot be written.
@@ -109,16 +110,16 @@ def read(path: str | Path, recipe: Mapping[str, Any], own_bytes: int) -> tuple[d
     """Return the header of a file and the state in it.
 
     Args:
-        path: of the file.
-        recipe: what the state must be of.
-        own_bytes: size of the simulation's arrays here; what is far beyond is no state of it.
+        path: the file.
+        recipe: the recipe that the state must have.
+        own_bytes: size of the simulation's arrays here; it bounds the size of the file.
 
     Raises:
-        StateError: it cannot be read, or is no state of such a run; says why.
+        StateError: the file cannot be read, or is no state of such a run; names the reason.
     """
     path = Path(path)
     try:
-        size, most = path.stat().st_size, _SLACK + 4 * own_bytes
+        size, most = path.stat().st_size, _MAX_EXTRA_BYTES + 4 * own_bytes
         if not path.is_file():
             raise StateError(f"{path}: is no file")
         if size > most:
@@ -130,37 +131,39 @@ def read(path: str | Path, recipe: Mapping[str, Any], own_bytes: int) -> tuple[d
         members = _members(data)
         head = json.loads(_text(members, _HEADER))
         check_header(head, recipe, str(path))
-        arrays = _Once({name: _array(name, each) for name, each in members.items() if name not in (_HEADER, _TREE)})
-        return head, plain.from_text(_text(members, _TREE), arrays)
+        arrays = _SingleUseArrays(
+            {name: _array(name, each) for name, each in members.items() if name not in (_HEADER, _TREE)}
+        )
+        return head, plain.from_text(_text(members, _TREE), _SingleUseArrays(own))
     except (ValueError, KeyError, RecursionError, zipfile.BadZipFile, NotImplementedError, EOFError) as error:
         raise StateError(f"{path}: no state, or a damaged one: {error!s:.200}") from None
 
 
-class _Once(dict[str, np.ndarray]):
-    """Arrays that are taken once each: a tree that asks again for one was not written by us."""
+class _SingleUseArrays(dict[str, np.ndarray]):
+    """Arrays that can be read once each: a tree that names one twice was not written by tactemu."""
 
     def __getitem__(self, name: str) -> np.ndarray:
         return self.pop(name)
 
 
 def _members(data: bytes) -> dict[str, memoryview]:
-    """Return the members of the file, by name, not copied: they are stored as they are.
+    """Return the members of the file, by name, without further copies.
 
     Raises:
-        ValueError, BadZipFile: it is no such file.
+        ValueError, BadZipFile: it is no zip file, or its members are compressed.
     """
     found, total = {}, 0
     with zipfile.ZipFile(io.BytesIO(data)) as file:
         for info in file.infolist():
             total += info.file_size
             if info.compress_type != zipfile.ZIP_STORED or total > len(data) or info.flag_bits & 1:
-                raise ValueError(f"{info.filename!r:.40} is packed: states are not")
+                raise ValueError(f"{info.filename!r:.40} is compressed; the members of a state are not")
             found[info.filename.removesuffix(".npy")] = memoryview(file.read(info))
     return found
 
 
 def _array(name: str, member: memoryview) -> np.ndarray:
-    """What a member holds; its shape must be that of its bytes.
+    """Return the array of a member, whose shape must fit its bytes.
 
     Raises:
         ValueError: it is no array of numbers.
@@ -170,7 +173,7 @@ def _array(name: str, member: memoryview) -> np.ndarray:
     readers = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
     shape, by_columns, dtype = readers[version](file, max_header_size=4000)
     numbers = member[file.tell() :]
-    if dtype.kind not in _KINDS or dtype.hasobject:
+    if dtype.kind not in _ARRAY_KINDS or dtype.hasobject:
         raise ValueError(f"{name}: an array of {dtype}; states have numbers")
     if min(shape, default=0) < 0 or math.prod(shape) * dtype.itemsize != len(numbers):
         raise ValueError(f"{name}: an array {shape!s:.60} of {dtype} has other than {len(numbers)} bytes")
@@ -179,6 +182,8 @@ def _array(name: str, member: memoryview) -> np.ndarray:
 
 def _text(members: Mapping[str, memoryview], name: str) -> bytes:
     array = _array(name, members[name])
-    if array.dtype != np.uint8 or array.nbytes > _MOST_TEXT:
-        raise ValueError(f"{name}: expected at most {_MOST_TEXT} bytes of text, got {array.nbytes} of {array.dtype}")
+    if array.dtype != np.uint8 or array.nbytes > _MAX_TEXT_BYTES:
+        raise ValueError(
+            f"{name}: expected at most {_MAX_TEXT_BYTES} bytes of text, got {array.nbytes} of {array.dtype}"
+        )
     return array.tobytes()
