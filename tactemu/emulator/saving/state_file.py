@@ -134,7 +134,7 @@ def read(path: str | Path, recipe: Mapping[str, Any], own_bytes: int) -> tuple[d
         arrays = _SingleUseArrays(
             {name: _array(name, each) for name, each in members.items() if name not in (_HEADER, _TREE)}
         )
-        return head, plain.from_text(_text(members, _TREE), _SingleUseArrays(own))
+        return head, plain.from_text(_text(members, _TREE), arrays)
     except (ValueError, KeyError, RecursionError, zipfile.BadZipFile, NotImplementedError, EOFError) as error:
         raise StateError(f"{path}: no state, or a damaged one: {error!s:.200}") from None
 
