@@ -27,7 +27,7 @@ from tactemu.emulator.emulator import Emulator
 from tactemu.truth import Truth
 
 if TYPE_CHECKING:
-    from tactemu.control.server import Driven, Server
+    from tactemu.control.server import CommandTarget, Server
     from tactemu.view.page.opening import PageListener
 
 _OWNER = re.compile(r"[^:=]+=")
@@ -149,7 +149,7 @@ def _with_page(listen: Callable[[], AbstractContextManager[Server | None]], page
     with listen() as server:
         if server is None:
             raise TransportError("--web: the page needs the control socket, which could not be opened")
-        with page_process(page, server.place.name) as over:
+        with page_process(page, server.endpoint.name) as over:
             print(f"see {link}", file=sys.stderr, flush=True)
             try:
                 yield
@@ -165,7 +165,7 @@ def _rerun_viewer(log: Truth, where: str | bool) -> AbstractContextManager[None]
 
 
 def control_socket(
-    driven: Driven, name: str | None, target: str, *, yield_to_loop: bool = True
+    driven: CommandTarget, name: str | None, target: str, *, yield_to_loop: bool = True
 ) -> AbstractContextManager[Server | None]:
     """Serve commands under a name, default the target's; without a ``name``, a failure is only printed.
 

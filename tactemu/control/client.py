@@ -1,4 +1,4 @@
-"""The other end of the socket: a running emulator in another process, with the same commands as one that was served."""
+"""The client of a control socket: the commands of ``tactemu.serve()`` for an emulator in another process."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from tactemu.control.control_commands import ControlCommands
 from tactemu.control.endpoints import PROTOCOL, chosen, uid_of_peer
 
 _ARRAY = {"dtype", "shape", "base64"}
-"""Keys of an array that comes as bytes."""
+"""The keys of an array that is sent as bytes."""
 
 
 def connect(name: str | None = None) -> Connection:
-    """Return a connection to the emulator of that name, or to the only one that runs; use it in a ``with`` statement.
+    """Return a connection to the emulator of this name, or to the only one that runs; use it in a ``with`` statement.
 
     ::
 
@@ -31,13 +31,13 @@ def connect(name: str | None = None) -> Connection:
             print(skin.sample()["measured"])
 
     Raises:
-        TactemuError: none runs, or several and nobody said which; the message lists them.
+        TactemuError: none runs, or several run and no name is given; the message lists them.
     """
     return Connection(str(chosen(name)))
 
 
 class Connection(ControlCommands):
-    """What :func:`connect` returns. Use it in one thread at a time.
+    """A connection to a running emulator, from :func:`connect`. Use it in one thread at a time.
 
     Samples are tables with the keys of a line of the truth log (``ideal``, ``measured``, ``counts`` as lists).
     """
@@ -48,24 +48,24 @@ class Connection(ControlCommands):
         try:
             self._socket.connect(path)
             if uid_of_peer(self._socket) != os.getuid():
-                raise TransportError(f"{path}: another user listens there")
+                raise TransportError(f"{path}: the socket belongs to another user")
             self._file = self._socket.makefile("rb")
             self.about = self._read()
         except OSError as error:
             self._socket.close()
-            raise TransportError(f"{path}: nobody listens there: {error.strerror}") from None
+            raise TransportError(f"{path}: cannot connect to the emulator: {error.strerror}") from None
         except BaseException:
             self._socket.close()
             raise
         if self.about.get("protocol") != PROTOCOL:
             self.close()
             raise TransportError(
-                f"{path}: the emulator speaks version {self.about.get('protocol')} of the protocol, we version "
+                f"{path}: the emulator has version {self.about.get('protocol')} of the protocol, this client version "
                 f"{PROTOCOL}; use the same tactemu at both ends"
             )
 
     def close(self) -> None:
-        """Go; what was begun goes on. Safe to call twice."""
+        """Close the connection; commands that have begun continue. Safe to call twice."""
         self._file.close()
         self._socket.close()
 
@@ -78,36 +78,36 @@ class Connection(ControlCommands):
     def watch(
         self, rate: float = 10.0, *, arrays: bool = False, wire: int = 0, skin: str | None = None
     ) -> Iterator[dict[str, Any]]:
-        """States as :meth:`state` gives them, at a rate [Hz], as long as it is iterated; never an old one.
+        """Yield the states of :meth:`state` at a rate [Hz]; a slow reader gets fewer, and never an old one.
 
         Args:
-            rate: how many come in a second, at most.
-            arrays: readings are NumPy arrays rather than lists, which costs both ends far less.
-            wire: so many of the latest frames, faults and events since the last state come with each, as ``wire``, in
-                the form of lines of the truth log; ``wire_missing`` is how many more there were.
-            skin: whose frames; default: everybody's.
+            rate: maximum number of states per second.
+            arrays: return readings as NumPy arrays rather than lists, which costs both ends far less.
+            wire: number of the latest frames, faults and events since the last state, at most, that come with each
+                state as ``wire``, in the form of lines of the truth log; ``wire_missing`` counts the others.
+            skin: the skin of the frames; default: all.
 
         Raises:
-            TactemuError: no such rate or skin, or the emulator has stopped.
+            TactemuError: the rate or the skin is not valid, or the emulator has stopped.
         """
-        wished: dict[str, Any] = {"rate": rate}
-        wished |= {"arrays": "base64"} if arrays else {}
-        wished |= {"wire": wire, "skin": skin} if wire else {}
-        number = self._ask("watch", wished)
+        arguments: dict[str, Any] = {"rate": rate}
+        arguments |= {"arrays": "base64"} if arrays else {}
+        arguments |= {"wire": wire, "skin": skin} if wire else {}
+        number = self._request("watch", arguments)
         self._answer_to(number)
         try:
             while True:
-                said = self._read()
-                if said.get("watch") == number:
-                    yield _result_of(said)
+                message = self._read()
+                if message.get("watch") == number:
+                    yield _result_of(message)
         finally:
             with contextlib.suppress(TactemuError, ValueError):
-                self._answer_to(self._ask("unwatch", {}))
+                self._answer_to(self._request("unwatch", {}))
 
     def _do(self, verb: str, arguments: dict[str, Any]) -> Any:
-        return _result_of(self._answer_to(self._ask(verb, arguments)))
+        return _result_of(self._answer_to(self._request(verb, arguments)))
 
-    def _ask(self, verb: str, arguments: dict[str, Any]) -> int:
+    def _request(self, verb: str, arguments: dict[str, Any]) -> int:
         number = next(self._numbers)
         request = {"id": number, "protocol": PROTOCOL, "verb": verb, "args": arguments}
         try:
@@ -118,37 +118,37 @@ class Connection(ControlCommands):
 
     def _answer_to(self, number: int) -> dict[str, Any]:
         while True:
-            said = self._read()
-            if said.get("id") == number:
-                if not said["ok"]:
-                    raise TactemuError(said["error"])
-                return said
+            message = self._read()
+            if message.get("id") == number:
+                if not message["ok"]:
+                    raise TactemuError(message["error"])
+                return message
 
     def _read(self) -> dict[str, Any]:
         try:
             line = self._file.readline()
-            said = json.loads(line, object_hook=_as_array) if line else None
+            message = json.loads(line, object_hook=_as_array) if line else None
         except (OSError, ValueError):
-            said = None
-        if not isinstance(said, dict):
+            message = None
+        if not isinstance(message, dict):
             raise _stopped()
-        if "ok" in said and not said["ok"] and "id" not in said and "watch" not in said:
-            raise TactemuError(said["error"])
-        return said
+        if "ok" in message and not message["ok"] and "id" not in message and "watch" not in message:
+            raise TactemuError(message["error"])
+        return message
 
 
 def _as_array(table: dict[str, Any]) -> Any:
-    """Return an array that came as bytes; other tables as they are."""
+    """Return the array of a table with an array's bytes; other tables unchanged."""
     if table.keys() != _ARRAY:
         return table
     values = np.frombuffer(base64.b64decode(table["base64"]), np.dtype(table["dtype"]))
     return values.reshape(table["shape"])
 
 
-def _result_of(said: dict[str, Any]) -> Any:
-    if not said["ok"]:
-        raise TactemuError(said["error"])
-    return said["result"]
+def _result_of(message: dict[str, Any]) -> Any:
+    if not message["ok"]:
+        raise TactemuError(message["error"])
+    return message["result"]
 
 
 def _stopped() -> TactemuError:

@@ -68,12 +68,12 @@ class Control:
     # -- from any thread -------------------------------------------------------------------------------------------
 
     def submit(
-        self, verb: str, arguments: Mapping[str, Any], by: str = "", tell: Callable[[LoopTask], None] | None = None
+        self, verb: str, arguments: Mapping[str, Any], by: str = "", on_done: Callable[[LoopTask], None] | None = None
     ) -> LoopTask:
         """Have the loop carry out a command whose arguments are checked already."""
         self.emulator.look_ahead_ns = LOOK_AHEAD_NS
         changes = CONTROL_COMMANDS[verb].changes
-        return LoopTask(self.emulator, lambda: self.do(verb, arguments, by), changes=changes, tell=tell)
+        return LoopTask(self.emulator, lambda: self.do(verb, arguments, by), changes=changes, on_done=on_done)
 
     def hello(self) -> dict[str, Any]:
         """Return what a server sends first to a client: clock, skins, and bodies that it may move."""
@@ -84,9 +84,9 @@ class Control:
             "bodies": list(self.steered),
         }
 
-    def watched(self, by: str, tell: Callable[[LoopTask], None]) -> LoopTask:
+    def watched(self, by: str, on_done: Callable[[LoopTask], None]) -> LoopTask:
         """Have the loop take the state for a client that watches it."""
-        return self.submit("state", {}, by, tell)
+        return self.submit("state", {}, by, on_done)
 
     def tap(self, most: int, skin: str | None) -> Tap:
         """Return a tap that collects what passes over the wires from now on, until :meth:`untap`.
@@ -113,11 +113,11 @@ class Control:
         changes = CONTROL_COMMANDS[verb].changes
         if changes:
             self.emulator.advance_to(self.emulator.now_ns, is_late=not self.emulator.clock.virtual)
-        outcome = getattr(self, f"_{CONTROL_COMMANDS[verb].method}")(**arguments)
+        task_result = getattr(self, f"_{CONTROL_COMMANDS[verb].method}")(**arguments)
         if changes or verb == "restore":
             text = json.dumps({"verb": verb, "args": dict(arguments), "by": by})
             self.emulator.truth.event(self.emulator.now_ns, "", COMMAND + text)
-        return outcome or TaskResult()
+        return task_result or TaskResult()
 
     @property
     def _now_s(self) -> float:
@@ -166,9 +166,9 @@ class Control:
         if seconds is not None:
             down = legs[-1].position
             legs += [Waypoint(seconds, down), Waypoint(float(np.linalg.norm(back - down)) / speed, back)]
-        outcome = self._go(name, legs, wait)
+        task_result = self._go(name, legs, wait)
         self.steered[name].back = back
-        return outcome
+        return task_result
 
     def _release(self, speed: float, body: str | None = None, wait: bool = True) -> TaskResult:
         name = self._body(body)

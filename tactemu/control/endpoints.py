@@ -1,8 +1,8 @@
-"""Where running emulators are found: a Unix socket each, in a folder that only its user can open.
+"""The sockets of running emulators: a Unix socket each, in a folder that only its user can open.
 
-The folder is ``$XDG_RUNTIME_DIR/tactemu``, else ``tactemu-UID`` in the one for temporary files. ``NAME.sock`` is the
-socket, ``NAME.json`` says whose it is: the process, by its number and its start, and what it runs. What a process left
-that ended without tidying up is known by these, and removed.
+The folder is ``$XDG_RUNTIME_DIR/tactemu``, else ``tactemu-UID`` in the folder for temporary files. ``NAME.sock`` is the
+socket, ``NAME.json`` names its owner: the id and the start of the process, and what it runs. With these, the files of a
+process that ended without removing them are recognised and removed.
 """
 
 from __future__ import annotations
@@ -23,34 +23,34 @@ from tactemu.base.errors import TactemuError, TransportError
 from tactemu.base.folders import is_private_folder
 
 PROTOCOL = 1
-"""Version of what is said on the sockets."""
+"""Version of the protocol on the sockets."""
 _NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,39}")
-_LONGEST_ADDRESS = 107
-"""Bytes of a socket's path that the kernel takes."""
-_MOST = 1000
-"""Names that are tried before none is left."""
+_MAX_PATH_BYTES = 107
+"""Maximum length of a socket's path in Linux."""
+_MAX_NAMES = 1000
+"""Number of names, with a number behind each, that are tried before a run is refused."""
 _CREDENTIALS = struct.Struct("3i")
 
 
 @dataclass(frozen=True)
 class Owner:
-    """Whose a socket is."""
+    """The process that owns a socket."""
 
     name: str
     pid: int
     start: int
-    """When the process started [ticks since the machine did]: numbers of processes are used again."""
+    """Start of the process [ticks since the machine's start], because process ids are reused."""
     target: str
-    """What it runs."""
+    """The device or scene that it runs."""
 
     @property
     def alive(self) -> bool:
-        """Whether the process is still there."""
+        """True if the process still exists."""
         return started(self.pid) == self.start
 
 
 def started(pid: int) -> int:
-    """When a process started [ticks]; 0: there is none."""
+    """Return the start of a process [ticks]; 0 if there is none."""
     try:
         text = Path(f"/proc/{pid}/stat").read_text()
         state, *rest = text.rpartition(")")[2].split()
@@ -60,10 +60,10 @@ def started(pid: int) -> int:
 
 
 def folder(*, make: bool = False) -> Path:
-    """Where the sockets are.
+    """Return the folder of the sockets.
 
     Raises:
-        TransportError: it is somebody else's, or open to others, or cannot be made.
+        TransportError: it belongs to another user, is open to others, or cannot be made.
     """
     runtime = os.environ.get("XDG_RUNTIME_DIR")
     path = Path(runtime) / "tactemu" if runtime else Path(tempfile.gettempdir()) / f"tactemu-{os.getuid()}"
@@ -78,13 +78,16 @@ def folder(*, make: bool = False) -> Path:
     except OSError as error:
         raise TransportError(f"{path}: cannot make this folder for control sockets: {error.strerror}") from None
     if not ours:
-        raise TransportError(f"{path}: is not a folder of yours alone (mode 0700), so no control socket is used there")
+        raise TransportError(
+            f"{path}: no control socket is used there, because it is not your private folder; remove it, or make it "
+            "yours with mode 0700"
+        )
     return path
 
 
 @contextlib.contextmanager
 def _locked(where: Path) -> Iterator[None]:
-    """Nobody else takes or gives up a name meanwhile."""
+    """Hold the lock of the folder, without which no process takes or releases a name."""
     handle = os.open(where / ".lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600)
     try:
         fcntl.flock(handle, fcntl.LOCK_EX)
@@ -94,19 +97,19 @@ def _locked(where: Path) -> Iterator[None]:
 
 
 def owner_of(path: Path) -> Owner | None:
-    """Who made ``NAME.sock``; ``None``: nobody says."""
+    """Return the process that owns ``NAME.sock``, or None if unknown."""
     try:
-        said = json.loads(path.with_suffix(".json").read_text())
-        return Owner(path.stem, int(said["pid"]), int(said["start"]), str(said["target"]))
+        table = json.loads(path.with_suffix(".json").read_text())
+        return Owner(path.stem, int(table["pid"]), int(table["start"]), str(table["target"]))
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return None
 
 
 def running() -> list[Owner]:
-    """Return the emulators of this user that can be driven, by name. What the dead left is removed.
+    """Return this user's running emulators, sorted by name; remove the files of those that have ended.
 
     Raises:
-        TransportError: the folder is not one to trust.
+        TransportError: the folder is not private.
     """
     where = folder()
     if not where.is_dir():
@@ -128,12 +131,12 @@ def _remove(path: Path) -> None:
 
 
 class Endpoint:
-    """A name and its socket, from :meth:`take` to :meth:`leave`.
+    """The name and the socket of an emulator, from :meth:`take` to :meth:`leave`.
 
     Args:
-        name: what to be called; one that is not asked for by the user may get a number behind it.
-        target: what is run.
-        exactly: this name, or none.
+        name: the name; without ``exactly`` it may get a number behind it.
+        target: the device or scene that is run.
+        exactly: use this name, or raise.
     """
 
     def __init__(self, name: str, target: str, *, exactly: bool):
@@ -142,26 +145,27 @@ class Endpoint:
         self.name = name if exactly else re.sub(r"[^A-Za-z0-9_-]+", "-", name).strip("-")[:30] or "tactemu"
         self._target, self._exactly = target, exactly
         self.path: Path | None = None
-        self._maker = 0
+        self._owner_pid = 0
 
     def take(self) -> socket.socket:
         """Return the socket to listen on.
 
         Raises:
-            TransportError: the name is another run's, or no socket can be made.
+            TransportError: another run has the name, or no socket can be made.
         """
         where = folder(make=True)
         with _locked(where):
-            for number in range(1, 2 if self._exactly else _MOST):
+            for number in range(1, 2 if self._exactly else _MAX_NAMES):
                 name = self.name if number == 1 else f"{self.name}-{number}"
                 path = where / f"{name}.sock"
                 owner = owner_of(path) if path.exists() else None
                 if owner is None or not owner.alive:
                     return self._listen(path, name)
-        raise TransportError(f"--name {self.name}: process {owner.pid} has this name ({owner.target})")  # type: ignore[union-attr]
+        taken = f"process {owner.pid} has this name ({owner.target})"  # type: ignore[union-attr]
+        raise TransportError(f"--name {self.name}: {taken}; choose another")
 
     def _listen(self, path: Path, name: str) -> socket.socket:
-        if len(os.fsencode(path)) > _LONGEST_ADDRESS:
+        if len(os.fsencode(path)) > _MAX_PATH_BYTES:
             raise TransportError(f"{path}: too long for a socket; set XDG_RUNTIME_DIR to a shorter path")
         _remove(path)
         owner = Owner(name, os.getpid(), started(os.getpid()), self._target)
@@ -172,30 +176,30 @@ class Endpoint:
             listener.listen(16)
         except OSError as error:
             listener.close()
-            raise TransportError(f"{path}: cannot listen there: {error.strerror}") from None
+            raise TransportError(f"{path}: cannot make this socket: {error.strerror}") from None
         listener.setblocking(False)
-        self.name, self.path, self._maker = name, path, os.getpid()
+        self.name, self.path, self._owner_pid = name, path, os.getpid()
         return listener
 
     def leave(self) -> None:
-        """Give the name up. Safe to call twice; a forked child leaves its parent's alone."""
-        if self.path is not None and self._maker == os.getpid():
+        """Release the name and remove the socket. Safe to call twice; a forked child does not touch its parent's."""
+        if self.path is not None and self._owner_pid == os.getpid():
             with contextlib.suppress(OSError), _locked(self.path.parent):
                 _remove(self.path)
         self.path = None
 
 
 def uid_of_peer(connection: socket.socket) -> int:
-    """Who is at the other end."""
+    """Return the id of the user at the other end."""
     _, uid, _ = _CREDENTIALS.unpack(connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size))
     return uid
 
 
 def chosen(name: str | None = None) -> Path:
-    """Return the socket of the emulator called ``name``, or of the only one that runs.
+    """Return the path of the socket of the emulator ``name``, or of the only one that runs.
 
     Raises:
-        TactemuError: there is none, or several; the message lists them.
+        TactemuError: there is none, or there are several; the message lists them.
     """
     there = running()
     names = [owner.name for owner in there]
@@ -203,8 +207,8 @@ def chosen(name: str | None = None) -> Path:
         name = names[0]
     listed = "".join(f"\n  {owner.name:<12} {owner.target}  (process {owner.pid})" for owner in there)
     if name is None:
-        more = f"several emulators run; say which with --name:{listed}" if there else "no emulator runs"
-        raise TactemuError(more if there else f"{more}; start one: tactemu run anyskin")
+        several = f"several emulators run; choose one with --name:{listed}"
+        raise TactemuError(several if there else "no emulator runs; start one: tactemu run anyskin")
     if name not in names:
-        raise TactemuError(f"no emulator {name!r} runs" + (f"; these do:{listed}" if there else ""))
+        raise TactemuError(f"no emulator {name!r} runs" + (f"; choose one of:{listed}" if there else ""))
     return folder() / f"{name}.sock"

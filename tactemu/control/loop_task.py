@@ -1,4 +1,4 @@
-"""What one thread has the loop do, in the loop's own thread, and waits for."""
+"""A task that another thread gives to the loop, whose own thread runs it, and its result."""
 
 from __future__ import annotations
 
@@ -11,18 +11,19 @@ from tactemu.base.clock import Clock, LockstepClock
 from tactemu.emulator.channel import Channel
 from tactemu.emulator.emulator import Simulated
 
-LOOK_AGAIN_NS = 1_000_000
+RECHECK_NS = 1_000_000
+"""Interval at which a task checks whether every device has sampled its time."""
 
 
 class Loop(Protocol):
-    """What an errand asks of an emulator, or of a recording that is played."""
+    """An emulator or a replay, as a task uses it."""
 
     now_ns: int
     clock: Clock
 
     @property
     def simulation(self) -> Simulated | None:
-        """What is brought up to each sample's time, if anything is simulated."""
+        """The simulation, if there is one."""
         ...
 
     @property
@@ -32,7 +33,7 @@ class Loop(Protocol):
 
     @property
     def is_settled(self) -> bool:
-        """Whether everything that is due in this turn has been done."""
+        """True if everything that is due in this turn has been done."""
         ...
 
     def call(self, action: Callable[[], None], at_ns: int = 0) -> None:
@@ -42,26 +43,27 @@ class Loop(Protocol):
 
 @dataclass(frozen=True)
 class TaskResult:
-    """Of something that has begun."""
+    """The result of a task that has begun, and the condition on which it is done."""
 
     done_ns: int = 0
-    """When it will be done; past: it is."""
+    """Time at which it is done; a past time: at once."""
     result: Any = None
-    """What it gives, or a function that whoever waits calls for it: what takes long is no work for the loop."""
+    """The result, or a function that the waiting thread calls for it, so that a long computation does not stop the
+    loop."""
     until_sampled: bool = False
-    """It is done when every device, beside those that are silent, has sampled the scene of that time."""
+    """True: it is done when every device that is not silent has sampled the scene of that time."""
     until_settled: bool = False
-    """It is done when nothing else is due by then."""
+    """True: it is done when nothing else is due by then."""
 
 
 class LoopTask:
-    """Has the loop call ``begin()``; it is done when its outcome says, or when it fails.
+    """A task that calls ``begin()`` in the loop; it is done on the condition of the returned result, or if it fails.
 
     Args:
-        emulator: runs in another thread.
+        emulator: a loop that runs in another thread.
         begin: moves a body, schedules an event ...
-        changes: it changes something, and so begins when the simulation is not ahead of the clock.
-        tell: called in the loop when it is done; must be quick.
+        changes: True for a task that changes the emulator: it begins when the simulation does not lead the clock.
+        on_done: called in the loop when the task is done; must be quick.
     """
 
     def __init__(
@@ -70,25 +72,25 @@ class LoopTask:
         begin: Callable[[], TaskResult],
         *,
         changes: bool = True,
-        tell: Callable[[LoopTask], None] | None = None,
+        on_done: Callable[[LoopTask], None] | None = None,
     ):
         self.done = threading.Event()
-        self.outcome = TaskResult()
+        self.task_result = TaskResult()
         self.failed: Exception | None = None
         self.t_ns = 0
-        """When it was done."""
-        self._emulator, self._begin, self._changes, self._tell = emulator, begin, changes, tell
+        """Emulation time at which it was done."""
+        self._emulator, self._begin, self._changes, self._on_done = emulator, begin, changes, on_done
         emulator.call(self._run)
 
     def result(self) -> Any:
-        """What it gives.
+        """Return the result of the task.
 
         Raises:
-            Exception: what went wrong in it.
+            Exception: the exception that the task raised.
         """
         if self.failed is not None:
             raise self.failed
-        result = self.outcome.result
+        result = self.task_result.result
         return result() if callable(result) else result
 
     def _run(self) -> None:
@@ -98,35 +100,39 @@ class LoopTask:
             emulator.call(self._run, simulation.time_ns)
             return
         try:
-            self.outcome = self._begin()
-        except Exception as error:  # a mistake of the caller's: for whoever waits to raise
+            self.task_result = self._begin()
+        except Exception as error:  # the caller's mistake: the waiting thread raises it
             self.failed = error
             self._finish()
             return
-        if self.outcome.done_ns <= emulator.now_ns and not (self.outcome.until_sampled or self.outcome.until_settled):
+        result = self.task_result
+        if result.done_ns <= emulator.now_ns and not (result.until_sampled or result.until_settled):
             self._finish()
         else:
-            emulator.call(self._arrive, self.outcome.done_ns)
+            emulator.call(self._arrive, self.task_result.done_ns)
 
     def _arrive(self) -> None:
-        """A loop that is late takes its samples after its actions, and the scene that a sample sees may be a step
-        older than the sample: look again until one has seen the time."""
-        emulator, outcome = self._emulator, self.outcome
+        """Finish the task if its condition holds, else check again later.
+
+        A late loop takes its samples after its actions, and the scene of a sample may be a step older than the sample:
+        so check until every device has sampled the time itself.
+        """
+        emulator, task_result = self._emulator, self.task_result
         now = emulator.now_ns
-        if outcome.until_settled and not emulator.is_settled:
+        if task_result.until_settled and not emulator.is_settled:
             emulator.call(self._arrive, now)
-        elif outcome.until_sampled and not isinstance(emulator.clock, LockstepClock) and self._unseen(now):
-            emulator.call(self._arrive, now + LOOK_AGAIN_NS)
+        elif task_result.until_sampled and not isinstance(emulator.clock, LockstepClock) and self._is_unsampled(now):
+            emulator.call(self._arrive, now + RECHECK_NS)
         else:
             self._finish()
 
-    def _unseen(self, now: int) -> bool:
+    def _is_unsampled(self, now: int) -> bool:
         simulation = self._emulator.simulation
-        seen = self.outcome.done_ns + (simulation.dt_ns if simulation is not None else 0)
-        return any(c.statistics.last_ns < seen and c.silent_until_ns <= now for c in self._emulator.channels)
+        needed_ns = self.task_result.done_ns + (simulation.dt_ns if simulation is not None else 0)
+        return any(c.statistics.last_ns < needed_ns and c.silent_until_ns <= now for c in self._emulator.channels)
 
     def _finish(self) -> None:
         self.t_ns = self._emulator.now_ns
         self.done.set()
-        if self._tell is not None:
-            self._tell(self)
+        if self._on_done is not None:
+            self._on_done(self)

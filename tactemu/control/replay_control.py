@@ -29,14 +29,14 @@ class ReplayControl:
         return {"clock": "real", "skins": {}, "bodies": []}
 
     def submit(
-        self, verb: str, arguments: Mapping[str, Any], by: str = "", tell: Callable[[LoopTask], None] | None = None
+        self, verb: str, arguments: Mapping[str, Any], by: str = "", on_done: Callable[[LoopTask], None] | None = None
     ) -> LoopTask:
         """Have the loop carry out a command whose arguments are checked already."""
-        return LoopTask(self.replay, lambda: self.do(verb, arguments), tell=tell)
+        return LoopTask(self.replay, lambda: self.do(verb, arguments), on_done=on_done)
 
-    def watched(self, by: str, tell: Callable[[LoopTask], None]) -> LoopTask:
+    def watched(self, by: str, on_done: Callable[[LoopTask], None]) -> LoopTask:
         """Have the loop take the state for a client that watches it."""
-        return self.submit("state", {}, by, tell)
+        return self.submit("state", {}, by, on_done)
 
     def tap(self, most: int, skin: str | None) -> Tap:
         """Return a tap that collects what passes over the wire from now on, until :meth:`untap`."""

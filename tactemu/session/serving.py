@@ -144,7 +144,7 @@ class Served(ControlCommands):
         self._by_hand = by_hand and not target.endswith(".toml")
         self._truth_path, self._keep = truth, keep
         self._thread: threading.Thread | None = None
-        self._maker = 0
+        self._owner_pid = 0
         """Process in which the thread runs."""
         self._error: BaseException | None = None
         self._clock, self._name, self._again = clock, name, again
@@ -187,21 +187,21 @@ class Served(ControlCommands):
             self.before_opening(self.emulator)
             self.emulator.open()
             if self._name is not None:
-                place = Endpoint(self._name, self._target, exactly=True)
-                self._server = Server(place, self._control, yield_to_loop=not clock.virtual)
+                endpoint = Endpoint(self._name, self._target, exactly=True)
+                self._server = Server(endpoint, self._control, yield_to_loop=not clock.virtual)
         except BaseException:
             truth.close()
             if self._assembled is not None:
                 self.emulator.close()
             raise
-        self._maker = os.getpid()
+        self._owner_pid = os.getpid()
         self._thread = threading.Thread(target=self._run, name="tactemu", daemon=True)
         self._thread.start()
         return self
 
     def stop(self) -> None:
         """Stop, remove the port, and raise what went wrong in the background. Safe to call twice, and in a fork."""
-        if self._thread is None or self._maker != os.getpid():
+        if self._thread is None or self._owner_pid != os.getpid():
             return
         self.emulator.call(self.emulator.stop)
         self._thread.join()
@@ -228,7 +228,7 @@ class Served(ControlCommands):
             self._error = error
 
     def _raise(self) -> None:
-        errors = [self._error, *(errand.failed for errand in self._unwatched)]
+        errors = [self._error, *(task.failed for task in self._unwatched)]
         self._error, self._unwatched = None, []
         for error in errors:
             if error is not None:
@@ -373,16 +373,16 @@ class Served(ControlCommands):
 
     def _do(self, verb: str, arguments: dict[str, Any]) -> Any:
         """Have the loop do a command, and wait until it is done."""
-        errand = self.control.submit(verb, arguments)
+        task = self.control.submit(verb, arguments)
         if not arguments.get("wait", True):
-            self._unwatched = [e for e in (*self._unwatched, errand) if e.failed or not e.done.is_set()]
+            self._unwatched = [e for e in (*self._unwatched, task) if e.failed or not e.done.is_set()]
             return None
-        return self._wait_for(errand)
+        return self._wait_for(task)
 
-    def _wait_for(self, errand: LoopTask) -> Any:
-        while not errand.done.wait(0.05):
+    def _wait_for(self, task: LoopTask) -> Any:
+        while not task.done.wait(0.05):
             self._check_alive()
-        return errand.result()
+        return task.result()
 
     def _check_alive(self) -> None:
         if not self.running:

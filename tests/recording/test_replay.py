@@ -211,7 +211,7 @@ def test_a_disk_that_is_full_at_the_end(tmp_path, suffix, caplog):
 
 def test_a_source_that_is_not_there(tmp_path):
     def attempt(name):
-        with Recorder(tmp_path / name) as recorder, pytest.raises(TransportError, match="check the name"):
+        with Recorder(tmp_path / name) as recorder, pytest.raises(TransportError, match="check its name"):
             record("/dev/no-such-tty", recorder, clock=RealClock(), stop=lambda n: False)
 
     attempt("new.jsonl")
