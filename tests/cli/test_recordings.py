@@ -91,7 +91,7 @@ def test_replay_stepwise(recording, tmp_path):
         (["replay", "{recording}", "--port", "memory:", "--speed", "0"], "more than 0"),
         (["replay", "{recording}", "--port", "memory:", "--fault", "dropp"], "did you mean 'drop'"),
         (["record", "{tmp}/x.txt", "--from", "/dev/null"], "expected one of"),
-        (["record", "{tmp}/x.jsonl", "--from", "/dev/no-such-tty"], "check the name"),
+        (["record", "{tmp}/x.jsonl", "--from", "/dev/no-such-tty"], "check its name"),
     ],
 )
 def test_mistakes_are_one_line_and_exit_code_2(arguments, complaint, recording, tmp_path):
