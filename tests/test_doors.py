@@ -109,9 +109,9 @@ def test_mistakes_are_said_in_the_words_of_the_library():
     port = Serial(None)
     for url, said in {
         "tactemu://anyskn": "anyskin",
-        "tactemu://anyskin?rate=3": "no option 'rate'; there are: fault, rate_hz",
-        "tactemu://anyskin?rate_hz=fast": "rate_hz: got 'fast'",
-        "tactemu://anyskin?by_hand=1": "by_hand: got '1'",
+        "tactemu://anyskin?rate=3": "unknown option 'rate'; expected one of: fault, rate_hz",
+        "tactemu://anyskin?rate_hz=fast": "rate_hz: wrong value 'fast'",
+        "tactemu://anyskin?by_hand=1": "by_hand: wrong value '1'",
     }.items():
         port.port = url
         with pytest.raises(serial.SerialException, match=said):
@@ -119,5 +119,5 @@ def test_mistakes_are_said_in_the_words_of_the_library():
         assert not port.is_open and port.served is None
     with pytest.raises(can.CanInitializationError, match="linker_hand_l66"):
         TactemuBus("linker_hand_l66")
-    with pytest.raises(SceneError, match="no option"):
+    with pytest.raises(SceneError, match="unknown option"):
         device_for("anyskin?depth=1")

@@ -1,4 +1,4 @@
-"""``python -m tactemu.integrations`` prints the folder that makes ``can.Bus(interface="socketcan")`` a door.
+"""The command that prints the folder with which ``can.Bus(interface="socketcan")`` opens a simulated device.
 
 ::
 

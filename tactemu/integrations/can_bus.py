@@ -22,12 +22,12 @@ from tactemu.integrations.target import device_for
 from tactemu.session.serving import Served
 
 SOCKETCAN = "TACTEMU_SOCKETCAN"
-"""Which SocketCAN channels lead to a device: ``can0=linker_hand_l6,can1=xela_uskin``."""
+"""The environment variable that maps SocketCAN channels to devices: ``can0=linker_hand_l6,can1=xela_uskin``."""
 
 
 @dataclass
 class _Shared:
-    """A device and how many buses of this process it is on."""
+    """A device, and the number of buses of this process that it is on."""
 
     served: Served
     name: str
@@ -40,8 +40,10 @@ _NUMBERS = itertools.count()
 
 
 class TactemuBus(VirtualBus):
-    """A node of a bus inside this process; ``bus.served`` is the device on it
-    (:class:`tactemu.session.serving.Served`)."""
+    """A node of a bus inside this process.
+
+    ``bus.served`` is the device on it (:class:`tactemu.session.serving.Served`).
+    """
 
     def __init__(self, channel: str, *, fd: bool = False, receive_own_messages: bool = False, **options: Any):
         with _LOCK:
@@ -56,7 +58,7 @@ class TactemuBus(VirtualBus):
         self.channel_info = f"tactemu: {channel}"
 
     def shutdown(self) -> None:
-        """Leave the bus; the device stops when nobody is left."""
+        """Leave the bus, and stop the device if this was the last node."""
         if not self._is_shutdown:
             super().shutdown()
             with _LOCK:
@@ -76,14 +78,13 @@ def _start(channel: str) -> _Shared:
 
 
 class SocketcanBus:
-    """In place of python-can's own ``socketcan``, for those who ask for that by name (``python -m
-    tactemu.integrations``).
+    """A replacement of python-can's own ``socketcan`` for drivers that request it (``python -m tactemu.integrations``).
 
-    Channels that :data:`SOCKETCAN` names lead to a device, all others to Linux CAN as ever.
+    Channels that :data:`SOCKETCAN` names lead to a device, all others to Linux CAN.
     """
 
     def __new__(cls, channel: str = "", **options: Any):
-        """The bus itself: an object of another class."""
+        """Return a bus of another class: that of a device, or python-can's own."""
         entries = (entry.partition("=") for entry in os.environ.get(SOCKETCAN, "").split(","))
         targets = {name.strip(): target.strip() for name, _, target in entries}
         if channel in targets:

@@ -15,7 +15,7 @@ from tactemu.session.serving import Served
 
 
 class Serial(serial.Serial):
-    """pyserial's port on a pseudo terminal, with the modem lines that such a terminal does not have.
+    """A port of pyserial on a pseudo terminal, with the modem lines that such a terminal does not have.
 
     The device is powered on by :meth:`open` and off by :meth:`close`.
     """
@@ -29,7 +29,7 @@ class Serial(serial.Serial):
         """Start the device and open its port.
 
         Raises:
-            SerialException: there is no such device or scene, or an option does not fit.
+            SerialException: there is no such device or scene, or an option has a wrong value.
         """
         url = self.portstr
         if url is None or self.is_open:
@@ -75,20 +75,20 @@ class Serial(serial.Serial):
 
     @property
     def cts(self) -> bool:
-        """Clear to send: always."""
+        """The line "clear to send", always raised."""
         return True
 
     @property
     def dsr(self) -> bool:
-        """Data set ready: always."""
+        """The line "data set ready", always raised."""
         return True
 
     @property
     def ri(self) -> bool:
-        """Ring indicator: never."""
+        """The line "ring indicator", never raised."""
         return False
 
     @property
     def cd(self) -> bool:
-        """Carrier detect: always."""
+        """The line "carrier detect", always raised."""
         return True

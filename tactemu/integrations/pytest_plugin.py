@@ -1,4 +1,4 @@
-"""The pytest plugin: ``tactile_device`` puts a simulated sensor on a fresh port. Imports nothing until it is used.
+"""The pytest plugin: the fixture ``tactile_device`` puts a simulated sensor on a fresh port.
 
 ::
 
@@ -8,12 +8,14 @@
             dev.press(depth=1e-3, seconds=2)
             assert driver.bad_frames == dev.truth.injected["flip"]
 
-``--tactemu-seed N`` is the seed of devices whose test names none. ``--tactemu-truth-dir DIR`` keeps of each test that
-fails a truth log and a picture for every device; its report names them, and the last lines of the run the folder. Both
-may stand in pytest's ini file, as ``tactemu_seed`` and ``tactemu_truth_dir``, or in the environment, in capitals.
+``--tactemu-seed N`` is the seed of devices whose test names none. ``--tactemu-truth-dir DIR`` keeps a truth log and a
+picture of every device of each failed test; the test's report names them, and the last lines of the run the folder.
+You may also set both in pytest's ini file, as ``tactemu_seed`` and ``tactemu_truth_dir``, or in the environment, in
+capitals.
 
-Tests that use the fixture have the marker ``tactemu`` (``pytest -m tactemu``). Where it is written by hand, its
-arguments are those of the devices of this test, class or module: ``@pytest.mark.tactemu(rate_hz=200)``.
+Tests that use the fixture have the marker ``tactemu`` (``pytest -m tactemu``). If you write the marker yourself, its
+arguments are those of the devices of the test, class or module: ``@pytest.mark.tactemu(rate_hz=200)``. The plugin
+imports the rest of tactemu only when a test uses it.
 """
 
 from __future__ import annotations
@@ -31,42 +33,43 @@ if TYPE_CHECKING:
     from tactemu.session.serving import Served
 
 _LOGGED = pytest.StashKey[list[tuple["Served", Path]]]()
-"""Devices of a test with truth logs that are ours to remove; a picture has the log's name and another suffix."""
+"""Devices of a test with the truth logs that the plugin removes; a picture has the log's name and another suffix."""
 _FAILED = pytest.StashKey[bool]()
+"""True for a test that has failed."""
 _KEPT = "tactemu kept"
-"""Property of a report: files were kept. So the process that prints hears of it, too, where others run the tests."""
+"""The property of a report that says that files were kept; it also reaches the process that prints the summary."""
 
 
 class TactileDevice(Protocol):
-    """The type of the fixture, to annotate a test with: ``tactile_device: TactileDevice``."""
+    """The type of the fixture, for annotations: ``tactile_device: TactileDevice``."""
 
     def __call__(self, target: str | Path, port: str | None = None, **options: Any) -> Served:
-        """Return a device that runs already. Arguments are those of :func:`tactemu.serve`."""
+        """Return a running device; the arguments are those of :func:`tactemu.serve`."""
         ...
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """Our options, and the same as keys of the ini file."""
+    """Add the plugin's options, and the same as keys of the ini file."""
     group = parser.getgroup("tactemu", "simulated tactile skins")
     seed = "seed of tactile devices whose test names none"
     group.addoption("--tactemu-seed", metavar="N", default=None, help=seed)
     parser.addini("tactemu_seed", help=seed)
-    folder = "folder where truth logs and pictures of tests that fail are kept"
+    folder = "folder that keeps truth logs and pictures of failed tests"
     group.addoption("--tactemu-truth-dir", metavar="DIR", default=None, help=folder)
     parser.addini("tactemu_truth_dir", help=folder)
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Declare the marker, and refuse a seed that is none before any test runs."""
+    """Declare the marker, and refuse a wrong seed before any test runs."""
     config.addinivalue_line(
         "markers",
-        "tactemu(**options): tests that use tactile_device have it; options are those of their devices, as for serve()",
+        "tactemu(**options): a test that uses tactile_device; the options are those of its devices, as for serve()",
     )
     _seed(config)
 
 
 def pytest_itemcollected(item: pytest.Item) -> None:
-    """Mark a test that uses the fixture, and refuse a marker that says nothing by name."""
+    """Mark a test that uses the fixture, and refuse a marker with positional arguments."""
     for mark in item.iter_markers("tactemu"):
         if mark.args:
             raise pytest.UsageError(f"{item.nodeid}: pytest.mark.tactemu takes options by name, such as rate_hz=200")
@@ -78,8 +81,8 @@ def pytest_itemcollected(item: pytest.Item) -> None:
 def tactile_device(request: pytest.FixtureRequest) -> Iterator[TactileDevice]:
     """Start devices: ``tactile_device(name_or_scene, **options)`` is :func:`tactemu.serve`, already running.
 
-    Options that the test does not name are those of its markers. Whatever a test leaves running is stopped after it,
-    and an error in the background fails the test.
+    Options that the test does not name are those of its markers. Devices that a test leaves running are stopped after
+    it, and an error in the background fails the test.
     """
     item = request.node
     started: list[Served] = []
@@ -118,7 +121,7 @@ def tactile_device(request: pytest.FixtureRequest) -> Iterator[TactileDevice]:
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_makereport(item: pytest.Item) -> Iterator[Any]:
-    """Of a test that has failed, draw its devices as they are, and name what is kept in the report."""
+    """Draw the devices of a failed test as they are, and name the kept files in its report."""
     report = yield
     if report.failed:
         item.stash[_FAILED] = True
@@ -130,7 +133,7 @@ def pytest_runtest_makereport(item: pytest.Item) -> Iterator[Any]:
 
 
 def pytest_terminal_summary(terminalreporter: Any, config: pytest.Config) -> None:
-    """Name the folder, if there is something in it."""
+    """Print the folder of the kept files, if there are any."""
     reports = [*terminalreporter.getreports("failed"), *terminalreporter.getreports("error")]
     kept = [report for report in reports if (_KEPT, True) in map(tuple, getattr(report, "user_properties", ()))]
     tests = {report.nodeid for report in kept}  # a file that cannot be collected has no properties
@@ -141,7 +144,7 @@ def pytest_terminal_summary(terminalreporter: Any, config: pytest.Config) -> Non
 
 
 def _draw(device: Served, log: Path) -> str:
-    """Draw a picture beside a device's log. Its name, or why there is none: the report stays that of the test."""
+    """Draw a picture beside a device's log, and return its path, or the reason why there is none."""
     from tactemu.session.picture import save_picture
 
     picture = log.with_suffix(".svg")
@@ -169,12 +172,10 @@ def _seed(config: pytest.Config) -> int | None:
 
 
 def _log(folder: Path, nodeid: str, number: int) -> Path:
-    """Return a file for the ``number``-th device of a test, in a folder that is there; without a picture of an
-    earlier run.
-    """
+    """Return a file for the ``number``-th device of a test; make its folder, and remove a picture of an earlier run."""
     folder.mkdir(parents=True, exist_ok=True)
     name = re.sub(r"[^A-Za-z0-9.]+", "-", nodeid)[-150:].strip("-")
-    if "[" in nodeid:  # parameters may differ in what a file's name cannot have
+    if "[" in nodeid:  # parameters may differ in characters that a file's name cannot have
         name += f"-{hashlib.sha256(nodeid.encode()).hexdigest()[:8]}"
     log = folder.absolute() / f"{name}-{number}.mcap"
     log.with_suffix(".svg").unlink(missing_ok=True)

@@ -1,4 +1,4 @@
-"""What follows ``tactemu://`` or names a channel: a device or scene, and options of :func:`tactemu.serve`."""
+"""The target after ``tactemu://`` or in a channel's name: a device or scene, and options of :func:`tactemu.serve`."""
 
 from __future__ import annotations
 
@@ -22,13 +22,12 @@ _OPTIONS: dict[str, Callable[[str], Any]] = {
 
 
 def device_for(target: str, port: str | None = None) -> Served:
-    """Return the device that a door leads to, not yet started: ``anyskin``,
-    ``hand.toml?rate_hz=200&seed=7&fault=drop 1%``.
+    """Return the device of a target, not yet started: ``anyskin``, ``hand.toml?rate_hz=200&seed=7&fault=drop 1%``.
 
-    A percent sign that is meant as such is written ``%25`` before two hexadecimal digits, as in any URL.
+    Write a percent sign before two hexadecimal digits as ``%25``, as in any URL.
 
     Raises:
-        SceneError: an option that there is not, or a value that does not fit.
+        SceneError: an unknown option, or a wrong value.
     """
     name, _, query = target.removeprefix(_SCHEME).partition("?")
     options: dict[str, Any] = {"by_hand": False}
@@ -36,10 +35,10 @@ def device_for(target: str, port: str | None = None) -> Served:
         if key == "fault":
             options["faults"] = values
         elif key not in _OPTIONS:
-            raise SceneError(f"{target}: no option {key!r}; there are: fault, {', '.join(_OPTIONS)}")
+            raise SceneError(f"{target}: unknown option {key!r}; expected one of: fault, {', '.join(_OPTIONS)}")
         else:
             try:
                 options[key] = _OPTIONS[key](values[-1])
             except (ValueError, KeyError):
-                raise SceneError(f"{target}: {key}: got {values[-1]!r}") from None
+                raise SceneError(f"{target}: {key}: wrong value {values[-1]!r}") from None
     return serve(unquote(name), port, **options)

@@ -1,8 +1,8 @@
-"""The truth log: for every sample and frame, what was felt, what was read, what was sent and what was injected.
+"""The truth log: true readings, measured readings, frames and injected faults of a run.
 
 :class:`Truth` keeps the latest in memory and, if asked, writes everything to a file, in one of two formats by its
-suffix: ``.mcap``, robotics' own container, or ``.jsonl``, a JSON object a line (``docs/truth-log.md``). Recordings have
-the same two.
+suffix: ``.mcap``, the container format of robotics, or ``.jsonl``, a JSON object per line (``docs/truth-log.md``).
+Recordings have the same two formats.
 """
 
 from tactemu.truth.entries import COMMAND, BodyPose, Entry, Injection, Passage, PortEvent, Sample

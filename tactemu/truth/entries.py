@@ -1,7 +1,7 @@
-"""What a truth log consists of: samples, frames, injected faults and events of the port, in the order they happened.
+"""The entries of a truth log: samples, frames, injected faults and events of the port, in the order of their times.
 
-``t_ns`` is emulation time in integer nanoseconds, ``device`` the name of the skin in the scene; what arrives on a bus
-that several skins share, or befalls it, has all their names (``left+right``).
+``t_ns`` is emulation time in integer nanoseconds, ``device`` the name of the skin in the scene; received data and
+faults of a bus that several skins share have all their names (``left+right``).
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ import numpy as np
 from firmware_protocols import WireFrame
 
 VERSION = 2
-"""Of the log's format, in both encodings."""
+"""The version of the log's format, in both encodings."""
 MAX_TIME_NS = 2**63 - 1
-"""Times are integers of 64 bits [ns]."""
+"""Latest time of an entry [ns]: times are integers of 64 bits."""
 
 COMMAND = "command "
-"""What the text of an event begins with that is a command; the rest of it is JSON."""
+"""The prefix of an event that is a live command; JSON follows it."""
 
 Direction = Literal["tx", "rx", "drop"]
 
@@ -32,15 +32,15 @@ class Sample:
     t_ns: int
     device: str
     ideal: np.ndarray
-    """Reading without imperfections of values, SI, shape ``(n_taxels[, 3])``."""
+    """The reading without imperfections of values, SI, shape ``(n_taxels[, 3])``."""
     measured: np.ndarray
-    """Reading with them, same shape."""
+    """The reading with imperfections, same shape."""
     counts: np.ndarray
-    """What a perfect driver decodes from the frames."""
+    """The values that a perfect driver decodes from the frames."""
     number: int = 0
-    """Which sample of this device it is, from 0; the senses that were converted together have one number."""
+    """The number of the device's sample, from 0; senses that were converted together have the same number."""
     sense: str = ""
-    """Which of the device's senses it is of, where the device names them."""
+    """The name of the device's sense, where the device names them."""
 
 
 class Passage(NamedTuple):
@@ -51,11 +51,11 @@ class Passage(NamedTuple):
     kind: Direction
     frame: WireFrame
     sample: int | None = None
-    """Number of the sample that it carries; ``None``: of none, or nobody said."""
+    """The number of the sample that it carries; ``None``: none, or unknown."""
     why: str = ""
-    """Why it never left."""
+    """The reason why it never left."""
     late_ns: int = 0
-    """Time by which the emulator's loop was late with it, after its last bit had left the line; in no file."""
+    """The delay of the emulator's loop after the frame's last bit had left the line [ns]; not written to files."""
 
 
 class Injection(NamedTuple):
@@ -66,13 +66,13 @@ class Injection(NamedTuple):
     what: str
     detail: str = ""
     before: str = ""
-    """What it befell, a frame as text or a value; empty: nothing that could be named."""
+    """The frame or value before the fault, as text; empty if there is none."""
     after: tuple[str, ...] = ()
-    """What became of it; a frame may become none, or two."""
+    """The frames or values after the fault; a frame may become none, or two."""
 
 
 class PortEvent(NamedTuple):
-    """``opened``, ``closed``, ``baud 9600`` ...; of no device: ``command`` and what was done to it live, in JSON."""
+    """An event: ``opened``, ``closed``, ``baud 9600`` ...; without a device: a live ``command``, in JSON."""
 
     t_ns: int
     device: str
@@ -80,65 +80,65 @@ class PortEvent(NamedTuple):
 
     @property
     def is_command(self) -> bool:
-        """Whether it is something that was done to the emulator while it ran."""
+        """True for a live command to the emulator."""
         return not self.device and self.what.startswith(COMMAND)
 
 
 class BodyPose(NamedTuple):
-    """Where a body of the scene was when a sample was taken; told when it has changed."""
+    """The pose of a body of the scene when a sample was taken; logged only when it has changed."""
 
     t_ns: int
     body: str
     position: tuple[float, float, float]
-    """Of its origin, in the world [m]."""
+    """The position of its origin in the world [m]."""
     quaternion: tuple[float, float, float, float]
-    """(w, x, y, z)."""
+    """The orientation, (w, x, y, z)."""
 
 
 class Header(NamedTuple):
-    """How a log begins."""
+    """The head of a log."""
 
     origin_ns: int | None = None
-    """The machine's monotonic clock at ``t_ns = 0``; ``None``: time was virtual, or nobody said."""
+    """The machine's monotonic clock at ``t_ns = 0``; ``None``: time was virtual, or unknown."""
     version: int = VERSION
     scene: Mapping[str, Any] | None = None
-    """What is where, as plain data (``docs/truth-log.md``); ``None``: nobody said."""
+    """The bodies and skins of the scene, as plain data (``docs/truth-log.md``); ``None``: unknown."""
     ends: bool = False
-    """The log closes with its end; without it, it was cut off. Logs of before this was written do not say."""
+    """True if a complete log has an :class:`End`, so that one without was cut off; older logs have False."""
 
 
 class End(NamedTuple):
-    """How a log ends."""
+    """The end of a log."""
 
     lost: int = 0
-    """Entries that could not be written."""
+    """The number of entries that could not be written."""
     summary: Sequence[Mapping[str, Any]] = ()
-    """What each device did, as `tactemu run --json` says it at its end; empty: nobody said."""
+    """The summary of each device, as `tactemu run --json` prints it at its end; may be empty."""
     is_cut: bool = False
-    """The file stops without its end: its writer was killed, or the disk was full."""
+    """True if the file stops without its end, because its writer was killed or the disk was full."""
 
 
 Entry = Sample | Passage | Injection | PortEvent | BodyPose
 
 
 def belongs_to(entry: Entry, skin: str | None) -> bool:
-    """Whether an entry is of this skin, or of the bus that it is on; ``None``: of any. Bodies are everybody's."""
+    """Return True if an entry is of a skin, or of its bus; ``None`` is any skin, and bodies belong to all."""
     return skin is None or isinstance(entry, BodyPose) or skin == entry.device or skin in entry.device.split("+")
 
 
 class Sink(Protocol):
-    """A file that a format writes to."""
+    """The file that a format writes to."""
 
     def write(self, data: bytes) -> int:
-        """Write all of it."""
+        """Write all of ``data``."""
         ...
 
     def tell(self) -> int:
-        """Return bytes written."""
+        """Return the number of bytes written."""
         ...
 
     def flush(self) -> None:
-        """Hand over what waits."""
+        """Write what is buffered."""
         ...
 
 
@@ -160,10 +160,10 @@ def checked_header(version: Any, origin_ns: Any, scene: Any = None, ends: Any = 
 
 
 def checked_end(lost: Any, summary: Any) -> End:
-    """The end of a log.
+    """Return the end of a log after checking its fields.
 
     Raises:
-        ValueError: it is none.
+        ValueError: a field has a wrong type or value.
     """
     if not _is_integer(lost) or not 0 <= lost <= MAX_TIME_NS:
         raise ValueError(f"lost: expected a number, got {lost!r:.60}")

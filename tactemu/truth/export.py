@@ -1,4 +1,4 @@
-"""A truth log for other programs: samples as CSV, CAN frames as candump has them, or all in its other format."""
+"""Export of truth logs: samples as CSV, CAN frames in the formats of candump and python-can, or all entries."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ _AXES = "xyz"
 
 
 def export(path: str | Path, target: str | Path, *, skin: str | None = None, sense: str | None = None) -> int:
-    """Write what a log holds to another file, whose suffix says what and how; how many rows or frames it became.
+    """Write a log to another file, whose suffix decides content and format; return the number of rows or frames.
 
     Args:
         path: the log.
         target: ``.csv`` for samples, ``.log``, ``.asc`` or ``.blf`` for CAN frames, ``.mcap`` or ``.jsonl`` for all.
-        skin: whose; ``.csv`` needs it where the log has several.
-        sense: which of its senses, for ``.csv``; default: the first.
+        skin: the skin to export; ``.csv`` needs it where the log has several.
+        sense: the sense of the skin, for ``.csv``; default: the first.
 
     Raises:
-        TactemuError: no log, another suffix, nothing of the kind in it, or the file cannot be written.
+        TactemuError: no log, another suffix, no such entries in it, or the file cannot be written.
     """
     path, target = Path(path), Path(target)
     if target.suffix not in FORMATS:
@@ -48,7 +48,7 @@ def export(path: str | Path, target: str | Path, *, skin: str | None = None, sen
 
 
 def _samples(path: Path, target: Path, skin: str | None, sense: str | None) -> int:
-    """Return a row per sample: its time, its number, and all numbers of its arrays."""
+    """Write a row per sample, with its time, its number and all numbers of its arrays; return the number of rows."""
     found = (entry for entry in entries(path) if isinstance(entry, Sample) and skin in (None, entry.device))
     first = next((sample for sample in found if sense in (None, sample.sense)), None)
     if first is None:
@@ -60,7 +60,7 @@ def _samples(path: Path, target: Path, skin: str | None, sense: str | None) -> i
         for sample in _prefixed(first, found):
             if sample.device != first.device:
                 names = f"{first.device!r}, {sample.device!r}"
-                raise TactemuError(f"{path}: samples of {names} have columns of their own; choose one with --skin")
+                raise TactemuError(f"{path}: samples of {names} have different columns; choose one with --skin")
             if sample.sense == first.sense:
                 rows.writerow([sample.t_ns, sample.number, *_numbers(sample)])
                 count += 1
@@ -73,7 +73,7 @@ def _prefixed(first: Sample, others: Iterable[Sample]) -> Iterable[Sample]:
 
 
 def _columns(sample: Sample) -> list[str]:
-    """``ideal_0_x``, ``ideal_0_y`` ... ``counts_0``, ``counts_1``: taxel by taxel."""
+    """Return the names of the columns, taxel by taxel: ``ideal_0_x``, ``ideal_0_y`` ... ``counts_0``, ``counts_1``."""
     names = []
     for name in ("ideal", "measured", "counts"):
         for place in np.ndindex(getattr(sample, name).shape):
@@ -83,7 +83,7 @@ def _columns(sample: Sample) -> list[str]:
 
 
 def _numbers(sample: Sample) -> list:
-    """Shortest decimals that read back to the same bits."""
+    """Return the numbers of a sample as the shortest decimals that read back to the same bits."""
     flat = []
     for values in (sample.ideal, sample.measured, sample.counts):
         flat += [str(x) for x in values.ravel()] if values.dtype == np.float32 else values.ravel().tolist()

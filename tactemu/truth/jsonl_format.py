@@ -1,4 +1,4 @@
-"""``.jsonl``: a truth log as one JSON object a line, for a look with ``grep`` and for programs without a reader.
+"""``.jsonl``: a truth log as one JSON object per line, for ``grep`` and for programs without a reader.
 
 Numbers are the shortest decimals that read back to the same float, which costs about half a microsecond each.
 """
@@ -29,17 +29,17 @@ from tactemu.truth.entries import (
 )
 
 _NUMBERS_AT_ONCE = 64
-"""Numbers that are turned into text before the interpreter is offered to others."""
+"""Number of numbers that are converted to text before other threads may run."""
 _TEXTS = 1024
-"""Texts of so many numbers that are remembered, about 1 MB."""
+"""Number of such texts that are cached, about 1 MB."""
 _FLOAT32 = np.dtype(np.float32).str
 _BLOCK = 1 << 16
-"""Bytes of lines that are written together."""
+"""Size of the lines that are written together [byte]."""
 _MAX_LINE_BYTES = 1 << 28
 
 
 class JsonlWriter:
-    """Writes entries as lines to a file that is open for binary writing."""
+    """A writer of entries as lines, to a file that is open for binary writing."""
 
     def __init__(self, file: Sink):
         self._file = file
@@ -48,7 +48,7 @@ class JsonlWriter:
 
     @property
     def is_saved(self) -> bool:
-        """Whether everything is in the file."""
+        """True if all entries are in the file."""
         return not self._parts
 
     def begin(self, header: Header) -> None:
@@ -57,7 +57,7 @@ class JsonlWriter:
         self._line({"kind": "log", "version": header.version, "origin_ns": header.origin_ns, "ends": True} | scene)
 
     def add(self, entry: Entry) -> Iterator[None]:
-        """Write an entry; yields now and then, so that a large one can be written in slices of time."""
+        """Write an entry, and yield between its parts, so that a large one can be written in slices of time."""
         row = row_of(entry)
         arrays = [name for name, value in row.items() if isinstance(value, np.ndarray)]
         head = json.dumps({name: value for name, value in row.items() if name not in arrays}, separators=(",", ":"))
@@ -72,13 +72,13 @@ class JsonlWriter:
             self.flush()
 
     def flush(self) -> None:
-        """Hand everything over to the file."""
+        """Write all buffered lines to the file."""
         block = "".join(self._parts).encode()
         self._parts, self._size = [], 0
         self._file.write(block)
 
     def finish(self, end: End) -> None:
-        """Write what is left."""
+        """Write the end of the log and all buffered lines."""
         self._line({"kind": "end", "lost": end.lost} | ({"summary": list(end.summary)} if end.summary else {}))
         self.flush()
 
@@ -91,7 +91,7 @@ class JsonlWriter:
 
 
 def row_of(entry: Entry) -> dict[str, Any]:
-    """Return an entry as the object of its line; arrays stay arrays, frames are text, what is not known is left out."""
+    """Return an entry as the object of its line: arrays stay arrays, frames are text, unknown values are left out."""
     if isinstance(entry, BodyPose):
         return {
             "t_ns": entry.t_ns, "body": entry.body, "kind": "pose",
@@ -112,7 +112,7 @@ def row_of(entry: Entry) -> dict[str, Any]:
 
 
 def array_text(values: np.ndarray) -> Iterator[str]:
-    """An array as JSON, in pieces."""
+    """Yield an array as JSON, in pieces."""
     if values.ndim == 0:
         yield _numbers_text(values.reshape(1))
         return
@@ -130,7 +130,7 @@ def _numbers_text(values: np.ndarray) -> str:
 
 @lru_cache(_TEXTS)
 def _text_of_bytes(data: bytes, kind: str, shape: tuple[int, ...]) -> str:
-    """Return the text of an array given as bytes: most taxels read in one sample what they read in the last.
+    """Return the text of an array given as bytes, cached because most taxels repeat their last reading.
 
     NumPy's text of a float32 is its shortest decimal, so that reading it back gives the same bits, and valid JSON
     where it is finite.
@@ -151,10 +151,10 @@ def _brackets(shape: tuple[int, ...]) -> str:
 
 
 def read(file: IO[bytes]) -> Iterator[Header | Entry | End]:
-    """The entries of a file of lines. A last line that was cut off is left out.
+    """Yield the entries of a file of lines, without a last line that was cut off.
 
     Raises:
-        ValueError: a line is no entry of a log; names the line.
+        ValueError: a line is no entry of a log; the message names the line.
     """
     number = 0
     while line := file.readline(_MAX_LINE_BYTES):
@@ -239,5 +239,5 @@ def _numbers(row: dict[str, Any], name: str) -> np.ndarray:
 
 def _short(value: Any) -> str:
     """Return a value for a message, cut to a readable length."""
-    said = "nothing" if value is None else str(value) if isinstance(value, int) else repr(value)
-    return said if len(said) <= 60 else said[:57] + "..."
+    text = "nothing" if value is None else str(value) if isinstance(value, int) else repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."

@@ -1,4 +1,4 @@
-"""Truth logs read back: entry by entry, or as arrays per skin."""
+"""Reading of truth logs: entry by entry, or as arrays per skin."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ _logger = logging.getLogger(__name__)
 
 
 def records(path: str | Path) -> Iterator[Header | Entry | End]:
-    """The entries of a log, with what stands before and behind them. Memory does not grow with the log.
+    """Yield the head, the entries and the end of a log. Memory does not grow with the log.
 
-    A log that was cut off is said to be so in a warning, and ends with an :class:`End` that says it.
+    A log that was cut off causes a warning, and its :class:`End` has ``is_cut``.
 
     Raises:
         TactemuError: as :func:`entries`.
@@ -39,7 +39,7 @@ def records(path: str | Path) -> Iterator[Header | Entry | End]:
                     yield record
         end = End(is_cut=is_open) if end is None else end
         if end.is_cut:
-            _logger.warning("%s: cut off: it ends without its end; what it holds is whole up to there", path)
+            _logger.warning("%s: cut off: the end of the log is missing; the entries before it are complete", path)
         yield end
     except OSError as error:
         raise TactemuError(f"{path}: cannot read the truth log: {error.strerror}") from None
@@ -48,7 +48,7 @@ def records(path: str | Path) -> Iterator[Header | Entry | End]:
 
 
 def entries(path: str | Path) -> Iterator[Entry]:
-    """The entries of a log, in order. A file that was cut off gives those that are whole.
+    """Return an iterator over the entries of a log, in order; of a file that was cut off, the complete ones.
 
     Raises:
         TactemuError: no such file, or no log; the message says where it is wrong.
@@ -57,7 +57,7 @@ def entries(path: str | Path) -> Iterator[Entry]:
 
 
 def read(path: str | Path) -> Iterator[dict[str, Any]]:
-    """The entries of a log as the objects of its lines, arrays as arrays, whatever the file's format.
+    """Return an iterator over the entries as the objects of their lines, with arrays, for both file formats.
 
     Raises:
         TactemuError: as :func:`entries`.
@@ -70,69 +70,71 @@ class Samples:
     """The samples of one sense of one skin."""
 
     t_ns: np.ndarray
-    """When they were taken [ns], shape ``(n_samples,)``."""
+    """The times of the samples [ns], shape ``(n_samples,)``."""
     sample: np.ndarray
-    """Their numbers; one that is missing was lost. Shape ``(n_samples,)``."""
+    """The numbers of the samples; a missing one was lost. Shape ``(n_samples,)``."""
     ideal: np.ndarray
     """Readings without imperfections of values, SI, shape ``(n_samples, n_taxels[, 3])``."""
     measured: np.ndarray
-    """Readings with them, same shape."""
+    """Readings with imperfections, same shape."""
     counts: np.ndarray
-    """What a perfect driver decodes, shape ``(n_samples, ...)``."""
+    """The values that a perfect driver decodes, shape ``(n_samples, ...)``."""
 
 
 @dataclass(frozen=True)
 class SkinLog(Samples):
-    """What a log says of one skin, or of the bus that several share (``left+right``).
+    """The part of a log of one skin, or of the bus that several share (``left+right``).
 
-    Its own arrays are those of the first of its senses.
+    Its own arrays are those of its first sense.
     """
 
     senses: dict[str, Samples]
-    """By the senses' names; one without a name is ``""``."""
+    """The samples by the names of the senses; one without a name is ``""``."""
     frames: list[Passage]
     """Frames to the driver, from it, and those that never left, with the number of the sample that they carry."""
     injects: list[Injection]
+    """The injected faults."""
     events: list[PortEvent]
+    """The events of the port."""
 
 
 @dataclass(frozen=True)
 class Poses:
-    """Where a body was, whenever it had moved since the sample before."""
+    """The poses of a body, one for each sample before which it had moved."""
 
     t_ns: np.ndarray
-    """[ns], shape ``(n,)``."""
+    """The times of the poses [ns], shape ``(n,)``."""
     position: np.ndarray
-    """Of its origin, in the world [m], shape ``(n, 3)``."""
+    """The positions of its origin in the world [m], shape ``(n, 3)``."""
     quaternion: np.ndarray
-    """(w, x, y, z), shape ``(n, 4)``."""
+    """The orientations, (w, x, y, z), shape ``(n, 4)``."""
 
 
 @dataclass(frozen=True)
 class Log(Mapping[str, SkinLog]):
-    """A whole log: ``log["thumb"].measured``."""
+    """A complete log: ``log["thumb"].measured``."""
 
     skins: dict[str, SkinLog]
     origin_ns: int | None = None
     """The machine's monotonic clock (``time.monotonic_ns()``) at ``t_ns = 0``; ``None`` where time was virtual."""
     lost: int = 0
-    """Entries that could not be written."""
+    """The number of entries that could not be written."""
     bodies: dict[str, Poses] = field(default_factory=dict)
-    """Those of the scene, by name."""
+    """The bodies of the scene, by name."""
     scene: Mapping[str, Any] | None = None
-    """What is where: bodies with their shapes, skins with their taxels (``docs/truth-log.md``)."""
+    """The scene: bodies with their shapes, skins with their taxels (``docs/truth-log.md``)."""
     commands: tuple[PortEvent, ...] = ()
-    """What was done to the emulator while it ran."""
+    """The live commands to the emulator."""
     summary: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
-    """What each device did, by skin, as `tactemu run --json` says it at its end; empty where the run was killed."""
+    """The summary of each device, by skin, as `tactemu run --json` prints it; empty where the run was killed."""
     is_cut: bool = False
-    """The file stops without its end: its writer was killed, or the disk was full."""
+    """True if the file stops without its end, because its writer was killed or the disk was full."""
 
     def __getitem__(self, device: str) -> SkinLog:
         """Return the part of one skin.
 
         Raises:
-            KeyError: there is none; names those that there are.
+            KeyError: the log has no such skin; the message names those that it has.
         """
         if device not in self.skins:
             raise KeyError(f"no {device!r} in this log; it has: {', '.join(self.skins) or 'nothing'}")
@@ -207,7 +209,7 @@ def _samples(samples: list[Sample]) -> Samples:
 
 
 def _stacked(values: list[np.ndarray]) -> np.ndarray:
-    """Return one array of all; of objects where a device changed its shape while it ran."""
+    """Return all values as one array; an array of objects where a device changed its shape while it ran."""
     if len({each.shape for each in values}) <= 1:
         return np.stack(values) if values else np.zeros(0)
     stacked = np.empty(len(values), object)

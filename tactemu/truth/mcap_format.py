@@ -1,8 +1,8 @@
-"""``.mcap``: a truth log in robotics' own container (https://mcap.dev), one message of packed arrays a sample.
+"""``.mcap``: a truth log in the container format of robotics (https://mcap.dev), one message of arrays per sample.
 
-Messages are ROS 2's, so that Foxglove, PlotJuggler and ``mcap-ros2-support`` show them. Every skin has a topic per kind
-(``/thumb/sample/force``, ``/thumb/tx`` ...); the time of a message is emulation time. Chunks are compressed with LZ4,
-and a file that was cut off reads up to its last whole chunk.
+Messages are those of ROS 2, so that Foxglove, PlotJuggler and ``mcap-ros2-support`` show them. Every skin has a topic
+per kind (``/thumb/sample/force``, ``/thumb/tx`` ...); the time of a message is emulation time. Chunks are compressed
+with LZ4, and a file that was cut off can be read up to its last complete chunk.
 """
 
 from __future__ import annotations
@@ -20,16 +20,19 @@ from tactemu.truth.entries import BodyPose, End, Entry, Header, Sample, Sink, ch
 from tactemu.truth.messages import Decoder, Message, message_of, metadata_of
 
 _CHUNK_BYTES = 1 << 18
-"""Before compression. Small, since a chunk is put together without a break."""
+"""Size of a chunk before compression [byte]; small, because a chunk is compressed without a break."""
 _MAX_CHUNK_BYTES = 1 << 28
+"""Maximum size of an uncompressed chunk that is read [byte]; protects the memory from damaged files."""
 _MAX_MAPPED_BYTES = 1 << 24
-"""Of the file, while it is read."""
-_HEAD, _END = "tactemu", "tactemu end"
-"""Names of our metadata records."""
+"""Maximum size of the part of a file that stays in memory while it is read [byte]."""
+_HEAD = "tactemu"
+"""The name of the metadata record before the entries."""
+_END = "tactemu end"
+"""The name of the metadata record after the entries."""
 
 
 class McapWriter:
-    """Writes entries as messages to a file that is open for binary writing."""
+    """A writer of entries as messages, to a file that is open for binary writing."""
 
     def __init__(self, file: Sink):
         from mcap.writer import CompressionType, Writer
@@ -39,7 +42,7 @@ class McapWriter:
         self._channels: dict[tuple, int] = {}
         self._schemas: dict[str, int] = {}
         self.is_saved = True
-        """Whether everything is in the file."""
+        """True if all entries are in the file."""
 
     def begin(self, header: Header) -> None:
         """Write the head of the file."""
@@ -49,7 +52,7 @@ class McapWriter:
         self._writer.add_metadata(_HEAD, {"version": str(header.version), "ends": "1"} | origin | scene)
 
     def add(self, entry: Entry) -> Iterator[None]:
-        """Write an entry; yields now and then, so that a large one can be written in slices of time."""
+        """Write an entry, and yield between its parts, so that a large one can be written in slices of time."""
         kind, message, fixed, variable = message_of(entry)
         yield
         key: tuple = (entry.body if isinstance(entry, BodyPose) else entry.device, kind)
@@ -85,7 +88,7 @@ class McapWriter:
 
 
 def read(file: IO[bytes]) -> Iterator[Header | Entry | End]:
-    """The entries of a file of messages; those of a file that was cut off, up to its last whole chunk.
+    """Yield the entries of a file of messages; of a file that was cut off, up to its last complete chunk.
 
     Raises:
         ValueError: it is no truth log, or damaged before its end.
@@ -140,7 +143,7 @@ def _entries(content: mmap.mmap | IO[bytes]) -> Iterator[Header | Entry | End]:
 
 
 def _release_pages(content: mmap.mmap, before: int) -> int:
-    """Let go of the pages that have been read since ``before``, so that memory does not grow with the file."""
+    """Release the pages that were read since ``before``, so that memory does not grow; return where they end."""
     read = content.tell() // mmap.PAGESIZE * mmap.PAGESIZE
     if read - before < _MAX_MAPPED_BYTES:
         return before
@@ -149,7 +152,7 @@ def _release_pages(content: mmap.mmap, before: int) -> int:
 
 
 def _unpacked(chunk: Any) -> list:
-    """Return the records of a chunk, whose size is bounded whatever it says.
+    """Return the records of a chunk, with a bounded size whatever its header claims.
 
     Raises:
         ValueError, RuntimeError: it is damaged.
@@ -165,7 +168,7 @@ def _unpacked(chunk: Any) -> list:
     elif chunk.compression:
         raise ValueError(f"compression {chunk.compression!r}; truth logs have lz4")
     if len(chunk.data) != chunk.uncompressed_size:
-        raise ValueError("a chunk is shorter than it says")
+        raise ValueError("a chunk is shorter than its header claims")
     return breakup_chunk(chunk, validate_crc=True)
 
 

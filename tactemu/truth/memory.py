@@ -1,4 +1,4 @@
-"""The latest samples and frames, in memory and bounded in bytes."""
+"""The memory of the latest samples and frames, bounded in bytes."""
 
 from __future__ import annotations
 
@@ -13,20 +13,22 @@ from tactemu.base.errors import TactemuError
 from tactemu.truth.entries import Entry, Injection, Passage, PortEvent, Sample
 
 DEFAULT_KEEP = "256MB"
-"""What all runs of a process that are not told otherwise keep together."""
-_OBJECTS_OF_SAMPLE, _OBJECTS_OF_FRAME = 800, 250
-"""What Python needs for the objects around the numbers, roughly [bytes]."""
+"""The memory that all runs of a process share by default."""
+_SAMPLE_OVERHEAD_BYTES = 800
+"""Approximate size of the Python objects around the numbers of a sample [byte]."""
+_FRAME_OVERHEAD_BYTES = 250
+"""Approximate size of the Python objects around the data of a frame [byte]."""
 _MIN_RELEASED_BYTES = 1 << 15
-"""Bytes that are let go together, so that not every entry pays for the looking."""
+"""Minimum number of bytes that are released together, so that not every entry searches for the largest memory."""
 _UNITS = {"": 1, "k": 10**3, "m": 10**6, "g": 10**9, "ki": 2**10, "mi": 2**20, "gi": 2**30}
 _SIZE = re.compile(r"\s*(\d+(?:\.\d*)?)\s*([kmg]i?)?b?\s*", re.IGNORECASE)
 
 
 def parse_size(size: str | int) -> int:
-    """``"256MB"``, ``"1.5 GB"``, ``"64MiB"`` or a number, in bytes.
+    """Return a size such as ``"256MB"``, ``"1.5 GB"``, ``"64MiB"`` or a number, in bytes.
 
     Raises:
-        TactemuError: it is none.
+        TactemuError: it is no size.
     """
     match = _SIZE.fullmatch(str(size)) if isinstance(size, str | int) and not isinstance(size, bool) else None
     if match is None:
@@ -35,17 +37,17 @@ def parse_size(size: str | int) -> int:
 
 
 class Budget:
-    """Bytes that several memories share. When they are spent, the one that has most lets its oldest go."""
+    """A number of bytes that several memories share; when they are used up, the largest drops its oldest entries."""
 
     def __init__(self, limit: int):
         self.limit = limit
         self.lock = threading.Lock()
         self.spent = 0
-        """At most this; memories that are gone are taken off when it reaches the limit."""
+        """An upper bound of the bytes in use; deleted memories are subtracted when it reaches the limit."""
         self.memories: weakref.WeakSet[Memory] = weakref.WeakSet()
 
     def spend(self, size: int) -> None:
-        """Take ``size`` bytes; the caller holds the lock."""
+        """Allocate ``size`` bytes; the caller holds the lock."""
         self.spent += size
         if self.spent <= self.limit:
             return
@@ -58,10 +60,10 @@ class Budget:
 
 
 class Memory:
-    """What one run keeps.
+    """The latest samples and frames of one run.
 
     Args:
-        keep: bytes, as a number or as text; ``None``: a share of what the process keeps.
+        keep: bytes, as a number or as text; ``None``: a share of the memory of the process.
     """
 
     def __init__(self, keep: str | int | None = None):
@@ -78,7 +80,7 @@ class Memory:
         self._add(self.samples, sample, size_of_sample(sample))
 
     def add_frame(self, t_ns: int, device: str, frame: WireFrame | CanFrames) -> None:
-        """Keep a frame, or several that left at a time."""
+        """Keep a frame, or several that left together."""
         self._add(self.frames, (t_ns, device, frame), size_of_frame(frame))
 
     def _add(self, entries: deque, entry: object, size: int) -> None:
@@ -88,7 +90,7 @@ class Memory:
             self.budget.spend(size)
 
     def forget(self) -> None:
-        """Let all entries go."""
+        """Drop all entries."""
         with self.budget.lock:
             self.budget.spent -= self.bytes
             self.bytes = 0
@@ -96,7 +98,7 @@ class Memory:
             self.frames.clear()
 
     def forget_oldest(self) -> int:
-        """Let the oldest entry go; the bytes that it had. The caller holds the budget's lock."""
+        """Drop the oldest entry, and return its size in bytes; the caller holds the budget's lock."""
         samples, frames = self.samples, self.frames
         if samples and (not frames or samples[0].t_ns <= frames[0][0]):
             size, count = size_of_sample(samples.popleft()), 1
@@ -109,12 +111,12 @@ class Memory:
 
 
 def size_of_sample(sample: Sample) -> int:
-    """Return bytes of a sample in memory, roughly."""
-    return _OBJECTS_OF_SAMPLE + sample.ideal.nbytes + sample.measured.nbytes + sample.counts.nbytes
+    """Return the approximate size of a sample in memory [byte]."""
+    return _SAMPLE_OVERHEAD_BYTES + sample.ideal.nbytes + sample.measured.nbytes + sample.counts.nbytes
 
 
 def size_of(entry: Entry) -> int:
-    """Return bytes of any entry in memory, roughly."""
+    """Return the approximate size of any entry in memory [byte]."""
     if isinstance(entry, Sample):
         return size_of_sample(entry)
     if isinstance(entry, Passage):
@@ -122,14 +124,15 @@ def size_of(entry: Entry) -> int:
     texts = (entry.detail, entry.before, *entry.after) if isinstance(entry, Injection) else ()
     if isinstance(entry, PortEvent) and entry.is_command:
         texts = (entry.what,)
-    return _OBJECTS_OF_FRAME + sum(map(len, texts))
+    return _FRAME_OVERHEAD_BYTES + sum(map(len, texts))
 
 
 def size_of_frame(frame: WireFrame | CanFrames) -> int:
-    """Return bytes of a frame, or of several, in memory, roughly."""
+    """Return the approximate size of a frame, or of several, in memory [byte]."""
     if isinstance(frame, CanFrames):
-        return _OBJECTS_OF_FRAME + frame.array.nbytes
-    return _OBJECTS_OF_FRAME + len(frame.data if isinstance(frame, CanFrame) else frame)
+        return _FRAME_OVERHEAD_BYTES + frame.array.nbytes
+    return _FRAME_OVERHEAD_BYTES + len(frame.data if isinstance(frame, CanFrame) else frame)
 
 
 _PROCESS = Budget(parse_size(DEFAULT_KEEP))
+"""The budget of all memories of this process that have none of their own."""

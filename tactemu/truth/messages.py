@@ -1,7 +1,7 @@
-"""Entries of a truth log as messages of ROS 2: ``ros2msg`` definitions and CDR, packed without ROS.
+"""Conversion between entries and messages of ROS 2: ``ros2msg`` definitions and CDR, without ROS.
 
-A message is its fixed part, a :mod:`struct`, and after it texts and arrays, each with its length in front and aligned
-to its items. One table per type gives the definition that stands in the file, the bytes, and the way back.
+A message is a fixed part, a :mod:`struct`, and after it texts and arrays, each with its length in front and aligned
+to its items. One table per type gives the definition in the file, the encoding and the decoding.
 """
 
 from __future__ import annotations
@@ -30,16 +30,16 @@ _LENGTH = struct.Struct("<I")
 
 @dataclass(frozen=True, eq=False)
 class Message:
-    """A type of message: numbers of fixed place first, then texts and arrays."""
+    """A type of message: numbers at fixed offsets first, then texts and arrays."""
 
     name: str
     about: str
     fixed: tuple[tuple[str, str], ...]
-    """Name and :mod:`struct` type, so ordered that nothing needs padding."""
+    """Name and :mod:`struct` type of each number, in an order that needs no padding."""
     variable: tuple[tuple[str, str], ...]
-    """Name and ROS type: ``string``, ``string[]`` or an array of numbers."""
+    """Name and ROS type of each other field: ``string``, ``string[]`` or an array of numbers."""
     layout: struct.Struct = field(init=False)
-    """Of the fixed part."""
+    """The layout of the fixed part."""
 
     def __post_init__(self):
         object.__setattr__(self, "layout", struct.Struct("<" + "".join(kind for _, kind in self.fixed)))
@@ -51,7 +51,7 @@ class Message:
         return f"# {self.about}\n" + "".join(f"{kind} {name}\n" for name, kind in fields)
 
     def encode(self, fixed: Sequence, variable: Sequence[str | Sequence[str] | np.ndarray]) -> bytes:
-        """Return the message in CDR; arrays are of the types that the table says."""
+        """Return the message in CDR; arrays must have the types of the table."""
         parts, at = [_LITTLE_ENDIAN_CDR, self.layout.pack(*fixed)], self.layout.size
 
         def put(data: Any, size: int, align: int) -> None:
@@ -77,10 +77,10 @@ class Message:
         return b"".join(parts)
 
     def decode(self, data: bytes) -> tuple[tuple, list]:
-        """Fixed and variable part of a message; arrays are flat and share its memory.
+        """Return the fixed and the variable part of a message; arrays are flat and share its memory.
 
         Raises:
-            ValueError, struct.error: it is shorter than it says.
+            ValueError, struct.error: it is shorter than its fields claim.
         """
         body = memoryview(data)[len(_LITTLE_ENDIAN_CDR) :]
         fixed, at = self.layout.unpack_from(body), self.layout.size
@@ -180,7 +180,7 @@ def message_of(entry: Entry) -> tuple[str, Message, tuple, Sequence]:
 
 
 def _portable(values: np.ndarray) -> np.ndarray:
-    """Return the array as ROS has it: little-endian, of a type that it knows, without gaps."""
+    """Return the array as ROS has it: little-endian, of a ROS type, contiguous."""
     dtype = values.dtype.newbyteorder("<")
     if dtype.str[1:] not in _ROS_TYPES:
         dtype = np.dtype("<f8")
@@ -188,14 +188,14 @@ def _portable(values: np.ndarray) -> np.ndarray:
 
 
 class Decoder:
-    """Makes entries of the messages of one kind from one device, or of one body.
+    """A decoder for the messages of one kind from one device, or of one body.
 
     Args:
-        metadata: of the channel: ``device`` or ``body``, ``kind`` and, for samples, the arrays' shapes.
-        definition: of the messages.
+        metadata: that of the channel: ``device`` or ``body``, ``kind`` and, for samples, the arrays' shapes.
+        definition: that of the messages.
 
     Raises:
-        ValueError, KeyError: the two say nothing that this version of the format knows.
+        ValueError, KeyError: this version of the format does not have such messages.
     """
 
     def __init__(self, metadata: dict[str, str], definition: str):
@@ -215,7 +215,7 @@ class Decoder:
         """Return the entry of one message.
 
         Raises:
-            ValueError, struct.error: it is shorter than it says, or does not have the channel's shapes.
+            ValueError, struct.error: it is shorter than its fields claim, or does not have the channel's shapes.
         """
         fixed, variable = self.message.decode(data)
         if self.kind == "sample":
@@ -236,7 +236,7 @@ class Decoder:
 
 
 def metadata_of(entry: Entry, kind: str) -> dict[str, str]:
-    """What a channel says of its messages: whose they are, and the shapes of a sample's arrays."""
+    """Return the metadata of a channel: the device or body of its messages, and the shapes of a sample's arrays."""
     if isinstance(entry, BodyPose):
         return {"body": entry.body, "kind": kind}
     metadata = {"device": entry.device, "kind": kind}

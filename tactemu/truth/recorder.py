@@ -1,4 +1,4 @@
-"""Streams with their timing, to files."""
+"""Recording of frames with their times to files."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from tactemu.truth.recording import Entry
 from tactemu.truth.writer import SUFFIXES, LogWriter
 
 CAN_FORMATS = (".log", ".asc", ".blf")
-"""Formats of python-can that are written."""
+"""Formats of CAN alone that can be written."""
 _FORMATS = ", ".join((*SUFFIXES, *CAN_FORMATS))
 
 
 class Recorder:
-    """Writes entries to a file; the format follows the suffix.
+    """A writer of recorded frames to a file, whose suffix decides the format.
 
-    The file stays as it was until there is something to record, and one that was made for nothing is removed.
+    An existing file is unchanged until the first entry; a new one without entries is removed.
 
     Args:
         path: ``.mcap`` or ``.jsonl`` for bytes or CAN, ``.log``, ``.asc`` or ``.blf`` for CAN.
-        device: name that goes with every entry of a ``.mcap`` or ``.jsonl`` file.
-        line: noted at its head: ``baud 9600``, or ``usb`` where the line has no speed of its own.
+        device: the device name of all entries of a ``.mcap`` or ``.jsonl`` file.
+        line: the first event of such a file: ``baud 9600``, or ``usb`` where the line has no speed.
 
     Raises:
         TactemuError: another suffix, or the file cannot be written.
@@ -52,10 +52,10 @@ class Recorder:
             raise self._cannot(error) from None
 
     def start(self, origin_ns: int | None = None) -> None:
-        """Begin the file, in place of what was there. The first entry does it, too.
+        """Begin the file and overwrite its older content; the first :meth:`add` does so too.
 
         Args:
-            origin_ns: the machine's monotonic clock when the entries' time was 0.
+            origin_ns: the machine's monotonic clock at the entries' time 0.
         """
         if self._log is not None:
             self._log.begin(Header(origin_ns))
@@ -120,13 +120,13 @@ class Recorder:
 
 
 class _Candump:
-    """``candump -L``'s lines. python-can's own writer has another class of error for every error frame."""
+    """A writer of ``candump -L``'s lines; python-can's own changes the class of every error frame."""
 
     def __init__(self, path: Path):
         self._file = path.open("w", encoding="ascii")
 
     def add(self, frame: WireFrame, t_ns: int, *, to_driver: bool) -> None:
-        """Write one frame; ``T`` marks what the driver sent."""
+        """Write one frame; ``T`` marks those that the driver sent."""
         time = f"{t_ns // 10**9}.{t_ns // 1000 % 10**6:06d}"
         self._file.write(f"({time}) can0 {text(frame)} {'R' if to_driver else 'T'}\n")
 
@@ -136,7 +136,7 @@ class _Candump:
 
 
 class _PythonCan:
-    """python-can's formats."""
+    """A writer of python-can's formats."""
 
     def __init__(self, path: Path):
         import can

@@ -1,8 +1,8 @@
-"""Streams with their timing, from files: of a real sensor or of an emulated one, to a driver again.
+"""Reading of recorded frames with their times, of real and of emulated sensors.
 
-A truth log is a recording as it stands (``.mcap`` and ``.jsonl``; :mod:`tactemu.truth`); CAN is also read in
-python-can's formats, candump's among them. ``tx`` is towards the driver, as everywhere; a recording made at a driver's
-end has what it received as ``tx``.
+A truth log is also a recording (``.mcap`` and ``.jsonl``; :mod:`tactemu.truth`); CAN is also read in
+python-can's formats, candump's among them. ``tx`` is towards the driver, as everywhere; in a recording made at a
+driver's end, frames that it received are ``tx``.
 """
 
 from __future__ import annotations
@@ -21,12 +21,14 @@ from tactemu.truth import Passage, PortEvent, entries
 from tactemu.truth.writer import SUFFIXES
 
 CANDUMP_FORMATS = (".log", ".dump", ".candump")
+"""Suffixes of candump's text files."""
 CAN_FORMATS = (*CANDUMP_FORMATS, ".asc", ".blf", ".trc", ".csv", ".mf4")
 """Formats of CAN alone that can be read; :mod:`tactemu.truth.recorder` has those that can be written."""
 FORMATS = (*SUFFIXES, *CAN_FORMATS)
+"""Suffixes of all files that can be read."""
 _CANDUMP_LINE = re.compile(r"\(([\d.]+)\) +\S+ +(\S+)(?: +([RT]))?")
-_LATEST_S = 9e9
-"""Times beyond do not fit 64 bits [s]."""
+_MAX_TIME_S = 9e9
+"""Latest time of a frame [s]: later ones do not fit 64 bits in nanoseconds."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,22 +38,22 @@ class Entry:
     t_ns: int
     frame: WireFrame
     kind: Literal["tx", "rx"] = "tx"
-    """``tx``: to the driver; ``rx``: from it."""
+    """The direction, ``tx`` to the driver or ``rx`` from it."""
     device: str = ""
 
 
 @dataclass(frozen=True)
 class Recording:
-    """A whole recording: of one serial line, or of one CAN bus."""
+    """A recording of one serial line, or of one CAN bus."""
 
     entries: list[Entry]
-    """In order of time, from 0 at the first."""
+    """The frames in order of time, from 0 at the first."""
     baud: int | None = None
-    """Speed of the serial line, where the file says [bit/s]."""
+    """The speed of the serial line [bit/s], or ``None`` if the file does not have it."""
 
     @property
     def kind(self) -> str:
-        """``serial`` or ``can``: the wire that it needs."""
+        """The wire that it needs, ``serial`` or ``can``."""
         return "can" if any(isinstance(entry.frame, CanFrame) for entry in self.entries) else "serial"
 
     def towards_driver(self) -> list[Entry]:
@@ -64,10 +66,10 @@ def load(path: str | Path, skin: str | None = None) -> Recording:
 
     Args:
         path: the file; its suffix says which format it has.
-        skin: whose frames, where a truth log has several skins; default: those of the only one, or of a whole CAN bus.
+        skin: the skin to read, where a truth log has several; default: the only one, or all on one CAN bus.
 
     Raises:
-        TactemuError: no such file, another format, or something in it that no line carries; the message says which.
+        TactemuError: no such file, another format, or frames in it that no line carries; the message names them.
     """
     path = Path(path)
     if path.suffix in SUFFIXES:
@@ -78,7 +80,7 @@ def load(path: str | Path, skin: str | None = None) -> Recording:
         found = list(_read_candump(path) if path.suffix in CANDUMP_FORMATS else _read_can(path))
     except OSError as error:
         raise TactemuError(f"{path}: cannot read the recording: {error.strerror}") from None
-    except Exception as error:  # whatever python-can's readers, and the libraries below, make of a damaged file
+    except Exception as error:  # python-can's readers, and their libraries, raise any error for a damaged file
         raise TactemuError(f"{path}: not a recording: {str(error) or type(error).__name__}") from None
     if not found:
         raise TactemuError(f"{path}: not a recording: there is no CAN frame in it")
@@ -108,7 +110,7 @@ def _baud(path: Path, what: str) -> int:
 
 
 def _check_one_line(path: Path, found: list[Entry]) -> None:
-    """Refuse what no single line carried.
+    """Raise if the frames cannot be those of a single line.
 
     Raises:
         TactemuError: frames of several serial lines, or of serial lines and CAN.
@@ -121,7 +123,7 @@ def _check_one_line(path: Path, found: list[Entry]) -> None:
 
 
 def _read_candump(path: Path) -> Iterator[Entry]:
-    """What ``candump -L`` writes: ``(time) interface frame``, and ``T`` where the frame was sent from there.
+    """Yield the frames of ``candump -L``: ``(time) interface frame``, and ``T`` for frames sent by its machine.
 
     python-can's reader takes most error frames for frames with data.
     """
@@ -141,12 +143,12 @@ def _read_candump(path: Path) -> Iterator[Entry]:
 
 
 def _nanoseconds(time_s: float) -> int:
-    """Return a time in the unit of the others [ns].
+    """Return a time in seconds as integer nanoseconds.
 
     Raises:
         ValueError: it is not finite, or does not fit 64 bits.
     """
-    if not math.isfinite(time_s) or abs(time_s) > _LATEST_S:
+    if not math.isfinite(time_s) or abs(time_s) > _MAX_TIME_S:
         raise ValueError(f"a frame at {time_s} s")
     return round(time_s * 1e9)
 

@@ -1,4 +1,4 @@
-"""The latest frames, faults and events of a run, for somebody who watches it as it goes on."""
+"""The latest frames, faults and events of a run, for live views."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from tactemu.truth.entries import BodyPose, Entry, Sample
 
 
 class Tap:
-    """Keeps the latest entries until they are taken; what is not taken in time is replaced, and counted.
+    """A bounded queue of the latest entries; the oldest are replaced when it is full, and counted.
 
-    The loop puts, one other thread takes.
+    The loop puts entries, one other thread takes them.
 
     Args:
-        most: how many are kept.
-        device: whose; ``None``: everybody's. What befalls nobody in particular, such as commands, is always kept.
+        most: the maximum number of entries.
+        device: the device whose entries are kept; ``None``: all. Entries without a device (commands) always are.
     """
 
     def __init__(self, most: int, device: str | None = None):
@@ -23,7 +23,7 @@ class Tap:
         self._put = self._taken = 0
 
     def put(self, entry: Entry) -> None:
-        """One that happened."""
+        """Add an entry, unless it is a sample, a pose, or of another device."""
         if isinstance(entry, Sample | BodyPose):
             return
         name = entry.device
@@ -32,7 +32,7 @@ class Tap:
             self._put += 1
 
     def take(self) -> tuple[list[Entry], int]:
-        """Those since the last time, oldest first, and how many of them are missing."""
+        """Return the entries since the last call, oldest first, and how many of them are missing."""
         found = []
         for _ in range(len(self._entries)):
             found.append(self._entries.popleft())

@@ -1,4 +1,4 @@
-"""What really happened, as the loop tells it: kept in memory, and handed to a file's writer."""
+"""The truth log of a run: the loop adds entries, memory keeps the latest, and a file's writer gets all."""
 
 from __future__ import annotations
 
@@ -18,42 +18,42 @@ from tactemu.truth.writer import LogWriter, check_overwriting
 
 
 class Watcher(Protocol):
-    """Who is told entries as they happen; see :class:`~tactemu.truth.tap.Tap`."""
+    """A receiver of entries as they happen, such as :class:`~tactemu.truth.tap.Tap`."""
 
     def put(self, entry: Entry) -> None:
-        """One that happened, told by the loop's thread, which must not wait."""
+        """Take an entry from the loop's thread, without blocking it."""
         ...
 
 
 class LogContext(Protocol):
-    """What is around the skins: the bodies of a scene."""
+    """The surroundings of the skins: the bodies of a scene."""
 
     names: Sequence[str]
-    """Of the bodies."""
+    """The names of the bodies."""
 
     def poses(self) -> np.ndarray:
-        """Where they are now: position [m] and quaternion (w, x, y, z), shape ``(n_bodies, 7)``."""
+        """Return the poses now: position [m] and quaternion (w, x, y, z), shape ``(n_bodies, 7)``."""
         ...
 
     def description(self) -> Mapping[str, Any]:
-        """What is where, as plain data."""
+        """Return bodies and skins as plain data."""
         ...
 
 
 class Truth:
-    """What really happened: the latest of it in memory, and all of it in a file, if one is named.
+    """The truth log of a run: the latest entries in memory, and all of them in a file, if one is named.
 
     ``injected`` counts every fault by name, so that a test can write
     ``assert driver.bad_frames == truth.injected["flip"]``.
 
     Args:
-        path: file for everything, ``.mcap`` or ``.jsonl``. An older log there is overwritten.
-        keep: bytes of samples and frames to keep in memory, ``"64MB"`` or a number. Default: 256 MB a process, which
-            all that have the default share.
+        path: the file for all entries, ``.mcap`` or ``.jsonl``. An older log there is overwritten.
+        keep: bytes of samples and frames to keep in memory, ``"64MB"`` or a number. Default: 256 MB for the process,
+            which all runs with the default share.
         reads: files that the run itself reads, and that must not be overwritten.
 
     Raises:
-        TactemuError: a size that is none, a suffix that is no format, or a file that must not be overwritten.
+        TactemuError: a wrong size, a suffix that is no format, or a file that must not be overwritten.
         OSError: the file cannot be written.
     """
 
@@ -76,33 +76,33 @@ class Truth:
         self._writers = [LogWriter(path)] if path is not None else []
         self._taps: tuple[Watcher, ...] = ()
         self._has_sinks = bool(self._writers)
-        """Whether anybody is told of samples, frames, faults and events."""
+        """True while a file or a watcher receives entries."""
         self._latest: dict[str, dict[str, Sample]] = {}
         self._latest_frames: dict[str, WireFrame | CanFrames] = {}
         self._numbers: dict[str, int] = {}
         self.injected: Counter[str] = Counter()
         """Injected faults by name."""
         self.injected_by_device: dict[str, Counter[str]] = {}
-        """The same apart for every skin, or bus that several share (``left+right``)."""
+        """Injected faults by name, separately for every skin, or bus that several share (``left+right``)."""
         self.counts: Counter[str] = Counter()
         """Entries by kind."""
         self.origin_ns: int | None = None
         """The machine's monotonic clock at ``t_ns = 0``, where the run follows it; set it before the first entry."""
         self.context: LogContext | None = None
-        """Described in the file, with the poses of bodies that move; set it before the first entry."""
+        """The scene, which the file describes, with the poses of its bodies; set it before the first entry."""
         self._poses = np.zeros((0, 7))
-        """As last written."""
+        """The poses that were written last."""
 
-    # -- what is kept --------------------------------------------------------------------------------------------------
+    # -- the latest ---------------------------------------------------------------------------------------------------
 
     @property
     def samples(self) -> list[Sample]:
-        """The latest samples, oldest first; a list of one's own, which no running emulator changes."""
+        """The latest samples, oldest first; a copy, which a running emulator does not change."""
         return list(self._memory.samples)
 
     @property
     def frames(self) -> list[tuple[int, str, WireFrame]]:
-        """``(t_ns, device, frame)`` of the latest frames that left for the driver, oldest first; likewise."""
+        """The latest frames that left for the driver, as ``(t_ns, device, frame)``, oldest first; also a copy."""
         found: list[tuple[int, str, WireFrame]] = []
         for t_ns, device, frame in list(self._memory.frames):
             found += [(t_ns, device, each) for each in (frame if isinstance(frame, CanFrames) else [frame])]
@@ -110,23 +110,21 @@ class Truth:
 
     @property
     def forgotten(self) -> int:
-        """Samples and frames that memory has let go."""
+        """The number of samples and frames that were dropped from memory."""
         return self._memory.forgotten
 
     @property
     def lost(self) -> int:
-        """Entries that the file lacks: the disk was full, or too slow."""
+        """The number of entries that the file lacks, because the disk was full or too slow."""
         return self._writers[0].lost if self._writers else 0
 
     def latest(self, device: str, sense: str | None = None) -> Sample | None:
-        """Return the latest sample of one device; of several senses, that of the one named, or of the one that came
-        first.
-        """
+        """Return the latest sample of a device, of the named sense or of the one that was sampled first."""
         senses = self._latest.get(device, {})
         return senses.get(sense) if sense is not None else next(iter(senses.values()), None)
 
     def latest_of(self, device: str) -> dict[str, Sample]:
-        """Return the latest sample of one device of each of its senses, the one that came first first."""
+        """Return the latest sample of each sense of a device, in the order in which they were first sampled."""
         return dict(self._latest.get(device, {}))
 
     def latest_frame(self, device: str) -> WireFrame | None:
@@ -135,14 +133,14 @@ class Truth:
         return latest[-1] if isinstance(latest, CanFrames) else latest
 
     def injected_at(self, device: str) -> Counter[str]:
-        """Return faults by name that befell one skin, or the bus that it is on."""
+        """Return the injected faults by name of one skin and of the bus that it is on."""
         found: Counter[str] = Counter()
         for name, counts in self.injected_by_device.items():
             if device == name or device in name.split("+"):
                 found += counts
         return found
 
-    # -- what the loop tells -------------------------------------------------------------------------------------------
+    # -- entries of the loop -------------------------------------------------------------------------------------------
 
     def sample(
         self,
@@ -155,16 +153,16 @@ class Truth:
         number: int | None = None,
         sense: str = "",
     ) -> int:
-        """Return one sample; the arrays are copied, so that the caller may reuse them.
+        """Log one sample and return its number; the arrays are copied, so that the caller may reuse them.
 
         Args:
-            t_ns: when it was taken.
+            t_ns: the time of the sample.
             device: name of the skin.
             ideal: reading without imperfections of values, SI, shape ``(n_taxels[, 3])``.
-            measured: reading with them, same shape.
-            counts: what a perfect driver decodes.
-            number: its number; default: one more than the device's last, from 0. Returned, for frames that carry it.
-            sense: which of the device's senses it is of.
+            measured: reading with imperfections, same shape.
+            counts: the values that a perfect driver decodes.
+            number: its number; default: one more than the device's last, from 0. Frames that carry it have it too.
+            sense: the name of the device's sense.
         """
         self.counts["sample"] += 1
         number = self._numbers.get(device, 0) if number is None else number
@@ -180,7 +178,7 @@ class Truth:
         return number
 
     def wrote(self, t_ns: int, device: str, frame: WireFrame, sample: int | None = None, late_ns: int = 0) -> None:
-        """A frame left for the driver; ``sample`` is the number of the one that it carries, if it does."""
+        """Log a frame that left for the driver; ``sample`` is the number of the sample that it carries, if any."""
         self.counts["tx"] += 1
         self._latest_frames[device] = frame
         self._memory.add_frame(t_ns, device, frame)
@@ -188,7 +186,7 @@ class Truth:
             self._log(Passage(t_ns, device, "tx", frame, sample, late_ns=late_ns))
 
     def wrote_all(self, t_ns: int, device: str, frames: CanFrames, sample: int | None = None, late_ns: int = 0) -> None:
-        """Several frames of one sample left at a time."""
+        """Log several frames of one sample that left together."""
         self.counts["tx"] += len(frames)
         self._latest_frames[device] = frames
         self._memory.add_frame(t_ns, device, frames)
@@ -197,13 +195,13 @@ class Truth:
                 self._log(Passage(t_ns, device, "tx", frame, sample, late_ns=late_ns))
 
     def received(self, t_ns: int, device: str, frame: WireFrame) -> None:
-        """Something arrived from the driver."""
+        """Log a frame that arrived from the driver."""
         self.counts["rx"] += 1
         if self._has_sinks:
             self._log(Passage(t_ns, device, "rx", frame))
 
     def dropped(self, t_ns: int, device: str, frame: WireFrame, why: str, sample: int | None = None) -> None:
-        """A frame never left."""
+        """Log a frame that never left."""
         self.counts["drop"] += 1
         if self._has_sinks:
             self._log(Passage(t_ns, device, "drop", frame, sample, why))
@@ -218,7 +216,7 @@ class Truth:
         before: WireFrame | str = "",
         after: Sequence[WireFrame | str] = (),
     ) -> None:
-        """A fault was injected: ``before`` is what it befell, ``after`` what became of it, frames or values as text."""
+        """Log an injected fault with frames or values as text: ``before`` it and ``after`` it."""
         self.injected[what] += 1
         self.injected_by_device.setdefault(device, Counter())[what] += 1
         self.counts["inject"] += 1
@@ -226,7 +224,7 @@ class Truth:
             self._log(Injection(t_ns, device, what, detail, _as_text(before), tuple(map(_as_text, after))))
 
     def event(self, t_ns: int, device: str, what: str) -> None:
-        """The port was opened or closed, the baud rate changed ..."""
+        """Log an event, such as an opening of the port or a change of the baud rate."""
         self.counts["event"] += 1
         if self._has_sinks:
             self._log(PortEvent(t_ns, device, what))
@@ -234,11 +232,11 @@ class Truth:
     # -- life ----------------------------------------------------------------------------------------------------------
 
     def begin(self, origin_ns: int | None = None, *, block_when_full: bool = False) -> None:
-        """The run begins: the file's older content is overwritten. The first entry does it, too.
+        """Begin the log and overwrite the file's older content; the first entry does so too.
 
         Args:
             origin_ns: the machine's monotonic clock at ``t_ns = 0``; ``None`` where time is virtual.
-            patient: rather wait for the disk than lose an entry: where time is virtual.
+            block_when_full: wait for the disk rather than lose an entry, where time is virtual.
         """
         self.origin_ns = origin_ns
         for writer in self._writers:
@@ -247,7 +245,7 @@ class Truth:
                 writer.begin(self._header())
 
     def write_also(self, path: str | Path, *, flush_s: float | None = None) -> None:
-        """Write everything to one more file, before the first entry; what it lacks every ``flush_s`` [s] at most.
+        """Write all entries to one more file too, flushed every ``flush_s`` [s]; call before the first entry.
 
         Raises:
             TactemuError: a suffix that is no format.
@@ -257,17 +255,17 @@ class Truth:
         self._has_sinks = True
 
     def tap(self, tap: Watcher) -> None:
-        """Have samples, frames, faults and events told to somebody who watches, too. Safe from any thread."""
+        """Add a watcher that receives samples, frames, faults and events. Safe from any thread."""
         self._taps = (*self._taps, tap)
         self._has_sinks = True
 
     def untap(self, tap: Watcher) -> None:
-        """And no more. Safe from any thread, and twice."""
+        """Remove a watcher. Safe from any thread, and twice."""
         self._taps = tuple(each for each in self._taps if each is not tap)
         self._has_sinks = bool(self._writers or self._taps)
 
     def after_restore(self) -> None:
-        """A state was restored: what memory keeps is of what came after it, counters go on from it."""
+        """Drop all entries from memory after a state was restored; counters continue from the state."""
         self._memory.forget()
 
     def close(self, summary: Sequence[Mapping[str, Any]] = ()) -> None:
@@ -289,7 +287,7 @@ class Truth:
         return Header(self.origin_ns, scene=None if around is None else around.description())
 
     def _log_poses(self, t_ns: int) -> None:
-        """Those that have changed since the last sample."""
+        """Log the poses that have changed since the last sample."""
         if self.context is None:
             return
         poses = self.context.poses()
@@ -302,7 +300,7 @@ class Truth:
 
 
 def _copied(*arrays: np.ndarray) -> list[np.ndarray]:
-    """Read-only copies that lie in one piece of memory."""
+    """Return read-only copies of arrays in one block of memory."""
     packed = b"".join([(values if values.flags.c_contiguous else values.copy()).data for values in arrays])
     copies, start = [], 0
     for values in arrays:

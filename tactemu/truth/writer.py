@@ -1,8 +1,8 @@
-"""The thread that writes a truth log, behind a loop that never waits for a disk.
+"""The thread that writes a truth log, so that the loop never waits for a disk.
 
-The loop hands entries over; the thread turns them into the file's format, compresses and writes. It works in slices of
-a fraction of a millisecond and rests between them, so that the loop gets the interpreter when its time comes. What
-waits is bounded in bytes; where the disk is too slow, or full, entries are lost and counted, and the loop goes on.
+The loop queues entries; the thread converts them to the file's format, compresses and writes them. It works in slices
+of a fraction of a millisecond and sleeps between them, so that the loop gets the interpreter in time. The queue is
+bounded in bytes; where the disk is too slow, or full, entries are lost and counted, and the loop goes on.
 """
 
 from __future__ import annotations
@@ -28,21 +28,27 @@ from tactemu.truth.mcap_format import McapWriter
 SUFFIXES = (".mcap", ".jsonl")
 """Formats of a log, by the suffix of its file."""
 MAX_WAITING_BYTES = 64_000_000
-"""What may wait for the disk."""
+"""Maximum size of the entries that wait for the disk [byte]."""
 _MAX_UNSAVED_S = 2.0
-"""How much time a log may lack when its process is killed."""
+"""Maximum time that a log lacks when its process is killed [s]."""
 _POLL_PERIOD_S = 0.02
-"""How often the thread looks for entries."""
-_SLICE_S, _PAUSE_S, _MIN_PAUSE_S = 5e-5, 5e-4, 5e-5
+"""Period with which the thread polls the queue [s]."""
+_SLICE_S = 5e-5
+"""Time for which the thread works before it sleeps [s]."""
 _MAX_SLICE_S = 1e-3
+"""Maximum of that time after a sleep that lasted too long [s]."""
+_PAUSE_S = 5e-4
+"""Time for which the thread sleeps while little waits [s]."""
+_MIN_PAUSE_S = 5e-5
+"""Minimum of that time, while much waits [s]."""
 _MIN_PAUSE_BYTES = 1_000_000
-"""The more waits, the less the thread rests; from here on as little as it can."""
+"""Size of the waiting entries from which on the thread sleeps for the minimum [byte]."""
 
 _logger = logging.getLogger(__name__)
 
 
 def check_suffix(path: Path) -> None:
-    """Refuse what is no format of a log.
+    """Raise if the suffix of a file is no format of a log.
 
     Raises:
         TactemuError: another suffix.
@@ -52,14 +58,14 @@ def check_suffix(path: Path) -> None:
 
 
 class LogWriter:
-    """One log file and its thread. Only one thread may hand over.
+    """A log file and its thread. Only one thread may call :meth:`put`.
 
-    The file stays as it was until :meth:`begin`, and one that was made for nothing is removed by :meth:`close`.
+    An existing file is unchanged until :meth:`begin`; a new one that was never begun is removed by :meth:`close`.
 
     Args:
-        path: the file; its suffix decides the format. What is there is overwritten.
-        report: told once when nothing can be written any more, and once when entries are lost to a slow disk.
-        flush_s: how much time a log may lack when its process is killed [s]; default: 2.
+        path: the file; its suffix decides the format. Its content is overwritten.
+        report: is called once when writing fails, and once when entries are lost to a slow disk.
+        flush_s: maximum time that a log lacks when its process is killed [s]; default: 2.
 
     Raises:
         TactemuError: another suffix.
@@ -73,9 +79,9 @@ class LogWriter:
         self._flush_s = _MAX_UNSAVED_S if flush_s is None else flush_s
         check_suffix(self.path)
         self.error: Exception | None = None
-        """Why nothing is written any more."""
+        """The error that ended the writing."""
         self.block_when_full = False
-        """Let the loop wait rather than lose entries: where time is virtual."""
+        """True to block the loop rather than lose entries, where time is virtual."""
         self._made = not self.path.exists()
         self._file = _File(self.path)
         self._format: JsonlWriter | McapWriter | None = None
@@ -83,7 +89,7 @@ class LogWriter:
         self._handed_over = self._taken = self._refused = 0
         self._unsaved = self._failed = 0
         self._slice_s = _SLICE_S
-        """How long the thread works before it rests."""
+        """The time for which the thread works before it sleeps [s]."""
         self._closing = threading.Event()
         self._thread: threading.Thread | None = None
         self._summary: Sequence[Mapping[str, Any]] = ()
@@ -93,21 +99,21 @@ class LogWriter:
 
     @property
     def has_begun(self) -> bool:
-        """Whether there is something in the file."""
+        """True once the file has been begun."""
         return self._thread is not None
 
     @property
     def lost(self) -> int:
-        """Entries that are not in the file: the disk was full, or too slow."""
+        """The number of entries that are not in the file, because the disk was full or too slow."""
         return self._refused + self._failed
 
     @property
     def waiting(self) -> int:
-        """Bytes that wait for the disk."""
+        """The size of the entries that wait for the disk [byte]."""
         return self._handed_over - self._taken
 
     def begin(self, header: Header) -> None:
-        """Overwrite what was there, and start."""
+        """Overwrite the file with the head of a log, and start the thread."""
         self._file.truncate()
         begun = self._format = (JsonlWriter if self.path.suffix == ".jsonl" else McapWriter)(self._file)
         self._attempt(lambda: begun.begin(header))
@@ -115,7 +121,7 @@ class LogWriter:
         self._thread.start()
 
     def put(self, entry: Entry, size: int) -> None:
-        """Hand over an entry of about ``size`` bytes, which nobody changes any more."""
+        """Queue an entry of about ``size`` bytes, which must not change any more."""
         if self.error is not None:
             self._refused += 1
             return
@@ -129,7 +135,7 @@ class LogWriter:
         self._entries.append((entry, size))
 
     def close(self, summary: Sequence[Mapping[str, Any]] = ()) -> None:
-        """Write what waits, and finish the file, with a summary of each device if there is one.
+        """Write all queued entries and finish the file, with a summary of each device if there is one.
 
         Safe to call twice; a forked child leaves its parent's log alone.
         """
@@ -143,7 +149,7 @@ class LogWriter:
         self._file.close()
 
     def _remove_empty(self) -> None:
-        """Remove a file that was made for nothing."""
+        """Remove a new file that was never begun."""
         if self._owner == os.getpid() and self._made and self._thread is None and not self._file.closed:
             self.path.unlink(missing_ok=True)
 
@@ -180,9 +186,9 @@ class LogWriter:
             since = self._yield_to_loop(since)
 
     def _yield_to_loop(self, since: float) -> float:
-        """Let the loop have the interpreter after a slice of work. It needs none when the run is over.
+        """Sleep after a slice of work that began at ``since``, and return when the next one begins; not while closing.
 
-        On a busy machine a rest lasts longer than it should, and the next slice as much longer: its share stays.
+        On a busy machine a sleep lasts longer than requested; the next slice is longer in proportion.
         """
         now = time.perf_counter()
         if now - since < self._slice_s or self._closing.is_set():
@@ -208,7 +214,7 @@ class LogWriter:
         self._unsaved = 0
 
     def _attempt(self, step: Callable[[], Any]) -> None:
-        """Do a step of writing, unless the disk has failed; when it fails now, say so and keep what is whole."""
+        """Do a step of writing, unless writing has failed; if it fails now, report it and keep the complete part."""
         try:
             if self.error is None:
                 step()
@@ -224,7 +230,7 @@ class LogWriter:
 
 
 class _File:
-    """A file without a buffer of its own, which can be cut back to where it was whole."""
+    """An unbuffered file that can be cut back to its last complete state."""
 
     def __init__(self, path: Path):
         self._fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC, 0o666)
@@ -232,10 +238,10 @@ class _File:
         self.closed = False
 
     def write(self, data: bytes) -> int:
-        """Write all of it.
+        """Write all of ``data``.
 
         Raises:
-            OSError: it does not fit.
+            OSError: the disk is full, or another error of the file.
         """
         unwritten = memoryview(data)
         while unwritten:
@@ -244,38 +250,38 @@ class _File:
         return len(data)
 
     def tell(self) -> int:
-        """Return bytes written."""
+        """Return the number of bytes written."""
         return self._written_bytes
 
     def flush(self) -> None:
-        """Nothing waits here."""
+        """Do nothing: the file is unbuffered."""
 
     def mark(self) -> None:
-        """What is written so far is whole."""
+        """Mark the bytes written so far as a complete state."""
         self._complete_bytes = self._written_bytes
 
     def cut(self) -> None:
-        """Leave what is whole."""
+        """Cut the file back to its last complete state."""
         with contextlib.suppress(OSError):
             os.ftruncate(self._fd, self._complete_bytes)
 
     def truncate(self) -> None:
-        """Empty the file; what is none (a device, a pipe) has nothing to lose."""
+        """Empty the file, if it is a regular one (no device or pipe)."""
         if stat.S_ISREG(os.fstat(self._fd).st_mode):
             os.ftruncate(self._fd, 0)
 
     def close(self) -> None:
-        """Close it. Safe to call twice."""
+        """Close the file. Safe to call twice."""
         if not self.closed:
             self.closed = True
             os.close(self._fd)
 
 
 def check_overwriting(path: Path, reads: Iterable[Path]) -> None:
-    """Refuse to overwrite what the run reads, or what is no log.
+    """Raise if a file must not be overwritten, because the run reads it or it is no log.
 
     Raises:
-        TactemuError: with what to do instead.
+        TactemuError: names what to do instead.
     """
     if not path.is_file():
         return

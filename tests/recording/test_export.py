@@ -77,7 +77,7 @@ def test_error_frames_are_those_of_candump(tmp_path):
 @pytest.mark.parametrize(
     ("target", "options", "complaint"),
     [
-        ("x.csv", {}, "'thumb', 'index' have columns of their own; choose one with --skin"),
+        ("x.csv", {}, "'thumb', 'index' have different columns; choose one with --skin"),
         ("x.csv", {"skin": "ring"}, "no samples of 'ring'"),
         ("x.csv", {"skin": "thumb", "sense": "heat"}, "no samples of 'thumb' and 'heat'"),
         ("x.log", {"skin": "ring"}, "no CAN frames of 'ring'"),
