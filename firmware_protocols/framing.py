@@ -83,7 +83,7 @@ class Packets:
         # The next head can begin so many bytes later at the earliest: FF FF may overlap itself, 55 AA cannot.
         self._step = next(n for n in range(1, len(head) + 2) if head.startswith(head[n:]))
         self._buffer = b""
-        self._heard_ns = 0
+        self._received_ns = 0
 
     def reset(self) -> None:
         """Discard the bytes received so far, for a new connection."""
@@ -91,10 +91,10 @@ class Packets:
 
     def cut(self, data: bytes, t_ns: int = 0) -> list[bytes]:
         """Return the packets that these bytes complete, in order."""
-        if self._gap_ns and self._buffer and t_ns - self._heard_ns > self._gap_ns:
+        if self._gap_ns and self._buffer and t_ns - self._received_ns > self._gap_ns:
             self._counters["broken_frames"] += 1
             self._buffer = b""
-        self._heard_ns = t_ns
+        self._received_ns = t_ns
         buffer, at, packets = self._buffer + data, 0, []
         while at < len(buffer):
             start = self._find(buffer, at)

@@ -205,7 +205,7 @@ class AtiNetFt(Rdt):
     def lines(self, dtr: bool, rts: bool, t_ns: int, port: str) -> Transmissions:
         """Drop the incomplete request of a client that comes or goes."""
         if port == "http":
-            self.pages.heard = b""
+            self.pages.buffer = b""
         return super().lines(dtr, rts, t_ns, port)
 
     def _obey(self, command: int, argument: int) -> bool:

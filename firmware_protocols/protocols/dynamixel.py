@@ -1,23 +1,23 @@
-"""ROBOTIS Dynamixel protocol 2.0: nodes on a line, each with a memory (its control table).
+"""The ROBOTIS Dynamixel protocol 2.0: nodes on a line, each with a memory (its control table).
 
     host    FF FF FD 00 id length instruction parameters crc16     length: bytes after it, low byte first
     node    FF FF FD 00 id length 55 error data          crc16
 
-The CRC covers all before it. FF FF FD in what lies between length and CRC gets one more FD, which counts. Id FE: all.
+The CRC covers all bytes before it. FF FF FD between length and CRC gets one more FD, which counts. Id FE: all nodes.
 
     01 ping             -                          model, firmware; to FE every node answers, one after another
     02 read             address n                  error and n bytes
     03 write            address data               error; none to FE, nor where a node answers ping and read only
     08 reboot           -                          error, then it powers up again
-    82 sync read        address n id ...           each node that is listed, in the order of the list
+    82 sync read        address n id ...           each listed node, in the order of the list
     8A fast sync read   address n id ...           one packet of FE: for each node error, id, data, crc16 so far
     83 sync write       address n (id data) ...    none
     92 bulk read        (id address n) ...         as sync read
     9A fast bulk read   (id address n) ...         as fast sync read
     93 bulk write       (id address n data) ...    none
 
-Errors: 2 instruction, 3 CRC, 4 range of addresses, 5 length, 6 value, 7 access; bit 7 is an alert. A fast read ends
-before the first node that is missing, which the others wait for. Its answer has no more FD than it has.
+Errors: 2 instruction, 3 CRC, 4 range of addresses, 5 length, 6 value, 7 access; bit 7 is an alert. The answer to a fast
+read ends before the first missing node, for which the later ones wait. It contains no additional FD.
 
 After dynamixel-sdk 4.1.0 protocol2_packet_handler.py.
 """
@@ -34,41 +34,47 @@ from firmware_protocols.protocols import Answer
 from firmware_protocols.registers import Memory, Refused, Why
 from firmware_protocols.sums import crc16_umts
 
-HEAD, ALL, STATUS = b"\xff\xff\xfd\x00", 0xFE, 0x55
+HEAD = b"\xff\xff\xfd\x00"
+ALL = 0xFE
+"""The id of a broadcast."""
+STATUS = 0x55
+"""The instruction of an answer."""
 PING, READ, WRITE, REBOOT, SYNC_WRITE, BULK_WRITE = 0x01, 0x02, 0x03, 0x08, 0x83, 0x93
 SYNC_READ, FAST_SYNC_READ, BULK_READ, FAST_BULK_READ = 0x82, 0x8A, 0x92, 0x9A
 BAD_INSTRUCTION, BAD_CRC, BAD_LENGTH = 2, 3, 5
 ERRORS: dict[Why, int] = {"address": 4, "value": 6, "access": 7, "function": 2}
 FAILED = 1
-LONGEST = 1024
+"""The error of a refusal that has no number of its own."""
+MAX_LENGTH = 1024
+"""The largest length field of a packet that is accepted [bytes]."""
 
 
 class Node(Memory, Protocol):
-    """What the line needs to know of a node, besides its memory."""
+    """The attributes of a node that the line uses, besides its memory."""
 
     @property
     def id(self) -> int:
-        """0..252."""
+        """The id, 0..252."""
         ...
 
     @property
     def ping(self) -> bytes:
-        """Model number, low byte first, and version of the firmware."""
+        """The model number, low byte first, and the version of the firmware."""
         ...
 
     @property
     def alert(self) -> int:
-        """0x80 while something is wrong, else 0."""
+        """The alert bit: 0x80 while the node reports a hardware error, else 0."""
         ...
 
     @property
     def delay_ns(self) -> int:
-        """Return delay."""
+        """The return delay."""
         ...
 
     @property
     def level(self) -> int:
-        """What it answers: 0 ping, 1 also reads, 2 everything."""
+        """The requests that it answers: 0 ping, 1 also reads, 2 all."""
         ...
 
     def reboot(self, t_ns: int) -> None:
@@ -80,7 +86,7 @@ def _size(data: bytes) -> int | str:
     if len(data) < 7:
         return MORE
     length = int.from_bytes(data[5:7], "little")
-    return 7 + length if 3 <= length <= LONGEST else "bad_length"
+    return 7 + length if 3 <= length <= MAX_LENGTH else "bad_length"
 
 
 def _check(packet: bytes) -> str:
@@ -91,7 +97,7 @@ class DynamixelLine:
     """The nodes of one device on a line that may have others.
 
     Args:
-        counters: the device's; gets what :class:`~firmware_protocols.framing.Packets` counts (packets to others
+        counters: the device's; counts what :class:`~firmware_protocols.framing.Packets` counts (packets to other ids
             included), ``unknown_command`` and ``refused``.
     """
 
@@ -100,28 +106,28 @@ class DynamixelLine:
         self._packets = Packets(HEAD, _size, _check, counters=counters, broken=True)
 
     def reset(self) -> None:
-        """Forget what has come in."""
+        """Discard the bytes received so far."""
         self._packets.reset()
 
     def answers(self, data: bytes, t_ns: int, nodes: Sequence[Node]) -> list[Answer]:
-        """Return answers to the requests that these bytes complete; ``turn`` orders those to one broadcast."""
-        return [reply for packet in self._packets.cut(data, t_ns) for reply in self._obey(packet, t_ns, nodes)]
+        """Return the answers to the requests that these bytes complete; ``turn`` orders those to one broadcast."""
+        return [reply for packet in self._packets.cut(data, t_ns) for reply in self._execute(packet, t_ns, nodes)]
 
-    def _obey(self, packet: bytes, t_ns: int, nodes: Sequence[Node]) -> list[Answer]:
+    def _execute(self, packet: bytes, t_ns: int, nodes: Sequence[Node]) -> list[Answer]:
         to, here = packet[4], [node for node in nodes if packet[4] in (ALL, node.id)]
         if isinstance(packet, Broken):
-            heard = packet.why == "bad_checksum" and to != ALL
-            return [_status(node, error=BAD_CRC) for node in here if heard and node.level == 2]
+            is_answered = packet.why == "bad_checksum" and to != ALL
+            return [_status(node, error=BAD_CRC) for node in here if is_answered and node.level == 2]
         instruction, params = packet[7], packet[8:-2].replace(b"\xff\xff\xfd\xfd", b"\xff\xff\xfd")
         if to == ALL and instruction in (SYNC_READ, FAST_SYNC_READ, BULK_READ, FAST_BULK_READ):
-            wanted = _wanted(params, instruction in (BULK_READ, FAST_BULK_READ))
+            wanted = _parsed_reads(params, instruction in (BULK_READ, FAST_BULK_READ))
             if wanted is None:
                 self._counters["unknown_command"] += 1
                 return []
             fast = instruction in (FAST_SYNC_READ, FAST_BULK_READ)
             return (self._fast if fast else self._one_by_one)(wanted, t_ns, nodes)
         if to == ALL and instruction in (SYNC_WRITE, BULK_WRITE):
-            for ident, address, data in _orders(params, instruction == BULK_WRITE):
+            for ident, address, data in _parsed_writes(params, instruction == BULK_WRITE):
                 for node in nodes:
                     if node.id == ident:
                         self._write(node, address, data, t_ns)
@@ -132,7 +138,7 @@ class DynamixelLine:
         return answers if to != ALL else []
 
     def _one(self, node: Node, instruction: int, params: bytes, t_ns: int) -> Answer | None:
-        """One node obeys; a new id is for the next request."""
+        """Execute an instruction on one node and return its answer; a new id is valid from the next request on."""
         ident, level = node.id, node.level
         if instruction == PING:
             return _status(node, node.ping)
@@ -174,7 +180,7 @@ class DynamixelLine:
         return [] if delay_ns is None else [Answer(frame, delay_ns=delay_ns)]
 
     def _read(self, node: Node, address: int, n: int, t_ns: int) -> tuple[bytes, int]:
-        """Data and error."""
+        """Return the data and the error of a read."""
         try:
             return node.read(address, n, t_ns), 0
         except Refused as refused:
@@ -182,7 +188,7 @@ class DynamixelLine:
             return b"", ERRORS.get(refused.why, FAILED)
 
     def _write(self, node: Node, address: int, data: bytes, t_ns: int) -> int:
-        """Error."""
+        """Return the error of a write."""
         try:
             node.write(address, data, t_ns)
         except Refused as refused:
@@ -191,8 +197,8 @@ class DynamixelLine:
         return 0
 
 
-def _wanted(params: bytes, bulk: bool) -> list[tuple[int, int, int]] | None:
-    """Id, address and number of bytes of each read; ``None`` where they make no sense."""
+def _parsed_reads(params: bytes, bulk: bool) -> list[tuple[int, int, int]] | None:
+    """Return id, address and number of bytes of each read; ``None`` if the parameters are invalid."""
     if bulk:
         wanted = None if len(params) % 5 or not params else list(struct.iter_unpack("<BHH", params))
     else:
@@ -200,8 +206,8 @@ def _wanted(params: bytes, bulk: bool) -> list[tuple[int, int, int]] | None:
     return None if wanted is None or sum(n + 4 for _, _, n in wanted) >= 0xFFFF else wanted
 
 
-def _orders(params: bytes, bulk: bool) -> Iterator[tuple[int, int, bytes]]:
-    """Id, address and data of each write, as far as they are whole."""
+def _parsed_writes(params: bytes, bulk: bool) -> Iterator[tuple[int, int, bytes]]:
+    """Yield id, address and data of each write, as far as they are complete."""
     at, address, n = (0, 0, 0) if bulk else (4, *struct.unpack("<HH", params[:4].ljust(4, b"\0")))
     while at < len(params):
         if bulk:

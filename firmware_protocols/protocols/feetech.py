@@ -1,16 +1,16 @@
-"""Feetech's SCS and STS servos (also Dynamixel protocol 1) on one half-duplex line, each with a memory.
+"""The protocol of Feetech's SCS and STS servos (also Dynamixel 1) on one half-duplex line, each with a memory.
 
     host    FF FF id length instruction parameters sum      length: parameters + 2
     servo   FF FF id length status      data       sum      length: data + 2
 
-The sum is the inverted one of id to the last parameter; id FE means all.
+The sum is the inverted sum of id to the last parameter; id FE means all servos.
 
     01 ping        -                       every servo answers, one after another
-    02 read        address n               status and n bytes; zeros where there is nothing
+    02 read        address n               status and n bytes; zeros where a read is refused
     03 write       address data            status; none to FE, none where a servo answers only ping and read
-    04 reg write   address data            as a write, but obeyed at the next action
+    04 reg write   address data            as a write, but executed at the next action
     05 action      -                       as a write
-    82 sync read   address n id ...        each servo that is listed, in the order of the list
+    82 sync read   address n id ...        each listed servo, in the order of the list
     83 sync write  address n (id data) ... none
 
 After lerobot 0.4.4 motors/feetech, feetech-servo-sdk 1.0.0 protocol_packet_handler.py, and the vendor's memory table.
@@ -27,39 +27,42 @@ from firmware_protocols.protocols import Answer
 from firmware_protocols.registers import Memory, Refused
 from firmware_protocols.sums import inv8
 
-HEAD, ALL = b"\xff\xff", 0xFE
+HEAD = b"\xff\xff"
+ALL = 0xFE
+"""The id of a broadcast."""
 PING, READ, WRITE, REG_WRITE, ACTION, SYNC_READ, SYNC_WRITE = 0x01, 0x02, 0x03, 0x04, 0x05, 0x82, 0x83
-MOST_DATA = 250
+MAX_DATA_BYTES = 250
+"""The largest number of data bytes in a packet."""
 
 
 class Servo(Memory, Protocol):
-    """What the line needs to know of a servo, besides its memory."""
+    """The attributes of a servo that the line uses, besides its memory."""
 
     @property
     def id(self) -> int:
-        """0..253."""
+        """The id, 0..253."""
         ...
 
     @property
     def status(self) -> int:
-        """Error bits that go into every answer."""
+        """The error bits in every answer."""
         ...
 
     @property
     def delay_ns(self) -> int:
-        """Return delay."""
+        """The return delay."""
         ...
 
     @property
     def confirms(self) -> bool:
-        """Whether it answers writes, and not only ping and read."""
+        """True if it answers writes, too, not only ping and read."""
         ...
 
 
 def _size(data: bytes) -> int | str:
     if len(data) < 4:
         return MORE
-    return 4 + data[3] if data[2] <= ALL and 2 <= data[3] <= MOST_DATA + 2 else NO_PACKET
+    return 4 + data[3] if data[2] <= ALL and 2 <= data[3] <= MAX_DATA_BYTES + 2 else NO_PACKET
 
 
 def _check(packet: bytes) -> str:
@@ -70,25 +73,25 @@ class ServoLine:
     """The servos of one device on a line that may have others.
 
     Args:
-        counters: the device's; gets what :class:`~firmware_protocols.framing.Packets` counts (packets to others
+        counters: the device's; counts what :class:`~firmware_protocols.framing.Packets` counts (packets to other ids
             included), ``unknown_command`` and ``refused``.
     """
 
     def __init__(self, *, counters: Counter[str]):
         self.pending: dict[int, tuple[int, bytes]] = {}
-        """Address and data of reg writes that wait for an action, by id."""
+        """The address and data of reg writes that wait for an action, by id."""
         self._counters = counters
         self._packets = Packets(HEAD, _size, _check, counters=counters)
 
     def reset(self) -> None:
-        """Forget what has come in."""
+        """Discard the bytes received so far."""
         self._packets.reset()
 
     def answers(self, data: bytes, t_ns: int, servos: Sequence[Servo]) -> list[Answer]:
-        """Return answers to the requests that these bytes complete; ``turn`` orders those to one broadcast."""
-        return [reply for packet in self._packets.cut(data, t_ns) for reply in self._obey(packet, t_ns, servos)]
+        """Return the answers to the requests that these bytes complete; ``turn`` orders those to one broadcast."""
+        return [reply for packet in self._packets.cut(data, t_ns) for reply in self._execute(packet, t_ns, servos)]
 
-    def _obey(self, packet: bytes, t_ns: int, servos: Sequence[Servo]) -> list[Answer]:
+    def _execute(self, packet: bytes, t_ns: int, servos: Sequence[Servo]) -> list[Answer]:
         to, instruction, params = packet[2], packet[4], packet[5:-1]
         if to == ALL and instruction == SYNC_READ:
             return self._sync_read(params, t_ns, servos)
@@ -102,11 +105,11 @@ class ServoLine:
         return answers if to != ALL else []
 
     def _one(self, servo: Servo, instruction: int, params: bytes, t_ns: int) -> Answer | None:
-        """One servo obeys; a new id is for the next request."""
+        """Execute an instruction on one servo and return its answer; a new id is valid from the next request on."""
         ident = servo.id
         if instruction == PING:
             return _status(servo)
-        if instruction == READ and len(params) == 2 and params[1] <= MOST_DATA:
+        if instruction == READ and len(params) == 2 and params[1] <= MAX_DATA_BYTES:
             return _status(servo, _read(servo, params[0], params[1], t_ns))
         if instruction == WRITE and len(params) >= 2:
             self._write(servo, params[0], params[1:], t_ns)
@@ -121,7 +124,7 @@ class ServoLine:
         return _status(servo, ident=ident) if servo.confirms else None
 
     def _sync_read(self, params: bytes, t_ns: int, servos: Sequence[Servo]) -> list[Answer]:
-        if len(params) < 2 or params[1] > MOST_DATA:
+        if len(params) < 2 or params[1] > MAX_DATA_BYTES:
             self._counters["unknown_command"] += 1
             return []
         address, n, *ids = params

@@ -1,4 +1,4 @@
-"""Pages that a device shows by HTTP/1.1; the grammar is h11's, which opens no connection itself."""
+"""The web pages of a device, by HTTP/1.1. The grammar is h11's, which opens no connection itself."""
 
 from __future__ import annotations
 
@@ -7,45 +7,45 @@ from collections.abc import Mapping
 
 import h11
 
-LONGEST = 16_384
-"""Bytes of a request with its body; a longer one is refused."""
+MAX_REQUEST_BYTES = 16_384
+"""The largest number of bytes of a request with its body; bounds the memory that a client can use."""
 
 
 class Pages:
-    """Answers requests that come in chunks of any size. ``counters`` gets ``requests`` and ``bad_request``."""
+    """A server of pages for requests in chunks of any size. ``counters`` counts ``requests`` and ``bad_request``."""
 
     def __init__(self, *, counters: Counter[str]):
         self.counters = counters
-        self.heard = b""
-        """Of a request that is not whole. Forget it where the line is closed."""
+        self.buffer = b""
+        """The bytes of an incomplete request. Set it to empty when the line is closed."""
 
     def answers(self, data: bytes, pages: Mapping[str, tuple[str, bytes]]) -> list[bytes]:
-        """Return one answer for each request that is now whole.
+        """Return one answer for each request that these bytes complete.
 
         Args:
-            data: what came.
-            pages: by path (what follows a ``?`` is not looked at): type and content.
+            data: received bytes.
+            pages: type and content of each page, by its path without the part from ``?`` on.
         """
-        self.heard += data
+        self.buffer += data
         answers = []
-        while self.heard:
-            line = h11.Connection(h11.SERVER, max_incomplete_event_size=LONGEST)
-            line.receive_data(self.heard)
+        while self.buffer:
+            line = h11.Connection(h11.SERVER, max_incomplete_event_size=MAX_REQUEST_BYTES)
+            line.receive_data(self.buffer)
             try:
                 request = event = line.next_event()
                 while not isinstance(event, h11.EndOfMessage) and event is not h11.NEED_DATA:
                     event = line.next_event()
-                if event is h11.NEED_DATA and len(self.heard) > LONGEST:
+                if event is h11.NEED_DATA and len(self.buffer) > MAX_REQUEST_BYTES:
                     raise h11.RemoteProtocolError("too long", 413)
             except h11.RemoteProtocolError as error:
                 self.counters["bad_request"] += 1
-                self.heard = b""
+                self.buffer = b""
                 return [*answers, _answer(line, error.error_status_hint)]
             if event is h11.NEED_DATA:
                 break
             assert isinstance(request, h11.Request)
             self.counters["requests"] += 1
-            self.heard = line.trailing_data[0]
+            self.buffer = line.trailing_data[0]
             page = pages.get(request.target.decode("ascii").partition("?")[0])
             if request.method != b"GET" or page is None:
                 answers.append(_answer(line, 404 if page is None else 405))

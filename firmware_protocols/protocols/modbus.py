@@ -1,4 +1,4 @@
-"""Modbus on memories: functions 1 to 6, 15, 16, 22, 23 and exceptions, over RTU and over TCP.
+"""Modbus on memories: functions 1 to 6, 15, 16, 22, 23 and exceptions, over RTU and TCP.
 
     self.rtu = Rtu(counters=self.counters)                                   # in __init__
     self.rtu.answers(data, t_ns, {self.unit: Banks(holding=self)})           # in receive: frames
@@ -18,34 +18,38 @@ from firmware_protocols.registers import Memory, Refused, Why
 from firmware_protocols.sums import crc16_modbus
 
 BROADCAST = 0
-LONGEST_RTU, LONGEST_PDU = 256, 253
+"""The unit of a broadcast."""
+MAX_RTU_FRAME_BYTES = 256
+"""The largest RTU frame of the specification, unit and CRC included."""
+MAX_PDU_BYTES = 253
+"""The largest PDU (function and data) of the specification."""
 EXCEPTIONS: dict[Why, int] = {"function": 1, "address": 2, "access": 2, "value": 3, "failure": 4, "busy": 6}
 MBAP = struct.Struct(">HHHB")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Banks:
-    """The four tables of a unit, each a memory or missing (then its functions are unknown). Made for one call.
+    """The four tables of a unit, each a memory or missing (its functions are then unknown), for one call.
 
     A register is two bytes. Coils and discrete inputs are memories with one byte, 0 or 1, per address.
     """
 
     holding: Memory | None = None
-    """Functions 3, 6, 16, 22, 23."""
+    """The holding registers, for functions 3, 6, 16, 22, 23."""
     inputs: Memory | None = None
-    """Function 4."""
+    """The input registers, for function 4."""
     coils: Memory | None = None
-    """Functions 1, 5, 15."""
+    """The coils, for functions 1, 5, 15."""
     discretes: Memory | None = None
-    """Function 2."""
+    """The discrete inputs, for function 2."""
     step: int = 2
-    """Bytes of memory per Modbus address: 1 where a firmware counts its addresses in bytes."""
+    """The bytes of memory per Modbus address: 1 where a firmware counts its addresses in bytes."""
     low_first: bool = False
-    """Whether numbers lie in memory low byte first. On the wire the high byte is first."""
+    """True if the memory stores numbers low byte first. On the wire the high byte is first."""
     functions: Container[int] | None = None
-    """Those that the firmware knows; default: all that its tables allow."""
+    """The functions that the firmware supports; default: all of its tables."""
     own: Callable[[bytes], bytes | None] | None = None
-    """The answer to functions of its own, as PDUs; ``None``: not one of them. May raise :class:`Refused`."""
+    """The firmware's own functions: returns the answer to a PDU, ``None`` for any other. May raise :class:`Refused`."""
 
 
 def silence_ns(baud: int) -> int:
@@ -54,13 +58,13 @@ def silence_ns(baud: int) -> int:
 
 
 def rtu(unit: int, pdu: bytes) -> bytes:
-    """``pdu`` (function and data) as a frame on a serial line."""
+    """Return the frame of ``pdu`` (function and data) on a serial line."""
     frame = bytes([unit]) + pdu
     return frame + crc16_modbus(frame).to_bytes(2, "little")
 
 
 def mbap(unit: int, pdu: bytes, *, transaction: int = 1) -> bytes:
-    """``pdu`` (function and data) as a message over TCP."""
+    """Return the message of ``pdu`` (function and data) over TCP."""
     return MBAP.pack(transaction, 0, len(pdu) + 1, unit) + pdu
 
 
@@ -68,14 +72,14 @@ def mbap(unit: int, pdu: bytes, *, transaction: int = 1) -> bytes:
 
 
 def answer(pdu: bytes, banks: Banks, t_ns: int) -> bytes:
-    """Return the PDU that answers a request; an exception if the memory or its form refuses it."""
+    """Return the PDU that answers a request; an exception if its form is invalid or the memory refuses it."""
     try:
         if banks.own is not None and (reply := banks.own(pdu)) is not None:
             return reply
-        act, whole = _FUNCTIONS.get(pdu[0], (None, None))
-        if act is None or whole is None or not (banks.functions is None or pdu[0] in banks.functions):
+        act, has_valid_length = _FUNCTIONS.get(pdu[0], (None, None))
+        if act is None or has_valid_length is None or not (banks.functions is None or pdu[0] in banks.functions):
             raise Refused("function")
-        if not whole(pdu):
+        if not has_valid_length(pdu):
             raise Refused("value")
         return act(pdu, banks, t_ns)
     except Refused as refused:
@@ -84,15 +88,15 @@ def answer(pdu: bytes, banks: Banks, t_ns: int) -> bytes:
 
 def _read_bits(pdu: bytes, banks: Banks, t_ns: int) -> bytes:
     address, count = struct.unpack(">HH", pdu[1:])
-    _demand(address, count, 2000)
-    memory = _there(banks.coils if pdu[0] == 1 else banks.discretes)
+    _check_range(address, count, 2000)
+    memory = _existing(banks.coils if pdu[0] == 1 else banks.discretes)
     bits = memory.read(address, count, t_ns)
     data = sum((bit != 0) << k for k, bit in enumerate(bits)).to_bytes((count + 7) // 8, "little")
     return bytes([pdu[0], len(data)]) + data
 
 
 def _read_registers(pdu: bytes, banks: Banks, t_ns: int) -> bytes:
-    memory = _there(banks.holding if pdu[0] == 3 else banks.inputs)
+    memory = _existing(banks.holding if pdu[0] == 3 else banks.inputs)
     data = _words(memory, banks, *struct.unpack(">HH", pdu[1:]), t_ns)
     return bytes([pdu[0], len(data)]) + data
 
@@ -101,7 +105,7 @@ def _write_coil(pdu: bytes, banks: Banks, t_ns: int) -> bytes:
     address, value = struct.unpack(">HH", pdu[1:])
     if value not in (0, 0xFF00):
         raise Refused("value")
-    _there(banks.coils).write(address, bytes([value >> 15]), t_ns)
+    _existing(banks.coils).write(address, bytes([value >> 15]), t_ns)
     return pdu
 
 
@@ -112,57 +116,57 @@ def _write_register(pdu: bytes, banks: Banks, t_ns: int) -> bytes:
 
 def _write_coils(pdu: bytes, banks: Banks, t_ns: int) -> bytes:
     address, count = struct.unpack(">HH", pdu[1:5])
-    _demand(address, count, 1968)
+    _check_range(address, count, 1968)
     bits = int.from_bytes(pdu[6:], "little")
-    _there(banks.coils).write(address, bytes(bits >> k & 1 for k in range(count)), t_ns)
+    _existing(banks.coils).write(address, bytes(bits >> k & 1 for k in range(count)), t_ns)
     return pdu[:5]
 
 
 def _write_registers(pdu: bytes, banks: Banks, t_ns: int) -> bytes:
     address, count = struct.unpack(">HH", pdu[1:5])
-    _demand(address, count, 123)
+    _check_range(address, count, 123)
     _write_words(banks, address, pdu[6:], t_ns)
     return pdu[:5]
 
 
 def _mask_write(pdu: bytes, banks: Banks, t_ns: int) -> bytes:
     address, keep, put = struct.unpack(">HHH", pdu[1:])
-    before = int.from_bytes(_words(_there(banks.holding), banks, address, 1, t_ns), "big")
+    before = int.from_bytes(_words(_existing(banks.holding), banks, address, 1, t_ns), "big")
     _write_words(banks, address, (before & keep | put & ~keep).to_bytes(2, "big"), t_ns)
     return pdu
 
 
 def _read_and_write(pdu: bytes, banks: Banks, t_ns: int) -> bytes:
-    """The write comes before the read."""
+    """Write, then read, and return the answer with the data read."""
     address, count, written, n = struct.unpack(">HHHH", pdu[1:9])
-    _demand(address, count, 125)
-    _demand(written, n, 121)
+    _check_range(address, count, 125)
+    _check_range(written, n, 121)
     _write_words(banks, written, pdu[10:], t_ns)
-    data = _words(_there(banks.holding), banks, address, count, t_ns)
+    data = _words(_existing(banks.holding), banks, address, count, t_ns)
     return bytes([pdu[0], len(data)]) + data
 
 
-def _there(memory: Memory | None) -> Memory:
+def _existing(memory: Memory | None) -> Memory:
     if memory is None:
         raise Refused("function")
     return memory
 
 
-def _demand(address: int, count: int, most: int) -> None:
-    if not 1 <= count <= most:
+def _check_range(address: int, count: int, max_count: int) -> None:
+    if not 1 <= count <= max_count:
         raise Refused("value")
     if address + count > 1 << 16:
         raise Refused("address")
 
 
 def _words(memory: Memory, banks: Banks, address: int, count: int, t_ns: int) -> bytes:
-    _demand(address, count, 125)
+    _check_range(address, count, 125)
     data = memory.read(banks.step * address, 2 * count, t_ns)
     return _swapped(data) if banks.low_first else data
 
 
 def _write_words(banks: Banks, address: int, data: bytes, t_ns: int) -> None:
-    _there(banks.holding).write(banks.step * address, _swapped(data) if banks.low_first else data, t_ns)
+    _existing(banks.holding).write(banks.step * address, _swapped(data) if banks.low_first else data, t_ns)
 
 
 def _swapped(data: bytes) -> bytes:
@@ -171,39 +175,39 @@ def _swapped(data: bytes) -> bytes:
     return bytes(swapped)
 
 
-def _five(pdu: bytes) -> bool:
+def _is_5_bytes(pdu: bytes) -> bool:
     return len(pdu) == 5
 
 
-def _seven(pdu: bytes) -> bool:
+def _is_7_bytes(pdu: bytes) -> bool:
     return len(pdu) == 7
 
 
-def _bits_follow(pdu: bytes) -> bool:
+def _has_its_bits(pdu: bytes) -> bool:
     return len(pdu) >= 6 and len(pdu) == 6 + pdu[5] and pdu[5] == (int.from_bytes(pdu[3:5], "big") + 7) // 8
 
 
-def _registers_follow(pdu: bytes) -> bool:
+def _has_its_registers(pdu: bytes) -> bool:
     return len(pdu) >= 6 and len(pdu) == 6 + pdu[5] and pdu[5] == 2 * int.from_bytes(pdu[3:5], "big")
 
 
-def _written_registers_follow(pdu: bytes) -> bool:
+def _has_its_written_registers(pdu: bytes) -> bool:
     return len(pdu) >= 10 and len(pdu) == 10 + pdu[9] and pdu[9] == 2 * int.from_bytes(pdu[7:9], "big")
 
 
 _FUNCTIONS = {
-    1: (_read_bits, _five),
-    2: (_read_bits, _five),
-    3: (_read_registers, _five),
-    4: (_read_registers, _five),
-    5: (_write_coil, _five),
-    6: (_write_register, _five),
-    15: (_write_coils, _bits_follow),
-    16: (_write_registers, _registers_follow),
-    22: (_mask_write, _seven),
-    23: (_read_and_write, _written_registers_follow),
+    1: (_read_bits, _is_5_bytes),
+    2: (_read_bits, _is_5_bytes),
+    3: (_read_registers, _is_5_bytes),
+    4: (_read_registers, _is_5_bytes),
+    5: (_write_coil, _is_5_bytes),
+    6: (_write_register, _is_5_bytes),
+    15: (_write_coils, _has_its_bits),
+    16: (_write_registers, _has_its_registers),
+    22: (_mask_write, _is_7_bytes),
+    23: (_read_and_write, _has_its_written_registers),
 }
-"""What answers a function, and whether a PDU has the length that it states."""
+"""For each function, its implementation and the check that a PDU has the length that it states."""
 
 
 # -- framings --------------------------------------------------------------------------------------------------------
@@ -212,13 +216,13 @@ _FUNCTIONS = {
 class Rtu:
     """A serial line with one unit or several.
 
-    A frame ends where its function and byte count say, or where the CRC fits; a wrong CRC, a silence and too many
-    bytes forget what has come in. Unit 0 is a broadcast, obeyed by every unit and never answered.
+    Function and byte count give the end of a frame, or else the CRC does; a wrong CRC, a silence or too many bytes
+    discard the bytes received so far. Unit 0 is a broadcast, which every unit executes and none answers.
 
     Args:
-        counters: the device's; gets ``requests``, ``refused``, ``other_unit``, ``bad_checksum``, ``broken_frames``.
+        counters: the device's; counts ``requests``, ``refused``, ``other_unit``, ``bad_checksum``, ``broken_frames``.
         gap_ns: the silence, see :func:`silence_ns`.
-        sizes: bytes of requests with a function of the firmware's own, by function, unit and CRC included.
+        sizes: bytes of requests with the firmware's own functions, by function, unit and CRC included.
     """
 
     def __init__(self, *, counters: Counter[str], gap_ns: int = 1_750_000, sizes: Mapping[int, int] | None = None):
@@ -226,19 +230,19 @@ class Rtu:
         self._counters = counters
         self._sizes = dict(sizes or {})
         self._buffer = b""
-        self._heard_ns = 0
+        self._received_ns = 0
 
     def reset(self) -> None:
-        """Forget what has come in."""
+        """Discard the bytes received so far."""
         self._buffer = b""
 
     @property
     def is_idle(self) -> bool:
-        """Return True while no part of a frame waits for its end."""
+        """True while no incomplete frame is in the buffer."""
         return not self._buffer
 
     def answers(self, data: bytes, t_ns: int, units: Mapping[int, Banks]) -> list[bytes]:
-        """Return frames that answer the requests that these bytes complete; ``units`` are those of this device."""
+        """Return the answers to the requests that these bytes complete; ``units`` are those of this device."""
         frames = []
         for unit, pdu in self._cut(data, t_ns, units):
             if unit == BROADCAST:
@@ -251,10 +255,10 @@ class Rtu:
         return frames
 
     def _cut(self, data: bytes, t_ns: int, units: Container[int]) -> list[tuple[int, bytes]]:
-        """Unit and PDU of every frame."""
-        if self._buffer and t_ns - self._heard_ns > self.gap_ns:
-            self._forget("broken_frames")
-        self._heard_ns = t_ns
+        """Return unit and PDU of every frame that these bytes complete."""
+        if self._buffer and t_ns - self._received_ns > self.gap_ns:
+            self._discard("broken_frames")
+        self._received_ns = t_ns
         self._buffer += data
         frames = []
         while size := self._size(units):
@@ -263,23 +267,23 @@ class Rtu:
         return frames
 
     def _size(self, units: Container[int]) -> int:
-        """Return bytes of the sound frame that begins the buffer, 0 while there is none."""
+        """Return the size of the sound frame that begins the buffer [bytes], 0 while there is none."""
         buffer = self._buffer
         size = (self._sizes.get(buffer[1], 0) if len(buffer) > 1 else 0) or _rtu_size(buffer)
-        waiting = len(buffer) < size <= LONGEST_RTU
+        waiting = len(buffer) < size <= MAX_RTU_FRAME_BYTES
         if len(buffer) < 4 or (waiting and (buffer[0] == BROADCAST or buffer[0] in units)):
             return 0
-        # The CRC over a frame and its CRC is 0. An unknown function and another unit's answer end where it says so.
+        # The CRC over a frame and its CRC is 0, which ends unknown functions and other units' answers.
         for end in (size, len(buffer)):
-            if 4 <= end <= min(len(buffer), LONGEST_RTU) and crc16_modbus(buffer[:end]) == 0:
+            if 4 <= end <= min(len(buffer), MAX_RTU_FRAME_BYTES) and crc16_modbus(buffer[:end]) == 0:
                 return end
-        if size > LONGEST_RTU or len(buffer) > LONGEST_RTU:
-            self._forget("broken_frames")
+        if size > MAX_RTU_FRAME_BYTES or len(buffer) > MAX_RTU_FRAME_BYTES:
+            self._discard("broken_frames")
         elif size and not waiting:
-            self._forget("bad_checksum")
+            self._discard("bad_checksum")
         return 0
 
-    def _forget(self, why: str) -> None:
+    def _discard(self, why: str) -> None:
         self._counters[why] += 1
         self._buffer = b""
 
@@ -289,7 +293,7 @@ _COUNT_AT = {15: 6, 16: 6, 20: 2, 21: 2, 23: 10}
 
 
 def _rtu_size(frame: bytes) -> int:
-    """Return bytes of a request with its CRC, 0 if they cannot be known (yet)."""
+    """Return the size of a request with its CRC [bytes], 0 if it is not known (yet)."""
     if len(frame) < 2:
         return 0
     if fixed := _FIXED_SIZES.get(frame[1]):
@@ -299,11 +303,11 @@ def _rtu_size(frame: bytes) -> int:
 
 
 class Mbap:
-    """One TCP connection. A header that cannot be one forgets what has come in.
+    """A TCP connection. An invalid header discards the bytes received so far.
 
     Args:
-        counters: the device's; gets ``requests``, ``refused``, ``other_unit``, ``broken_frames``.
-        id_error: added to the transaction that comes back, a mistake of some firmwares.
+        counters: the device's; counts ``requests``, ``refused``, ``other_unit``, ``broken_frames``.
+        id_error: number that is added to the transaction of an answer, an error of some firmwares.
     """
 
     def __init__(self, *, counters: Counter[str], id_error: int = 0):
@@ -312,14 +316,14 @@ class Mbap:
         self._buffer = b""
 
     def reset(self) -> None:
-        """Forget what has come in."""
+        """Discard the bytes received so far."""
         self._buffer = b""
 
     def answers(self, data: bytes, t_ns: int, units: Banks | Mapping[int, Banks]) -> list[bytes]:
-        """Return messages that answer the requests that these bytes complete.
+        """Return the answers to the requests that these bytes complete.
 
-        ``units`` is the one device at this address, whatever unit the host writes (most firmwares), or the units
-        behind a gateway. Unit and transaction come back as they were sent.
+        ``units`` is the one device at this address, for any unit in the request (most firmwares), or the units behind
+        a gateway. An answer has the unit and the transaction of its request.
         """
         self._buffer += data
         messages = []
@@ -333,11 +337,11 @@ class Mbap:
         return messages
 
     def _take(self) -> tuple[int, int, bytes] | None:
-        """Transaction, unit and PDU of the next message."""
+        """Return transaction, unit and PDU of the next message, ``None`` if there is none."""
         if len(self._buffer) < MBAP.size:
             return None
         transaction, protocol, length, unit = MBAP.unpack_from(self._buffer)
-        if protocol != 0 or not 2 <= length <= LONGEST_PDU + 1:
+        if protocol != 0 or not 2 <= length <= MAX_PDU_BYTES + 1:
             self._counters["broken_frames"] += 1
             self._buffer = b""
             return None
@@ -349,7 +353,7 @@ class Mbap:
 
 
 def _execute(pdu: bytes, banks: Banks, t_ns: int, counters: Counter[str]) -> bytes | None:
-    """Return the answer; ``None`` to what is itself one (an exception heard on the line)."""
+    """Return the answer to a request; ``None`` for an exception, which is another unit's answer on the line."""
     if pdu[0] >= 0x80:
         counters["broken_frames"] += 1
         return None

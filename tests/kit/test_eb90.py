@@ -4,7 +4,7 @@ from collections import Counter
 import pytest
 
 from firmware_protocols.protocols import Answer
-from firmware_protocols.protocols.eb90 import READ, SAVE_NS, WRITE, Eb90, request
+from firmware_protocols.protocols.eb90 import READ, SAVE_DELAY_NS, WRITE, Eb90, request
 from firmware_protocols.registers import RegisterMap, Registers
 from tests.kit.saving import restored, saved
 
@@ -50,7 +50,7 @@ def test_a_save_is_answered_at_once_and_with_its_result_a_second_later(hand):
     line, registers, _ = hand
     assert line.answers(request(1, WRITE, 1005, b"\x01"), 0, 1, registers) == [
         Answer(bytes.fromhex("90 EB 01 04 12 ED 03 01 08")),
-        Answer(bytes.fromhex("90 EB 01 04 12 ED 03 00 07"), delay_ns=SAVE_NS),
+        Answer(bytes.fromhex("90 EB 01 04 12 ED 03 00 07"), delay_ns=SAVE_DELAY_NS),
     ]
 
 

@@ -3,7 +3,7 @@ from collections import Counter
 
 import pytest
 
-from firmware_protocols.protocols.feetech import MOST_DATA, ServoLine, packet
+from firmware_protocols.protocols.feetech import MAX_DATA_BYTES, ServoLine, packet
 from firmware_protocols.registers import RegisterMap, Registers
 from tests.kit.saving import restored, saved
 
@@ -132,7 +132,7 @@ def test_an_instruction_that_makes_no_sense_is_silent_and_counted(bus, to, instr
 
 
 def test_the_longest_read_fits_its_length_byte(bus):
-    assert len(bus.ask(packet(1, 2, bytes([0, MOST_DATA])))[0].frame) == MOST_DATA + 6
+    assert len(bus.ask(packet(1, 2, bytes([0, MAX_DATA_BYTES])))[0].frame) == MAX_DATA_BYTES + 6
 
 
 def test_garbage_byte_by_byte_and_across_a_file(bus):

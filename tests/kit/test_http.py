@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from firmware_protocols.protocols.http import LONGEST, Pages
+from firmware_protocols.protocols.http import MAX_REQUEST_BYTES, Pages
 from tests.fuzz import examples
 
 SHOWN = {"/a.xml": ("text/xml", b"<a/>")}
@@ -46,7 +46,7 @@ def test_requests_in_pieces(target, method, body, status, size):
     client, sent = ask(target, method, body=body)
     answers = [got for at in range(0, len(sent), size) for got in pages.answers(sent[at : at + size], SHOWN)]
     assert read(client, *answers) == (status, b"<a/>" if status == 200 else b"")
-    assert pages.heard == b"" and pages.counters == {"requests": 1}
+    assert pages.buffer == b"" and pages.counters == {"requests": 1}
 
 
 def test_requests_behind_each_other_and_one_that_is_not_whole():
@@ -60,7 +60,7 @@ def test_requests_behind_each_other_and_one_that_is_not_whole():
 
 def test_nonsense_is_refused_and_the_next_request_is_answered():
     pages = Pages(counters=Counter())
-    for nonsense in (b"\x00\x01\r\n\r\n", b"GET\r\n\r\n", b"GET / HTTP/1.1\r\n\r\n", b"a" * (LONGEST + 1)):
+    for nonsense in (b"\x00\x01\r\n\r\n", b"GET\r\n\r\n", b"GET / HTTP/1.1\r\n\r\n", b"a" * (MAX_REQUEST_BYTES + 1)):
         (answer,) = pages.answers(nonsense, SHOWN)
         assert answer.startswith((b"HTTP/1.1 400 ", b"HTTP/1.1 431 ", b"HTTP/1.1 413 "))
     client, sent = ask()
@@ -72,7 +72,7 @@ def test_a_body_without_end_fills_no_memory():
     pages.answers(b"POST /a.xml HTTP/1.1\r\nHost: a\r\nContent-Length: 999999999\r\n\r\n", SHOWN)
     for _ in range(100):
         pages.answers(bytes(1000), SHOWN)
-        assert len(pages.heard) <= LONGEST
+        assert len(pages.buffer) <= MAX_REQUEST_BYTES
 
 
 @examples(100)
