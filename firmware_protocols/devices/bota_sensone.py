@@ -98,7 +98,7 @@ class BotaSensone(Device):
         assumed("configuration", "no answer to commands that are unknown, beyond their limits, or not taken; 20 ms of "
                 "silence end a command; answers end with CR LF", "bota_ft_sensors, all files; bota-driver, run"),
         stated("configuration", "opening the port restarts it", "bota-driver 1.1.16: it says so, and waits 3 s"),
-        stated("timing", "a frame each SINC_RANGE * 19.53125 us; the time counts us",
+        stated("timing", "a frame each SINC * 19.53125 us; the time counts us",
                "python/senseone.py:127, 178; bota-driver: 512 is 100 Hz, 256 is 200 Hz"),
         assumed("timing", "512 after power-up; offset and filter are forgotten by a restart, which takes 0.1 s",
                 "bota_ft_sensors, all files; bota-driver, which sets both each time"),

@@ -28,14 +28,8 @@ import numpy as np
 
 from firmware_protocols import Column, Command, Counts, Device, Option, Reading, Rs485, Transmissions
 from firmware_protocols.adc import quantize
-from firmware_protocols.devices.linker_hand import (
-    COUNTS_PER_NEWTON,
-    FINGER_SPACING,
-    OLDER_IDENTITY,
-    OLDER_VERSIONS,
-    PITCH,
-    pads,
-)
+from firmware_protocols.devices.linker_hand_base import OLDER_IDENTITY, OLDER_VERSIONS
+from firmware_protocols.devices.linker_hand_touch import COUNTS_PER_NEWTON, FINGER_SPACING_M, PITCH_M, pads
 from firmware_protocols.facts import assumed, stated
 from firmware_protocols.protocols.modbus import Banks, Rtu, silence_ns
 from firmware_protocols.registers import RegisterMap, Registers
@@ -78,8 +72,8 @@ class LinkerHandL10Rs485(Device):
         stated("touch", "low bytes", f"{SDK_FILE}:151"),
         assumed("touch", f"{COUNTS_PER_NEWTON:.0f} counts/N of normal force per taxel (no scale is published)", READ),
         assumed(
-            "touch", f"pitch {PITCH * 1e3} mm, fingertips side by side every {FINGER_SPACING * 1e3:.0f} mm, row 0 at "
-            "the tip", READ,
+            "touch", f"pitch {PITCH_M * 1e3} mm, fingertips side by side every {FINGER_SPACING_M * 1e3:.0f} mm, row 0 "
+            "at the tip", READ,
         ),
         assumed("touch", "the ten numbers before the matrix and those behind it are 0", READ),
         assumed("touch", "no finger is shown until one is selected; then at once, and always what is felt now", READ),
