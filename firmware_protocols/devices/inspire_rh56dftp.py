@@ -1,18 +1,18 @@
 r"""Inspire RH56DFTP: a hand with 1062 tactile points in seventeen matrices, over Modbus RTU, EB 90 or Modbus TCP.
 
-Wire: RS-485, 115200 8N1, answered to its own unit after 6 to 14 ms: Modbus RTU, or with the option ``line=native`` the
-vendor's own protocol. Or Modbus TCP on port 6000, where the unit selects nothing and comes back as it was sent. Modbus
-functions are 03, 06, 16. All ways lead to the same registers.
+Wire: RS-485, 115200 8N1, answers to its own unit after 6 to 14 ms: Modbus RTU, or with the option ``line=native`` the
+vendor's own protocol. Or Modbus TCP on port 6000, where the unit selects nothing and the answer repeats it. Modbus
+functions are 03, 06, 16. All protocols have the same registers.
 
     native  read   EB 90 unit 04  11 address n    sum    ->  90 EB unit n+3 11 address data sum
             write  EB 90 unit n+3 12 address data sum    ->  90 EB unit 04  12 address 01   sum
 
-Native numbers are low byte first, the address too; the sum is the low byte of that from the unit on, and at most 252
-bytes fit. What is refused gets no answer. A save (1005) is answered again a second later, with 00 where 01 was.
+Native numbers are low byte first, the address too; the sum is the low byte of the sum from the unit on, and at most
+252 bytes fit. A refused request gets no answer. A save (1005) gets a second answer a second later, with 00 for 01.
 
 Addresses count *bytes*: reading n Modbus registers at A gives bytes A .. A + 2 n - 1, and the register at A is byte A
 (low) and byte A + 1 (high). So two neighbouring matrices of 16-bit values are read by advancing 2 addresses per
-register. One driver asks for one register per address and gets, after the matrix, what lies behind it.
+register. One driver reads one register per address and gets, after the matrix, the memory behind it.
 
 Touch, int16 0..4096, row by row from the first:
 
@@ -24,13 +24,13 @@ Touch, int16 0..4096, row by row from the first:
     4900     palm 8x14, until 5123: column by column from the bottom, each from row 8 up to row 1
 
 Six values are little, ring, middle, index, thumb bend, thumb turn. All other addresses below 6000 read zero (drivers
-ask for register 0 to see whether the hand is there). Published drivers disagree which of two actuators lies in the high
-byte of a register at 1606, 1612 and 1618: Unitree's takes the first, others the second (option ``first_byte``). The
-native protocol reads these as bytes, the first one first.
+read register 0 to detect the hand). Published drivers disagree which of two actuators is in the high byte of a register
+at 1606, 1612 and 1618: Unitree's takes the first, others the second (option ``first_byte``). The native protocol reads
+these as bytes, the first one first.
 
-Firmwares differ, says a driver that works around them: over TCP the transaction comes back one too high (option
-``id_error``), and a connection that is opened within 300 ms of the last one's end is of no use (``reconnect_s``). A
-hand whose answers nobody reads stops; the fault ``hang`` does that at a time of one's choice.
+Firmwares differ, according to a driver that works around them: over TCP the transaction of an answer is one too high
+(option ``id_error``), and a connection opened within 300 ms of the last one's end gets no answers (``reconnect_s``). A
+hand stops if its answers are not read; the fault ``hang`` does that at a time of your choice.
 
 Try it: ``tactemu run inspire_rh56dftp --port tcp:127.0.0.1:6000``, then ``RH56DFTP_TCP(host, 6000).get(...)``; or
 ``tactemu run inspire_rh56dftp line=native``, then ``RH56Driver(port).connect()`` of pyrh56.
@@ -39,7 +39,6 @@ Try it: ``tactemu run inspire_rh56dftp --port tcp:127.0.0.1:6000``, then ``RH56D
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import Annotated, Literal
 
 import numpy as np
@@ -49,7 +48,6 @@ from firmware_protocols import (
     Command,
     Counts,
     Device,
-    Layout,
     Option,
     Reading,
     Rs485,
@@ -58,72 +56,32 @@ from firmware_protocols import (
     Tcp,
     Transmissions,
     assumed,
-    grid_layout,
     measured,
     points,
     stated,
 )
 from firmware_protocols.adc import quantize
-from firmware_protocols.layouts import place, stack
+from firmware_protocols.devices.inspire_memory import BAUDS, FINGER_BASES_M, MAP, TOUCH_ADDRESS, matrices
 from firmware_protocols.motors import Motors
 from firmware_protocols.protocols.eb90 import Eb90
 from firmware_protocols.protocols.modbus import Banks, Mbap, Rtu, silence_ns
-from firmware_protocols.registers import RegisterMap, Registers
+from firmware_protocols.registers import Registers
 
-MAP = RegisterMap(
-    """
-    1000  u1          unit           1..254  = 1  flash            from the next power-up
-    1002  u1          baud           0..4  flash                   0 115200, 1 57600, 2 19200, 3 and 4 921600; likewise
-    1004  u1          clear_errors   0..1                          orders: 1, reads 0 again
-    1005  u1          save           0..1                          what the flash keeps
-    1006  u1          restore        0..1                          factory settings
-    1009  u1          zero_force     0..1
-    1032  <i2 x 6     speed_default  0..1000  = 1000  flash        at power-up
-    1044  <i2 x 6     force_default  0..3000  = 500  flash         at power-up
-    1474  <i2 x 6     position_set   -1..2000  = -1                -1: stay
-    1486  <i2 x 6     angle_set      -1..1000  = -1                -1: stay; 1000 is open
-    1498  <i2 x 6     force_set      0..3000  = 500                limit [g]
-    1522  <i2 x 6     speed_set      0..1000  = 1000
-    1534  <i2 x 6     position       0..2000  r                    2000 - 2 angle
-    1546  <i2 x 6     angle          0..1000  r
-    1582  <i2 x 6     force          -4000..4000  r                [g]
-    1594  <i2 x 6     current        0..2000  r                    [mA]
-    1606  u1 x 6      errors         r
-    1612  u1 x 6      status         r                             0 opening, 1 closing, 2 there
-    1618  u1 x 6      temperature    0..100  = 25  r               [deg C]
-    1700  u1 x 4      ip             = 192, 168, 11, 210  flash    from the next power-up
-    2320  u1 x 4      gesture                                      number and run: two registers as written
-    3000  <i2 x 1062  touch          r
-    """,
-    size=6000,
-    writable=((1000, 1060), (1464, 1534)),
-)
-TOUCH = MAP.by_name["touch"].address
-BAUDS = (115200, 57600, 19200, 921600, 921600)
 FUNCTIONS = (3, 6, 16)
-ORDERS = ("clear_errors", "save", "restore", "zero_force")
-GRAMS = 1000 / 9.80665
-OPEN = 1000.0
+ORDER_REGISTERS = ("clear_errors", "save", "restore", "zero_force")
+GRAMS_PER_NEWTON = 1000 / 9.80665
+OPEN_ANGLE = 1000.0
 CLOSED_POSITION = 2000
-FULL_SCALE = 4096
+MAX_TOUCH_COUNTS = 4096
 FULL_STROKE_S = 0.6
 STROKE_RAD = 1.6
 MOVING_MA = 200
-MOST_FORCE = 3000
+MAX_FORCE_G = 3000
 LEVER_M = 0.07
-AT_ITS_FORCE = 3
-FULL_MA = 2000
-STRENGTH_NM = MOST_FORCE / GRAMS * LEVER_M
+STATUS_AT_FORCE = 3
+MAX_CURRENT_MA = 2000
+STRENGTH_NM = MAX_FORCE_G / GRAMS_PER_NEWTON * LEVER_M
 
-FINE = 0.0015
-COARSE = 0.004
-FINGER = (("tip", 3, 3, 0.033), ("top", 12, 8, 0.021), ("pad", 10, 8, 0.0))
-THUMB = (("tip", 3, 3, 0.048), ("top", 12, 8, 0.036), ("middle", 3, 3, 0.023), ("pad", 12, 8, 0.01))
-"""Matrices along a finger: name, rows, columns, height of the centre above the finger's base [m]."""
-BASES = {
-    "little": (-0.033, 0.065), "ring": (-0.011, 0.075), "middle": (0.011, 0.08), "index": (0.033, 0.075),
-    "thumb": (0.06, -0.01),
-}  # fmt: skip
 ACTUATORS = ("little", "ring", "middle", "index", "thumb bend", "thumb turn")
 
 
@@ -134,7 +92,7 @@ _READ = (
 
 
 class InspireRh56dftp(Device):
-    """The hand: tactile matrices, and actuators that follow their commands."""
+    """A hand with tactile matrices, and actuators that follow their commands."""
 
     name = "inspire_rh56dftp"
     title = "Inspire RH56DFTP hand, tactile version"
@@ -170,7 +128,7 @@ class InspireRh56dftp(Device):
                 "gestures "
                 "are stored without effect; the line speaks one protocol, as delivered; a save never fails", _READ),
         assumed("configuration", f"in an engine force limits act {LEVER_M * 1e3:.0f} mm from each joint, and "
-                f"{MOST_FORCE} g are {FULL_MA} mA; a finger gives way by 0.3 rad at that force", _READ),
+                f"{MAX_FORCE_G} g are {MAX_CURRENT_MA} mA; a finger gives way by 0.3 rad at that force", _READ),
         measured("timing", "a finger stops after 27 ms, at 1729 g at most (an RH56DFX), and begins after 60 to 70 ms",
                  "correlllab/rh56_controller@e4ef2568 experiment_data"),
         stated("timing", "of a hand that is polled faster, 21 to 97 % of a pad's frames repeat: 50 conversions "
@@ -183,32 +141,33 @@ class InspireRh56dftp(Device):
     def __init__(
         self,
         *,
-        unit: Annotated[int, Option("as delivered; register 1000 tells and changes it", low=1, high=254)] = 1,
+        unit: Annotated[int, Option("unit as delivered; register 1000 holds it", low=1, high=254)] = 1,
         baud: Annotated[
-            Literal[115200, 57600, 19200, 921600], Option("as delivered; register 1002 tells and changes it")
+            Literal[115200, 57600, 19200, 921600], Option("line speed as delivered; register 1002 holds it")
         ] = 115200,
         counts_per_newton: Annotated[float, Option("tactile counts along a point's normal", unit="1/N")] = 1000.0,
-        line: Annotated[Literal["modbus", "native"], Option("what the RS-485 line speaks")] = "modbus",
+        line: Annotated[Literal["modbus", "native"], Option("protocol of the RS-485 line")] = "modbus",
         first_byte: Annotated[
-            Literal["low", "high"], Option("where the first of two byte registers is in a Modbus register")
+            Literal["low", "high"], Option("byte of a Modbus register that holds the first of two byte registers")
         ] = "low",
         answer_s: Annotated[
-            float, Option("from a request on the line to its answer; hands take 6 to 14 ms", unit="s", low=0.0)
+            float, Option("time from a request on the line to its answer; hands take 6 to 14 ms", unit="s", low=0.0)
         ] = 0.006,
         id_error: Annotated[int, Option("added to the transaction of TCP answers", low=0, high=1)] = 0,
         stop_s: Annotated[
             float | None,
             Option(
-                "how long a finger closes on after its force has passed the limit; None: limits have no effect",
+                "time for which a finger goes on closing beyond its force limit; None: limits have no effect",
                 unit="s",
                 low=0.0,
             ),
         ] = None,
         strongest_g: Annotated[
-            float | None, Option("force at which an actuator stands, with `stop_s`; a hand: 1729", unit="g", low=1.0)
+            float | None, Option("force at which an actuator stops, with `stop_s`; a hand: 1729", unit="g", low=1.0)
         ] = None,
         reconnect_s: Annotated[
-            float, Option("a TCP connection opened so soon after the last one's end is not heard", unit="s", low=0.0)
+            float,
+            Option("time after the end of a TCP connection when a new one gets no answers", unit="s", low=0.0),
         ] = 0.0,
     ):
         self.counts_per_newton, self.answer_ns = counts_per_newton, round(answer_s * 1e9)
@@ -217,12 +176,12 @@ class InspireRh56dftp(Device):
         self.id_error, self.reconnect_ns = id_error, round(reconnect_s * 1e9)
         self.closed_ns, self.unheard = -self.reconnect_ns, set[str]()
         self.pairs_swapped = {"tcp": first_byte == "high", "rtu": first_byte == "high" and line == "modbus"}
-        """By port: whether the second of two byte registers comes first."""
+        """True, by port, if the second of two byte registers comes first."""
         self.swapped = False
         self.columns = (
-            Column(name="touch", unit="N", counts_per_unit=counts_per_newton, low=0, high=FULL_SCALE, push=1),
+            Column(name="touch", unit="N", counts_per_unit=counts_per_newton, low=0, high=MAX_TOUCH_COUNTS, push=1),
         )
-        self.layout = _hand()
+        self.layout = matrices()
         kept = {"unit": unit, "baud": BAUDS.index(baud), **self.flash}
         self.registers = Registers(MAP, kept=kept)
         self.registers["speed_set"] = self.registers.all("speed_default")
@@ -233,8 +192,8 @@ class InspireRh56dftp(Device):
         self.native = Eb90(counters=self.counters) if line == "native" else None
         self.clients: dict[str, Mbap] = {}
         self.motors = Motors(
-            [OPEN] * 6, low=0.0, high=OPEN, time_constant_s=0.0, speed_limit=self._speeds(),
-            names=ACTUATORS, unit=-STROKE_RAD / OPEN, zero=OPEN, strength=STRENGTH_NM, deflection=0.3,
+            [OPEN_ANGLE] * 6, low=0.0, high=OPEN_ANGLE, time_constant_s=0.0, speed_limit=self._speeds(),
+            names=ACTUATORS, unit=-STROKE_RAD / OPEN_ANGLE, zero=OPEN_ANGLE, strength=STRENGTH_NM, deflection=0.3,
         )  # fmt: skip
         self._limit_forces()
         self.counts = np.zeros(len(self.layout), np.int64)
@@ -243,20 +202,20 @@ class InspireRh56dftp(Device):
     # -- readings --------------------------------------------------------------------------------------------------
 
     def measure(self, reading: Reading, t_ns: int) -> Counts:
-        """Tactile counts 0..4096, shape ``(1062,)``, matrix by matrix, row by row."""
+        """Return tactile counts 0..4096, shape ``(1062,)``, matrix by matrix, row by row."""
         push = self.layout.push(reading["force"])
-        felt = dict.fromkeys(BASES, 0.0) | {"palm": 0.0}
+        finger_forces_n = dict.fromkeys(FINGER_BASES_M, 0.0) | {"palm": 0.0}
         for patch in self.layout.patches:
-            felt[patch.link] += push[patch.taxels].sum()
-        self.forces = np.array([*(felt[finger] for finger in BASES), 0.0]) * GRAMS
+            finger_forces_n[patch.link] += push[patch.taxels].sum()
+        self.forces = np.array([*(finger_forces_n[finger] for finger in FINGER_BASES_M), 0.0]) * GRAMS_PER_NEWTON
         if self.stop_ns is not None:
             self._stop(t_ns, self.stop_ns)
         self.registers["temperature"] = reading["temperature"][0]
-        self.counts = quantize(push, self.counts_per_newton, 0, FULL_SCALE)
+        self.counts = quantize(push, self.counts_per_newton, 0, MAX_TOUCH_COUNTS)
         return self.counts
 
     def _stop(self, t_ns: int, stop_ns: int) -> None:
-        """Actuators whose force has passed its limit go on for a while, at their speed; those at their strongest stand.
+        """Stop actuators above their force limit after a while; stop those at their greatest force at once.
 
         So a force that grows by k with the angle, at a speed v, ends at most at limit + k v (stop + conversion).
         """
@@ -267,13 +226,13 @@ class InspireRh56dftp(Device):
             self.motors.go(np.where(over, ends, np.nan), t_ns)
 
     def joints(self, t_ns: int) -> Mapping[str, float]:
-        """How far each actuator is closed [rad]."""
+        """Return how far each actuator is closed [rad], by name."""
         return self.motors.joints(t_ns)
 
     # -- requests --------------------------------------------------------------------------------------------------
 
     def lines(self, dtr: bool, rts: bool, t_ns: int, port: str) -> Transmissions:
-        """A new connection starts with a new request, or is not heard."""
+        """Start a new connection with a new request; mark it as unheard if it comes too soon."""
         self.clients.pop(port, None)
         self.unheard.discard(port)
         if not dtr:
@@ -283,7 +242,7 @@ class InspireRh56dftp(Device):
         return ()
 
     def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
-        """Return requests in chunks of any size."""
+        """Answer requests, which arrive in chunks of any size."""
         if port in self.unheard:
             self.counters["unheard"] += 1
             return ()
@@ -300,24 +259,24 @@ class InspireRh56dftp(Device):
 
     def read(self, address: int, n: int, t_ns: int) -> bytes:
         """Return memory as the hand reports it at ``t_ns``."""
-        if address < TOUCH:
+        if address < TOUCH_ADDRESS:
             self._report(t_ns)
-        if address + n > TOUCH:
+        if address + n > TOUCH_ADDRESS:
             self.registers["touch"] = self.layout.on_wire(self.counts)
         return self.registers.read(address, n)
 
     def _report(self, t_ns: int) -> None:
-        """Bring the actuators' registers up to date."""
+        """Update the registers of the actuators."""
         registers, angles, moving = self.registers, self.motors.positions(t_ns), self.motors.moving(t_ns)
         registers["angle"] = angles
         registers["position"] = CLOSED_POSITION - 2 * angles
         registers["force"] = self.forces - self.zero
         motors = self.motors
         registers["current"] = (
-            FULL_MA * np.abs(motors.forces) / STRENGTH_NM if motors.is_in_engine else MOVING_MA * moving
+            MAX_CURRENT_MA * np.abs(motors.forces) / STRENGTH_NM if motors.is_in_engine else MOVING_MA * moving
         )
         held = motors.stalled & motors.is_in_engine
-        status = np.select([held, ~moving, motors.goals < angles], [AT_ITS_FORCE, 2, 1], 0)
+        status = np.select([held, ~moving, motors.goals < angles], [STATUS_AT_FORCE, 2, 1], 0)
         registers["status"] = self._in_pairs(status)
 
     def _in_pairs(self, values: np.ndarray) -> np.ndarray:
@@ -334,23 +293,23 @@ class InspireRh56dftp(Device):
             self.motors.limit_speed(self._speeds(), t_ns)
         if "force_set" in written:
             self._limit_forces()
-        self._obey({order for order in ORDERS if self.registers[order]})
+        self._obey({order for order in ORDER_REGISTERS if self.registers[order]})
         return written
 
     def _given(self, name: str) -> np.ndarray:
-        """Targets, NaN for an actuator that stays as it is."""
+        """Return the targets in a register, NaN for an actuator that stays."""
         values = np.array(self.registers.all(name), float)
         return np.where(values < 0, np.nan, values)
 
     def _speeds(self) -> np.ndarray:
-        """Angle counts per second."""
+        """Return the speed limits of the actuators [angle counts per second]."""
         return np.array(self.registers.all("speed_set")) / FULL_STROKE_S
 
     def _limit_forces(self) -> None:
-        self.motors.limit_force(np.array(self.registers.all("force_set")) / MOST_FORCE)
+        self.motors.limit_force(np.array(self.registers.all("force_set")) / MAX_FORCE_G)
 
     def _obey(self, orders: set[str]) -> None:
-        """Carry out the orders that read 1, and take them back."""
+        """Execute the orders that read 1, and reset them to 0."""
         for order in orders:
             self.registers[order] = 0
         if "restore" in orders:
@@ -364,7 +323,7 @@ class InspireRh56dftp(Device):
 
     @property
     def commands(self) -> tuple[Command, ...]:
-        """Reads of touch and of what drivers use, orders, the three exceptions; to a hand as it comes."""
+        """Reads of touch and of the drivers' other registers, orders, the three exceptions; to a hand with unit 1."""
         if self.unit != 1:
             return ()
         line = ("rtu", _NATIVE, _OVER_NATIVE) if self.native else ("rtu", _RTU, _OVER_RTU)
@@ -420,16 +379,3 @@ _OVER_TCP = (
     ("angles, unit 0", "00 01 00 00 00 06 00 03 06 0A 00 06", "00 01 00 00 00 0F 00 03 0C ..{12}"),
     ("palm, unit 255", "00 01 00 00 00 06 FF 03 13 24 00 70", "00 01 00 00 00 E3 FF 03 E0 ..{224}"),
 )
-
-
-def _hand() -> Layout:
-    """Return all matrices in wire order, each on its finger's link; x across the hand, y along the fingers, z out of
-    it.
-    """
-    pads = [
-        place(grid_layout(rows, cols, FINE, name=f"{finger} {name}", link=finger), (x, y + height, 0.0))
-        for finger, (x, y) in BASES.items()
-        for name, rows, cols, height in (THUMB if finger == "thumb" else FINGER)
-    ]
-    palm = grid_layout(8, 14, COARSE, name="palm", link="palm")
-    return stack(*pads, replace(palm, wire_order=np.arange(8 * 14).reshape(8, 14)[::-1].T.ravel()))
