@@ -1,4 +1,4 @@
-"""The preload library: the one that came with the wheel, else one that a compiler here makes once."""
+"""The preload library: that of the wheel, else one that a local compiler makes once."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ from tactemu.base.folders import temporary_folder
 
 SOURCES = Path(__file__).parent / "preload"
 BUILT = "preload.so"
-"""Name of the library, in a wheel beside its sources."""
+"""The name of the library, which is beside its sources in a wheel."""
 FLAGS = ("-std=gnu11", "-O2", "-fPIC", "-shared", "-Wall", "-Wextra", "-Wl,-z,relro,-z,now", "-s")
 _COMPILERS = ("cc", "gcc", "clang")
 
 
 class NoLibrary(Exception):
-    """There is no preload library and none can be made; the text says why, and what helps."""
+    """The preload library is missing and cannot be made; the text names the reason and the remedy."""
 
 
 def library() -> Path:
-    """Return the library, made if need be.
+    """Return the path of the library, after making it if necessary.
 
     Raises:
-        NoLibrary: it is not there and cannot be made.
+        NoLibrary: it is missing and cannot be made.
     """
     if (SOURCES / BUILT).exists():
         return SOURCES / BUILT
@@ -56,12 +56,12 @@ def compiler() -> list[str]:
         return [sys.executable, "-m", "ziglang", "cc"]
     raise NoLibrary(
         "this installation has no preload library, and there is no C compiler to make it; `pip install ziglang` "
-        "brings one, and the wheels for x86_64 and aarch64 have the library in them"
+        "installs one, and the wheels for x86_64 and aarch64 contain the library"
     )
 
 
 def compile_to(target: Path, command: Sequence[str]) -> None:
-    """Compile the library; it appears in one step.
+    """Compile the library; the target appears in one step.
 
     Raises:
         NoLibrary: the compiler fails, or the folder cannot be written.
@@ -89,6 +89,6 @@ def _cache() -> Path:
 
 
 def _digest() -> str:
-    """Of the sources, so that each version has its own."""
+    """Return the digest of the sources, so that each version has a library of its own."""
     texts = [path.read_bytes() for path in sorted(SOURCES.glob("*.[ch]"))]
     return hashlib.sha256(b"".join([platform.machine().encode(), *texts])).hexdigest()[:16]

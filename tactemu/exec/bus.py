@@ -1,4 +1,4 @@
-"""The emulator's side of a CAN bus in the view: sockets that the keeper has made in the view's network."""
+"""The emulator's side of a CAN bus in the view: sockets that the keeper has opened in the view's network."""
 
 from __future__ import annotations
 
@@ -12,25 +12,25 @@ WAYS = {
     "native": "{names}: vcan of this kernel",
     "preload": "{names}: by the preload library over Ethernet, since this kernel has no vcan",
 }
-"""How buses are made, in words."""
+"""The description of each way to make buses."""
 
 
 class BusPort(SocketCanTransport):
-    """A CAN interface of the view, which is there while the port is open.
+    """A CAN interface of the view, which exists while the port is open.
 
     Args:
-        ask: of the keeper.
-        name: of the interface, such as ``can0``.
-        way: ``native`` or ``preload``; empty: whichever there is.
+        ask: sends a request to the keeper.
+        name: the name of the interface, such as ``can0``.
+        way: ``native`` or ``preload``; empty: native if the kernel can, else preload.
     """
 
     def __init__(self, ask: Callable[..., tuple[dict[str, Any], list[int]]], name: str, way: str = ""):
         super().__init__(f"socketcan:{name}")
         self._ask, self._wanted = ask, way
         self.way = ""
-        """How it was made."""
+        """The way in which it was made."""
         self.number = 0
-        """Its name is settled: it need not wait for others."""
+        """Not None, because the name is fixed: the port is opened before ports that take the lowest free number."""
 
     def _join(self) -> tuple[socket.socket, socket.socket]:
         answer, descriptors = self._ask("bus", name=self.channel, way=self._wanted)
@@ -41,7 +41,7 @@ class BusPort(SocketCanTransport):
         return sockets[0], sockets[-1]
 
     def close(self) -> None:
-        """Leave the bus, and pull the adapter out."""
+        """Leave the bus, and remove the interface."""
         there = self._in is not None
         super().close()
         if there:

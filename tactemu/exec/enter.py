@@ -1,8 +1,8 @@
-"""Into the view, and on as the driver: joins the keeper's namespaces and becomes the command.
+"""The entry into the view: a process that joins the keeper's namespaces and becomes the driver.
 
-Run as a script, with the keeper's process id and the command. It imports nothing of ours and little else: a driver's
-start waits for it. Exit status 125: the view is not there; 126: the command cannot be executed; 127: there is none of
-that name.
+It runs as a script with the keeper's process id and the command. It imports nothing of tactemu and little else, because
+the driver's start waits for it. Exit status 125: the view is missing; 126: the command cannot be executed; 127: there
+is no command of that name.
 """
 
 import ctypes
@@ -11,9 +11,9 @@ import signal
 import sys
 
 PRELOAD = "/run/udev/.tactemu/preload.so"
-"""In the view: a path without spaces that everybody may read."""
+"""The path of the preload library in the view: without spaces, and readable by every user."""
 CAN = "/run/udev/.tactemu/can"
-"""There where CAN is by the preload library."""
+"""The file that exists if CAN buses need the preload library."""
 FAILED, NOT_EXECUTABLE, NOT_FOUND = 125, 126, 127
 
 
@@ -24,7 +24,7 @@ def main(keeper: int, command: list[str]) -> None:
         root = os.open(f"/proc/{keeper}/root", os.O_PATH)
         for kind in ("user", "mnt", "net"):
             _join(f"/proc/{keeper}/ns/{kind}", f"/proc/self/ns/{kind}")
-        if not os.path.samestat(os.stat(root), os.stat("/")):  # all of this is run in a chroot
+        if not os.path.samestat(os.stat(root), os.stat("/")):  # the keeper runs in a chroot
             os.fchdir(root)
             os.chroot(".")
         os.close(root)
@@ -36,8 +36,8 @@ def main(keeper: int, command: list[str]) -> None:
     if os.path.exists(PRELOAD):
         others = os.environ.get("LD_PRELOAD")
         os.environ["LD_PRELOAD"] = f"{PRELOAD}:{others}" if others else PRELOAD
-    os.environ["SYSTEMD_DEVICE_VERIFY_SYSFS"] = "0"  # else libudev refuses folders that are not the kernel's own
-    for number in (signal.SIGPIPE, signal.SIGXFSZ):  # which Python ignores, and a program would go on ignoring
+    os.environ["SYSTEMD_DEVICE_VERIFY_SYSFS"] = "0"  # else libudev refuses folders that are not in the kernel's sysfs
+    for number in (signal.SIGPIPE, signal.SIGXFSZ):  # Python ignores them, and the program would inherit that
         signal.signal(number, signal.SIG_DFL)
     signal.pthread_sigmask(signal.SIG_SETMASK, [])
     try:
@@ -49,11 +49,11 @@ def main(keeper: int, command: list[str]) -> None:
 
 
 def _keep_packet_sockets() -> None:
-    """CAN without the kernel's takes packet sockets, for which who is not root needs a capability in the view."""
+    """Keep the capability for packet sockets, which CAN by the preload library needs, for users other than root."""
     libc, raw = ctypes.CDLL(None, use_errno=True), 13  # CAP_NET_RAW
     header, sets = (ctypes.c_uint32 * 2)(0x20080522, 0), (ctypes.c_uint32 * 6)()
     libc.capget(header, sets)
-    sets[2] |= 1 << raw  # inheritable, which it must be to be ambient
+    sets[2] |= 1 << raw  # inheritable, as ambient capabilities must be
     if libc.capset(header, sets) or libc.prctl(47, 2, raw, 0, 0):
         raise OSError(ctypes.get_errno(), os.strerror(ctypes.get_errno()), "CAP_NET_RAW")
 

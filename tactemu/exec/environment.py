@@ -1,4 +1,4 @@
-"""Emulators in a view of the machine, and commands that run in it.
+"""Views of the machine with emulated devices, and commands that run in them.
 
 ::
 
@@ -34,9 +34,9 @@ from tactemu.wire.wire import Wire
 
 _NODE = re.compile(rf"(?:/dev/)?(ttyUSB|ttyACM|can|{'|'.join(CHIPS)})(\d{{1,3}})")
 _ADAPTER = USB(0x0403, 0x6001, manufacturer="FTDI", product="FT232R USB UART", node="ttyUSB")
-"""What a board with a plain UART is plugged into."""
+"""The USB adapter of a board with a plain UART."""
 _BOARD = USB(0x1209, 0x0001, manufacturer="tactemu", node="ttyACM")
-"""A board with USB whose ids are not declared: pid.codes' number for tests."""
+"""A board with USB whose ids are not declared, with pid.codes' number for tests."""
 
 
 def exec_environment(
@@ -44,24 +44,25 @@ def exec_environment(
 ) -> ExecEnvironment:
     """Return a view of this machine in which the ports of ``devices`` are serial ports and CAN interfaces.
 
-    Devices that are not running are started, and stopped at the end; those that are get their former ports back.
+    Devices that are not running are started, and stopped at the end; running ones get their former ports back.
 
     Args:
-        devices: what :func:`tactemu.serve` returns.
+        devices: results of :func:`tactemu.serve`.
         nodes: ``ttyUSB0`` for the only port, or nodes by skin or ``SKIN/CONNECTOR``; default: as the kernel would name
-            them, ``ttyACM0`` or ``ttyUSB0`` upwards; ``can0`` upwards. ``ttyS0``, ``ttyAMA0``, ``ttyTHS1`` and so on
-            are UARTs of the board itself.
-        expose: ``tcp:PORT``, ports that are carried between the machine's network and that of a view with CAN buses.
-        way: how CAN buses are made, ``native`` (vcan) or ``preload``; default: whichever this kernel offers.
+            them, from ``ttyACM0``, ``ttyUSB0`` or ``can0`` upwards. ``ttyS0``, ``ttyAMA0``, ``ttyTHS1`` and so on are
+            UARTs of the board itself.
+        expose: ``tcp:PORT``, ports to forward between the machine's network and that of a view with CAN buses.
+        way: how CAN buses are made, ``native`` (vcan) or ``preload``; default: native if this kernel can, else preload.
 
     Raises:
-        TactemuError: this machine allows no such view (the message says why, and what helps); no such skin or node.
+        TactemuError: this machine allows no such view (the message names reason and remedy), or a skin or node does not
+            exist.
     """
     return ExecEnvironment(devices, nodes, way, expose)
 
 
 class ExecEnvironment:
-    """What :func:`exec_environment` returns."""
+    """A view of the machine with devices plugged in; :func:`exec_environment` returns it."""
 
     def __init__(
         self,
@@ -71,24 +72,24 @@ class ExecEnvironment:
         expose: Sequence[str] = (),
     ):
         self.devices = tuple(devices)
-        """Those that are plugged in, to press and to spoil."""
-        self._wishes = _nodes_in({"": nodes} if isinstance(nodes, str) and nodes else dict(nodes or {}))
+        """The plugged-in devices, which a test can press and disturb."""
+        self._requested_nodes = _nodes_in({"": nodes} if isinstance(nodes, str) and nodes else dict(nodes or {}))
         self._keeper: Keeper | None = None
         self._undo = ExitStack()
-        self._sockets: dict[tuple[Any, ...], int] = {}
-        """Number of the socket that each USB device is in."""
+        self._hub_ports: dict[tuple[Any, ...], int] = {}
+        """The number of the hub's port of each USB device."""
         self._ports: dict[str, UsbPort | BusPort] = {}
         self._on_network: dict[str, Transport] = {}
-        """Ports that a program reaches by an address, by their titles."""
+        """The ports that a program reaches by an address, by title."""
         self._buses: set[str] = set()
-        """Names of the CAN interfaces."""
+        """The names of the CAN interfaces."""
         if way not in ("", *WAYS):
             raise TransportError(f"way {way!r}: expected {' or '.join(WAYS)}")
         self._way = way
         self._expose = [parsed(text) for text in expose]
         self._exposed: list[Exposed] = []
         self.missing = ""
-        """Why there is no preload library; empty when there is one."""
+        """The reason why there is no preload library; empty if there is one."""
 
     # -- life ----------------------------------------------------------------------------------------------------------
 
@@ -96,7 +97,7 @@ class ExecEnvironment:
         """Make the view and plug everything in.
 
         Raises:
-            TactemuError: it cannot be made; nothing is left behind.
+            TactemuError: the view cannot be made; nothing is left behind.
         """
         with ExitStack() as undo:
             try:
@@ -111,13 +112,13 @@ class ExecEnvironment:
                     dev.before_opening = self._put_on_buses
                     undo.enter_context(dev)
             self._keeper.wait()
-            plugs = [plug for dev in self.devices for plug in self._plugs_of(dev)]
-            if self._wishes:
+            connections = [each for dev in self.devices for each in self._connections_of(dev)]
+            if self._requested_nodes:
                 known = ", ".join(self._ports) or "none"
                 known += "".join(f"; {title} is at {port.address}" for title, port in self._on_network.items())
-                raise TransportError(f"no such port: {', '.join(self._wishes)} (there are: {known})")
+                raise TransportError(f"no such port: {', '.join(self._requested_nodes)} (available: {known})")
             self._check_network()
-            for dev, wire, port in sorted(plugs, key=lambda plug: plug[2].number is None):  # the rest take what is left
+            for dev, wire, port in sorted(connections, key=lambda each: each[2].number is None):  # fixed numbers first
                 before = wire.transport
                 dev.in_loop(lambda wire=wire, port=port: _change(wire, port))
                 if dev in keep:
@@ -133,7 +134,7 @@ class ExecEnvironment:
         return self
 
     def stop(self) -> None:
-        """Unplug everything; what still runs in the view finds its ports gone. Safe to call twice."""
+        """Unplug everything; programs that still run in the view find their ports gone. Safe to call twice."""
         self._undo.close()
 
     def __enter__(self) -> ExecEnvironment:
@@ -146,23 +147,22 @@ class ExecEnvironment:
 
     @property
     def nodes(self) -> dict[str, str]:
-        """Path of each port in the view, interface of each bus, and address of what is on the network; by skin, or by
-        ``SKIN/CONNECTOR``."""
+        """The path of each port in the view, the interface of each bus, and the address of each network port; by skin
+        or ``SKIN/CONNECTOR``."""
         ports = {**self._ports, **self._on_network}
         return {title: port.channel if isinstance(port, BusPort) else port.address for title, port in ports.items()}
 
     @property
     def keeper(self) -> int:
-        """Process id of the view's keeper; its namespaces are the view."""
+        """The process id of the view's keeper, whose namespaces are the view."""
         assert self._keeper is not None, "use it in a with statement"
         return self._keeper.pid
 
     def command(self, command: Sequence[str | os.PathLike[str]]) -> list[str]:
-        """Return a command line that runs ``command`` in the view, whoever starts it: ``subprocess``, a shell, a
-        launcher.
+        """Return a command line that runs ``command`` in the view, for ``subprocess``, a shell or a launcher.
 
-        What it starts in turn is in the view too. Its exit status is that of ``command``; 125: the view has gone, 126:
-        not executable, 127: not found.
+        Its children are in the view, too. Its exit status is that of ``command``; 125: the view has ended, 126: not
+        executable, 127: not found.
         """
         assert self._keeper is not None, "use it in a with statement"
         return self._keeper.enter([os.fspath(word) for word in command])
@@ -177,14 +177,16 @@ class ExecEnvironment:
 
     # -- what is plugged in --------------------------------------------------------------------------------------------
 
-    def _plugs_of(self, dev: Served) -> Iterator[tuple[Served, Wire, UsbPort | BusPort]]:
-        """Every serial port and CAN bus of a device, and what is to be at the end of its wire."""
+    def _connections_of(self, dev: Served) -> Iterator[tuple[Served, Wire, UsbPort | BusPort]]:
+        """Yield every serial port and CAN bus of a device, with the new transport of its wire."""
         wires = set()
         for channel in dev.emulator.channels:
             for name, wire in channel.wires.items():
                 connector = channel.device.connector(name)
                 title = f"{channel.name}/{name}" if len(channel.wires) > 1 else channel.name
-                if isinstance(connector, Can) and isinstance(wire.transport, BusPort):  # it has been put there already
+                if isinstance(connector, Can) and isinstance(
+                    wire.transport, BusPort
+                ):  # _put_on_buses has made it already
                     self._ports[title] = wire.transport
                 elif isinstance(connector, Can | Serial) and wire not in wires:
                     wires.add(wire)
@@ -196,22 +198,22 @@ class ExecEnvironment:
                     self._on_network[title] = wire.transport
 
     def _check_network(self) -> None:
-        """Refuse what would be on a network that the driver does not see.
+        """Check that the driver can reach all devices on the network.
 
         Raises:
-            TransportError: there is a CAN bus too, and no way to the port.
+            TransportError: with a CAN bus the view has its own network, and the port is not forwarded.
         """
         for title, port in self._on_network.items() if self._buses else ():
             number = urlsplit(port.address).port if port.scheme in ("tcp", "ws") else None
             if number is None or number not in self._expose:
-                fix = f"; --expose tcp:{number} leads to it" if number else "; use `tactemu run` for it"
+                fix = f"; forward it with --expose tcp:{number}" if number else "; use `tactemu run` for it"
                 raise TransportError(
                     f"{title} is at {port.address} of this machine, and with the bus {min(self._buses)} the driver has "
                     f"a network of its own{fix}"
                 )
 
     def _put_on_buses(self, emulator: Any) -> None:
-        """The CAN buses of an emulator that is about to start: what they are called here, they are in the view."""
+        """Put the CAN buses of a starting emulator into the view under their names."""
         for channel in emulator.channels:
             for name, wire in channel.wires.items():
                 if isinstance(channel.device.connector(name), Can) and not isinstance(wire.transport, BusPort):
@@ -219,7 +221,7 @@ class ExecEnvironment:
                     wire.transport = self._bus(title, wire)
 
     def _bus(self, title: str, wire: Wire) -> BusPort:
-        """Return the interface asked for, else of the name that the scene has for it, else the lowest that is free."""
+        """Return the requested interface, else that named by the scene, else the lowest free one."""
         assert self._keeper is not None
         taken = {port.channel for port in self._ports.values() if isinstance(port, BusPort)} | self._buses
         number = next(number for number in range(len(taken) + 1) if f"can{number}" not in taken)
@@ -227,15 +229,15 @@ class ExecEnvironment:
         if isinstance(wire.transport, SocketCanTransport):
             name = wire.transport.channel
         for owner in ("", title, title.partition("/")[0]):
-            if owner in self._wishes and self._wishes[owner][0] == "can":
-                name = f"can{self._wishes.pop(owner)[1]}"
+            if owner in self._requested_nodes and self._requested_nodes[owner][0] == "can":
+                name = f"can{self._requested_nodes.pop(owner)[1]}"
                 break
         self._buses.add(name)
         return BusPort(self._keeper.ask, name, self._way)
 
     @property
     def network(self) -> str:
-        """How the view's CAN buses are made, and what else is in its network; empty where it is the machine's."""
+        """The description of the view's own network; empty if it has that of the machine."""
         ways = {port.channel: port.way for port in self._ports.values() if isinstance(port, BusPort)}
         if not ways:
             return ""
@@ -247,16 +249,16 @@ class ExecEnvironment:
         assert self._keeper is not None
         usb, number = _declared(connector, device, title), None
         for owner in ("", title, title.partition("/")[0]):
-            if owner in self._wishes:
-                usb["node"], number = self._wishes.pop(owner)
+            if owner in self._requested_nodes:
+                usb["node"], number = self._requested_nodes.pop(owner)
                 break
         board = (id(device), usb["vid"], usb["pid"], usb["serial"])
-        socket = self._sockets.setdefault(board, len(self._sockets) + 1)
-        return UsbPort(Node(self._keeper.ask, usb, number=number, plug=socket))
+        hub_port = self._hub_ports.setdefault(board, len(self._hub_ports) + 1)
+        return UsbPort(Node(self._keeper.ask, usb, number=number, hub_port=hub_port))
 
 
 def _change(wire: Wire, port: Transport) -> None:
-    """Another port at the end of a wire; if it cannot be opened, the former one."""
+    """Exchange the transport of a wire; if the new one cannot be opened, restore the former one."""
     before = wire.transport
     before.close()
     port.set_connector(wire.line_model.connector)
@@ -274,22 +276,22 @@ def _take_out(dev: Served, wire: Wire, before: Transport) -> None:
 
 
 def _declared(connector: Serial, device: Device, title: str) -> dict[str, Any]:
-    """What the USB device says of itself. One that declares no serial number has the same at each run."""
+    """Return the description of the USB device; without a declared serial number it has the same one in each run."""
     usb = connector.usb
     if usb is True:
         usb = replace(_BOARD, product=device.title)
     elif usb is False:
         usb = _ADAPTER
-    told = asdict(usb)
-    told["serial"] = told["serial"] or hashlib.sha256(title.encode()).hexdigest()[:8].upper()
-    return told
+    described = asdict(usb)
+    described["serial"] = described["serial"] or hashlib.sha256(title.encode()).hexdigest()[:8].upper()
+    return described
 
 
 def _nodes_in(nodes: Mapping[str, str]) -> dict[str, tuple[str, int]]:
-    """``ttyUSB0`` as kind and number.
+    """Return ``ttyUSB0`` as prefix and number, for each owner.
 
     Raises:
-        TransportError: it is no name of a serial port or a CAN interface.
+        TransportError: a name is not that of a serial port or a CAN interface.
     """
     found = {}
     for owner, node in nodes.items():

@@ -1,7 +1,7 @@
-"""TCP ports that are carried between the machine's network and that of a view with CAN buses.
+"""TCP ports that are forwarded between the machine's network and that of a view with CAN buses.
 
-Where a program of the machine serves on the port when the view starts, it is reached from the view; where there is
-none, the port of the machine leads into the view.
+If a program of the machine serves on the port when the view starts, the view can reach it; else the port of the machine
+leads into the view.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ def parsed(text: str) -> int:
     """Return the port of ``tcp:PORT``.
 
     Raises:
-        TransportError: it is none.
+        TransportError: the text is not a port.
     """
     match = re.fullmatch(r"tcp:(\d{1,5})", text)
     if match is None or not 0 < int(match[1]) < 65_536:
@@ -33,37 +33,37 @@ def parsed(text: str) -> int:
 
 
 class Exposed:
-    """One port that is carried through, by a thread of its own.
+    """A forwarded port, with a thread of its own.
 
     Args:
-        ask: of the keeper.
-        port: on the loopback of both networks.
+        ask: sends a request to the keeper.
+        port: the port on the loopback of both networks.
 
     Raises:
-        TransportError: the port cannot be had.
+        TransportError: the port is taken.
     """
 
     def __init__(self, ask: Callable[..., tuple[dict[str, Any], list[int]]], port: int):
         self._ask, self.port = ask, port
-        self.outwards = _served(port)
-        """A program of the machine serves there; else one in the view may."""
-        listener = self._in_view("listen", port=port) if self.outwards else _is_served(port)
+        self.to_machine = _has_server(port)
+        """True if a program of the machine serves on the port; else a program in the view may."""
+        listener = self._socket_in_view("listen", port=port) if self.to_machine else _listen(port)
         self._loop = asyncio.new_event_loop()
         self._thread = threading.Thread(target=self._run, args=(listener,), name=f"tcp:{port}", daemon=True)
         self._thread.start()
 
     def __str__(self) -> str:
-        there = "the machine's, from the view" if self.outwards else "the view's, from the machine"
+        there = "the machine's, from the view" if self.to_machine else "the view's, from the machine"
         return f"tcp:{self.port} is {there}"
 
     def close(self) -> None:
-        """End every connection. Safe to call twice."""
+        """Close every connection. Safe to call twice."""
         if not self._loop.is_closed():
-            with contextlib.suppress(RuntimeError):  # it has just ended
+            with contextlib.suppress(RuntimeError):  # the loop has just ended
                 self._loop.call_soon_threadsafe(self._loop.stop)
             self._thread.join()
 
-    def _in_view(self, do: str, **given: Any) -> socket.socket:
+    def _socket_in_view(self, do: str, **given: Any) -> socket.socket:
         (descriptor,) = self._ask(do, **given)[1]
         return socket.socket(fileno=descriptor)
 
@@ -77,12 +77,12 @@ class Exposed:
             self._loop.run_until_complete(self._loop.shutdown_asyncgens())
 
     async def _carry(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        """Between one client and whoever serves."""
-        other = socket.socket() if self.outwards else self._in_view("socket")
+        """Forward bytes between a client and the server until one of them closes."""
+        other = socket.socket() if self.to_machine else self._socket_in_view("socket")
         other.setblocking(False)
         try:
             await self._loop.sock_connect(other, (_HERE, self.port))
-        except OSError:  # nobody serves yet: the client finds the connection closed
+        except OSError:  # no server yet: the client finds the connection closed
             other.close()
             writer.close()
             return
@@ -100,13 +100,13 @@ async def _copy(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> N
         writer.write_eof()
 
 
-def _served(port: int) -> bool:
+def _has_server(port: int) -> bool:
     with socket.socket() as tried:
         tried.settimeout(1.0)
         return tried.connect_ex((_HERE, port)) == 0
 
 
-def _is_served(port: int) -> socket.socket:
+def _listen(port: int) -> socket.socket:
     try:
         return socket.create_server((_HERE, port))
     except OSError as error:

@@ -1,9 +1,9 @@
-"""The view's own process: makes the namespaces and the view in them, and changes it as the emulator says.
+"""The keeper: the process that makes the namespaces and the view in them, and changes it on request of the emulator.
 
-Started by :mod:`tactemu.exec.environment`; needs nothing but the standard library. When the emulator goes, however it
-goes, everything is unplugged and the keeper ends; the namespaces end with the last process in them.
+:mod:`tactemu.exec.environment` starts it; it needs nothing but the standard library. When the emulator ends,
+however it does, everything is unplugged and the keeper ends; the namespaces end with the last process in them.
 
-Messages are JSON, one a packet: ``{"do": "plug", ...}`` is answered by ``{...}`` with descriptors beside it, or by
+Messages are JSON, one in a packet: the answer to ``{"do": "plug", ...}`` is ``{...}`` with descriptors beside it, or
 ``{"error": text}``.
 """
 
@@ -23,16 +23,16 @@ from tactemu.exec.enter import PRELOAD
 from tactemu.exec.network import Network
 from tactemu.exec.view import ROOM, View
 
-_LONGEST = 65_536
+_MAX_MESSAGE_BYTES = 65_536
 
 
 def main(descriptor: int, emulator: int, preload: str) -> None:
-    """Serve the emulator with process id ``emulator`` at the other end of the socket ``descriptor``.
+    """Serve the emulator, process id ``emulator``, at the other end of the socket ``descriptor``.
 
     ``preload`` is the path of the preload library, or empty.
     """
     for number in (signal.SIGINT, signal.SIGQUIT, signal.SIGHUP, signal.SIGTERM):
-        signal.signal(number, signal.SIG_IGN)  # it ends with the emulator, and not before
+        signal.signal(number, signal.SIG_IGN)  # the keeper must not end before the emulator
     wire = socket.socket(fileno=descriptor)
     emulator_fd = os.pidfd_open(emulator)
     try:
@@ -59,7 +59,7 @@ def main(descriptor: int, emulator: int, preload: str) -> None:
 
 
 def enter_namespaces() -> None:
-    """A mount namespace, whose owner this process is: root's own, else one in a user namespace.
+    """Move this process into a mount namespace that it owns; without root, inside a new user namespace.
 
     Raises:
         OSError: the kernel does not allow it.
@@ -72,7 +72,9 @@ def enter_namespaces() -> None:
         for name, text in (("setgroups", "deny"), ("uid_map", f"{uid} {uid} 1"), ("gid_map", f"{gid} {gid} 1")):
             with open(f"/proc/self/{name}", "w") as file:
                 file.write(text)
-    system.mount("", "/", flags=system.MS_REC | system.MS_SLAVE)  # ours stay here, the machine's still come in
+    system.mount(
+        "", "/", flags=system.MS_REC | system.MS_SLAVE
+    )  # new mounts stay in the view; those of the machine still appear in it
 
 
 def _do(view: View, network: Network, do: str, **given: Any) -> tuple[dict[str, Any], list[int]]:
@@ -95,11 +97,11 @@ def _do(view: View, network: Network, do: str, **given: Any) -> tuple[dict[str, 
             return {}, network.socket()
         case "listen":
             return {}, network.listen(**given)
-    raise ValueError(f"nobody knows how to {do}")
+    raise ValueError(f"the keeper has no request {do!r}")
 
 
 def _next(wire: socket.socket, emulator_fd: int) -> dict[str, Any] | None:
-    """Return the next message; ``None``: the emulator has gone."""
+    """Return the next message, or None if the emulator has ended."""
     poll = select.poll()
     poll.register(wire, select.POLLIN)
     poll.register(emulator_fd, select.POLLIN)
@@ -107,8 +109,8 @@ def _next(wire: socket.socket, emulator_fd: int) -> dict[str, Any] | None:
     if wire.fileno() not in ready:
         return None
     try:
-        data = wire.recv(_LONGEST)
-    except ConnectionResetError:  # it has gone without reading our last answer
+        data = wire.recv(_MAX_MESSAGE_BYTES)
+    except ConnectionResetError:  # the emulator has ended without reading the last answer
         return None
     return json.loads(data) if data else None
 

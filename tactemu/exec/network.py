@@ -1,7 +1,7 @@
-"""The view's own network: loopback and CAN buses. Runs in the keeper.
+"""The view's own network of loopback and CAN buses, in the keeper.
 
-A bus is an interface of the view: a vcan where the kernel has one, else an end of a veth pair, which carries the frames
-for programs with the preload library (``preload/can.c`` says how).
+A bus is an interface of the view: a vcan if the kernel has one, else an end of a veth pair, which carries the frames of
+programs with the preload library (see ``preload/can.c``).
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from tactemu.exec import system
 
 NATIVE, PRELOAD = "native", "preload"
 _TAG_BUS = 0x00FA
-"""Protocol of frames that come from the bus: as in ``preload/can.c``."""
+"""The protocol number of frames from the bus, as in ``preload/can.c``."""
 _ALL = 3  # ETH_P_ALL
 _ATTACH_FILTER = 26
 _MTU, _ARPHRD_CAN = 72, 280
@@ -29,31 +29,32 @@ _UP = 1
 
 
 class Network:
-    """A network namespace with buses; this process is in it once there is the first.
+    """A network namespace with buses, which this process enters with the first bus.
 
     Args:
-        room: folder in which the preload library looks for what it needs to know.
+        room: the folder with the files for the preload library.
     """
 
     def __init__(self, room: Path):
         self._room = room
         self._buses: dict[str, str] = {}
-        """Way of each, by its name."""
+        """The way in which each bus was made, by name."""
 
     def plug(self, name: str, way: str) -> tuple[str, list[int]]:
-        """Make a bus; returns its way, and descriptors of the sockets to read its frames from and to write them to.
+        """Make a bus, and return its way and the descriptors of the sockets for reading and for writing frames.
 
         Args:
-            name: of the interface.
-            way: ``native``, ``preload``; empty: whichever this kernel offers.
+            name: the name of the interface.
+            way: ``native`` or ``preload``; empty: native if this kernel can, else preload.
 
         Raises:
-            OSError: the kernel allows or has it not.
+            OSError: the kernel refuses it.
+            ValueError: the interface exists, or the kernel has no vcan.
         """
         if not self._buses and not os.path.exists(self._room / "network"):
             self._enter()
         if name in self._buses:
-            raise ValueError(f"{name} is there already")
+            raise ValueError(f"{name} exists already")
         way = self._make(name, way)
         self._buses[name] = way
         try:
@@ -65,7 +66,7 @@ class Network:
         return way, [each.detach() for each in sockets]
 
     def unplug(self, name: str) -> None:
-        """The interface goes, as when its adapter is pulled out."""
+        """Remove an interface, as when its adapter is unplugged."""
         del self._buses[name]
         _ask(_DELLINK, 0, _LINK.pack(0, 0, 0, 0, 0) + _text(_NAME, name))
         for each in Path("/sys/class/net", name).glob("*"):
@@ -74,19 +75,19 @@ class Network:
             os.rmdir(f"/sys/class/net/{name}")
 
     def socket(self) -> list[int]:
-        """Return the descriptor of a TCP socket of this network, to connect to somebody in the view."""
+        """Return the descriptor of a TCP socket of this network, to connect to a server in the view."""
         return [socket.socket().detach()]
 
     def listen(self, port: int) -> list[int]:
         """Return the descriptor of a TCP socket that listens on this network's loopback.
 
         Raises:
-            OSError: somebody does already.
+            OSError: the port is taken.
         """
         return [socket.create_server(("127.0.0.1", port)).detach()]
 
     def unplug_all(self) -> None:
-        """The emulator has gone."""
+        """Remove all interfaces, after the emulator has ended."""
         for name in list(self._buses):
             self.unplug(name)
 
@@ -96,7 +97,7 @@ class Network:
         _set_up("lo")
         system.mount(
             "tmpfs", "/sys/class/net", "tmpfs", system.MS_NOSUID, "mode=755"
-        )  # those of the machine are not here
+        )  # hides the machine's interfaces, which are not in this network
 
     def _make(self, name: str, way: str) -> str:
         if way != PRELOAD:
@@ -131,22 +132,22 @@ def _of_kernel(name: str) -> list[socket.socket]:
 
 
 def _of_packets(name: str) -> list[socket.socket]:
-    """Return one that reads what leaves through the interface but for what the other sends; that one hears nothing."""
-    hear, say = (socket.socket(socket.AF_PACKET, socket.SOCK_RAW, 0) for _ in range(2))
+    """Return a socket that receives the frames sent through the interface by others, and one that only sends."""
+    receiver, sender = (socket.socket(socket.AF_PACKET, socket.SOCK_RAW, 0) for _ in range(2))
     others = [
-        (0x20, 0, 0, 0xFFFFF004),  # whether it leaves or comes in
+        (0x20, 0, 0, 0xFFFFF004),  # load the direction of the packet
         (0x15, 1, 0, socket.PACKET_OUTGOING), (0x06, 0, 0, 0),
-        (0x20, 0, 0, 0xFFFFF000),  # its protocol
+        (0x20, 0, 0, 0xFFFFF000),  # load its protocol
         (0x15, 0, 1, _TAG_BUS), (0x06, 0, 0, 0),
         (0x06, 0, 0, 0xFFFF),
     ]  # fmt: skip
-    for each, lines in ((hear, others), (say, [(0x06, 0, 0, 0)])):
+    for each, lines in ((receiver, others), (sender, [(0x06, 0, 0, 0)])):
         program = b"".join(struct.pack("=HBBI", *line) for line in lines)
         with system.buffer(program) as address:
             each.setsockopt(socket.SOL_SOCKET, _ATTACH_FILTER, struct.pack("HxxxxxxP", len(lines), address))
-    hear.bind((name, _ALL))
-    say.bind((name, _TAG_BUS))
-    return [hear, say]
+    receiver.bind((name, _ALL))
+    sender.bind((name, _TAG_BUS))
+    return [receiver, sender]
 
 
 # -- netlink -----------------------------------------------------------------------------------------------------------
@@ -155,7 +156,7 @@ def _of_packets(name: str) -> list[socket.socket]:
 def _add(name: str, kind: str, peer: str = "") -> None:
     data = _attribute(_DATA, _attribute(_PEER, _LINK.pack(0, 0, 0, 0, 0) + _own(peer))) if peer else b""
     info = _attribute(_INFO, _text(_KIND, kind) + data)
-    up = 0 if peer else _UP  # at once, where that needs no other end: nobody finds it down
+    up = 0 if peer else _UP  # up at once unless it needs a peer, so that no program finds it down
     _ask(_NEWLINK, _CREATE | _EXCLUSIVE, _LINK.pack(0, 0, 0, up, up) + _own(name) + info)
 
 
@@ -164,14 +165,14 @@ def _own(name: str) -> bytes:
 
 
 def _set_up(name: str) -> None:
-    """An interface goes up, without addresses of IPv6, whose noise belongs on no bus."""
+    """Set an interface up without IPv6 addresses, whose packets do not belong on a CAN bus."""
     silent = b""
     if name != "lo":
         silent = _attribute(_SPEC, _attribute(_INET6, _attribute(_ADDRESSES, b"\1")))
     index = socket.if_nametoindex(name)
     try:
         _ask(_NEWLINK, 0, _LINK.pack(0, 0, index, 0, 0) + silent)
-    except OSError:  # a kernel without IPv6, or a vcan, which has none
+    except OSError:  # a kernel without IPv6, or a vcan, which has no addresses
         pass
     _ask(_NEWLINK, 0, _LINK.pack(0, 0, index, _UP, _UP))
 
@@ -185,10 +186,10 @@ def _text(kind: int, text: str) -> bytes:
 
 
 def _ask(kind: int, flags: int, body: bytes) -> None:
-    """Ask the kernel to change an interface.
+    """Send a request for a change of interfaces to the kernel.
 
     Raises:
-        OSError: it does not.
+        OSError: the kernel refuses it.
     """
     with socket.socket(socket.AF_NETLINK, socket.SOCK_RAW, socket.NETLINK_ROUTE) as wire:
         wire.send(_HEADER.pack(_HEADER.size + len(body), kind, flags | _REQUEST | _ACK, 1, 0) + body)

@@ -1,4 +1,4 @@
-"""The emulator's side of a USB serial port in the view: a pseudo terminal, and what the preload library tells of it."""
+"""The emulator's side of a USB serial port in the view: a pseudo terminal, and the changes from the preload library."""
 
 from __future__ import annotations
 
@@ -12,61 +12,61 @@ from pathlib import Path
 from typing import Any
 
 from firmware_protocols import Connector, Serial
-from tactemu.exec import page
+from tactemu.exec import shared_page
 from tactemu.transports.pty import CMSPAR, PtyTransport
 from tactemu.transports.transport import Event, LinesChanged, Noted, Received, SerialSetting
 
 _BYTESIZES = {termios.CS5: 5, termios.CS6: 6, termios.CS7: 7, termios.CS8: 8}
-_MESSAGES = 512
-"""So many are read at once: a driver that toggles its lines all the time keeps nobody waiting."""
+_MAX_CHANGES_PER_READ = 512
+"""Maximum number of changes read at once, so that a driver that toggles its lines cannot block the loop."""
 
 Ask = Callable[..., tuple[dict[str, Any], list[int]]]
-"""A request to the keeper: its answer, and the descriptors beside it."""
+"""A callable that sends a request to the keeper, and returns its answer and the descriptors beside it."""
 
 
 class Node:
-    """A node in the view's ``/dev``, which is there while something is plugged in.
+    """A node in the view's ``/dev``, which exists while its device is plugged in.
 
     Args:
-        ask: of the keeper.
-        usb: what the device says of itself, as :meth:`tactemu.exec.view.View.plug` takes it.
-        number: of the node; ``None``: the lowest that is free.
-        plug: number of the socket that the device is in.
+        ask: sends a request to the keeper.
+        usb: the device's description, an argument of :meth:`tactemu.exec.view.View.plug`.
+        number: the number of the node; None: the lowest free one.
+        hub_port: the number of the hub's port that the device is plugged into.
     """
 
-    def __init__(self, ask: Ask, usb: Mapping[str, Any], *, number: int | None, plug: int):
-        self._ask, self._usb, self._plug = ask, dict(usb), plug
+    def __init__(self, ask: Ask, usb: Mapping[str, Any], *, number: int | None, hub_port: int):
+        self._ask, self._usb, self._hub_port = ask, dict(usb), hub_port
         self.number = number
         self.path = Path()
         self._maker = 0
-        """Process that plugged it in; what a forked child closes stays plugged in."""
+        """The process that plugged it in; a forked child does not unplug it."""
         self._page: mmap.mmap | None = None
         self._pipe = -1
 
     def point_to(self, pty: str) -> None:
-        """Plug the device in, or give the node that is there another pseudo terminal.
+        """Plug the device in; if it is plugged in, exchange the pseudo terminal behind its node.
 
         Raises:
-            TransportError: the keeper cannot, or has gone.
+            TactemuError: the keeper fails, or has ended.
         """
         if self._page is not None:
             _, shared = self._ask("replace", node=self.path.name, pty=pty)
-            self._leave()
+            self._close_shared()
         else:
-            answer, shared = self._ask("plug", usb=self._usb, pty=pty, number=self.number, plug=self._plug)
+            answer, shared = self._ask("plug", usb=self._usb, pty=pty, number=self.number, hub_port=self._hub_port)
             self.path, self._maker = Path("/dev", answer["node"]), os.getpid()
         memory, self._pipe = shared
-        self._page = mmap.mmap(memory, page.PAGE.size)
+        self._page = mmap.mmap(memory, shared_page.PAGE.size)
         os.close(memory)
 
     def remove(self) -> None:
-        """Pull the device out. Safe to call twice."""
+        """Unplug the device. Safe to call twice."""
         if self._page is not None:
-            self._leave()
+            self._close_shared()
             if self._maker == os.getpid():
                 self._ask("unplug", node=self.path.name)
 
-    def _leave(self) -> None:
+    def _close_shared(self) -> None:
         assert self._page is not None
         self._page.close()
         os.close(self._pipe)
@@ -74,28 +74,30 @@ class Node:
 
     @property
     def pipe(self) -> int:
-        """Readable when the preload library has told something; -1 while nothing is plugged in."""
+        """The descriptor that is readable after a change; -1 while the device is unplugged."""
         return self._pipe
 
-    def told(self) -> list[tuple[int, int]]:
-        """What the preload library has told since the last call."""
+    def changes(self) -> list[tuple[int, int]]:
+        """Return the changes that the preload library has reported since the last call."""
         try:
-            data = os.read(self._pipe, _MESSAGES * page.TOLD.size) if self._pipe >= 0 else b""
+            data = os.read(self._pipe, _MAX_CHANGES_PER_READ * shared_page.CHANGE.size) if self._pipe >= 0 else b""
         except BlockingIOError:
             return []
-        return list(page.TOLD.iter_unpack(data))
+        return list(shared_page.CHANGE.iter_unpack(data))
 
-    def raise_lines(self) -> None:
-        """Nobody has the port open: the next to open it finds its lines raised."""
+    def reset_lines(self) -> None:
+        """Raise the lines after the last driver has closed the port, for the next one."""
         if self._page is not None:
-            struct.pack_into("=I", self._page, page.LINES_AT, page.DTR | page.RTS | page.AT_REST)
+            struct.pack_into(
+                "=I", self._page, shared_page.LINES_OFFSET, shared_page.DTR | shared_page.RTS | shared_page.DEVICE_LINES
+            )
 
 
 class UsbPort(PtyTransport):
     """A serial port of an emulated USB device.
 
-    What the preload library tells comes before the bytes that are read in the same turn: what a driver set before it
-    sent them holds for them.
+    Changes that the preload library reports come before the bytes that are read in the same turn, so that settings
+    apply to the bytes that the driver sent after them.
     """
 
     scheme = "usb"
@@ -104,20 +106,20 @@ class UsbPort(PtyTransport):
         super().__init__()
         self._node = self._link = node
         self._control = 0
-        """The control flags that the driver has asked for, with those that a pseudo terminal does not keep."""
-        self._breaks_heard = False
+        """The control flags set by the driver, including those that a pseudo terminal does not keep."""
+        self._receives_breaks = False
 
     @property
     def number(self) -> int | None:
-        """Of the node, if it always has the same."""
+        """The number of the node if it is fixed, else None."""
         return self._node.number
 
     def set_connector(self, connector: Connector) -> None:
-        """A break is a byte of zeros to a UART; USB has a request for it, which firmware ignores."""
-        self._breaks_heard = isinstance(connector, Serial) and not connector.is_cdc
+        """Set the connector, which decides the effect of a break: a UART receives a zero byte, CDC-ACM ignores it."""
+        self._receives_breaks = isinstance(connector, Serial) and not connector.is_cdc
 
     def close(self) -> None:
-        """Hang up, then pull the device out: the order in which the kernel does it."""
+        """Hang up, then unplug the device, in the order of the kernel."""
         self._link = None
         super().close()
         self._link = self._node
@@ -125,23 +127,23 @@ class UsbPort(PtyTransport):
         self._node.remove()
 
     def filenos(self, reading: bool = True) -> list[int]:
-        """Those of the pseudo terminal, and the pipe while somebody may write into it."""
+        """Return those of the pseudo terminal, and the pipe while a driver has the port open."""
         found = super().filenos(reading)
         return [*found, self._node.pipe] if self._has_driver and self._node.pipe >= 0 else found
 
     def _read_termios(self) -> bytes:
-        for what, value in self._node.told():
+        for what, value in self._node.changes():
             match what:
-                case page.LINES:
-                    self._side_events.append(LinesChanged(bool(value & page.DTR), bool(value & page.RTS)))
-                case page.CONTROL:
+                case shared_page.LINES:
+                    self._side_events.append(LinesChanged(bool(value & shared_page.DTR), bool(value & shared_page.RTS)))
+                case shared_page.CONTROL:
                     self._control = value
-                case page.BREAK:
+                case shared_page.BREAK:
                     self._side_events.append(Noted("break" if value else "break ends"))
-                    if value and self._breaks_heard:
+                    if value and self._receives_breaks:
                         self._side_events.append(Received(b"\0"))
-                case page.FLAGS:
-                    self._side_events.append(Noted(f"low latency {'on' if value & page.LOW_LATENCY else 'off'}"))
+                case shared_page.FLAGS:
+                    self._side_events.append(Noted(f"low latency {'on' if value & shared_page.LOW_LATENCY else 'off'}"))
         return super()._read_termios() + struct.pack("=I", self._control)
 
     def _setting_in(self, termios_bytes: bytes) -> SerialSetting:
@@ -154,5 +156,5 @@ class UsbPort(PtyTransport):
         return replace(setting, bytesize=_BYTESIZES[control & termios.CSIZE], parity=parity)
 
     def _closed(self) -> list[Event]:
-        self._node.raise_lines()
+        self._node.reset_lines()
         return super()._closed()

@@ -26,13 +26,13 @@ class ExecEnvironments(Protocol):
     def __call__(
         self, *devices: Served | str | Path, nodes: str | Mapping[str, str] = "", **options: Any
     ) -> ExecEnvironment:
-        """Return a view in which the devices are plugged in; those that are names are started with ``options``."""
+        """Return a view in which the devices are plugged in; a device given by name is started with ``options``."""
         ...
 
 
 @pytest.fixture
 def exec_environment(tactile_device: Callable[..., Served]) -> Iterator[ExecEnvironments]:
-    """Have devices as hardware: ``exec_environment("anyskin").run(["python", "driver.py"])``.
+    """Yield a callable that plugs devices in: ``exec_environment("anyskin").run(["python", "driver.py"])``.
 
     Arguments are those of :func:`tactemu.exec_environment`; a name or a scene stands for ``tactile_device(name)``.
     """

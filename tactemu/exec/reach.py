@@ -1,7 +1,7 @@
-"""Which programs the preload library cannot reach, told from the file before it is started.
+"""Detection of programs that cannot load the preload library, from their files.
 
-Such a program still finds the nodes, sysfs and udev's data, and reads and writes; what it misses is what the library
-answers: modem lines, break, parity, low latency, and udev's events.
+Such a program still finds the nodes, sysfs and udev's data, and reads and writes; but it has no modem lines, break,
+parity, low latency and udev's events, which the library provides.
 """
 
 from __future__ import annotations
@@ -17,15 +17,15 @@ _ELF = struct.Struct("<16sHHIQQQIHHHHHH")
 _SEGMENT = struct.Struct("<IIQQQQQQ")
 _SECTION = struct.Struct("<IIQQQQIIQQ")
 _INTERPRETER = 3
-_LINES = 4
-"""So many scripts may name each other as interpreter, as in the kernel."""
+_MAX_INTERPRETERS = 4
+"""Maximum number of scripts that name each other as interpreter, as in the kernel."""
 _MACHINES = {"x86_64": 62, "aarch64": 183}
 
 
 def out_of_reach(command: str) -> str:
-    """Why the library does not reach a command, in words; empty when it does, or when nobody can tell."""
+    """Return why a command does not load the library, or ``""`` if it does, or if that is unknown."""
     path = shutil.which(command)
-    for _ in range(_LINES):
+    for _ in range(_MAX_INTERPRETERS):
         if path is None:
             return ""
         try:
@@ -40,7 +40,7 @@ def out_of_reach(command: str) -> str:
 
 
 def _interpreter(head: bytes) -> str | None:
-    """Of a script: ``#!/usr/bin/env python3`` is run by ``python3``."""
+    """Return the interpreter of a script: ``#!/usr/bin/env python3`` is run by ``python3``."""
     if not head.startswith(b"#!"):
         return None
     words = os.fsdecode(head[2:].partition(b"\n")[0]).split()
@@ -55,12 +55,12 @@ def _of_program(path: str, file) -> str:
     mode = os.stat(path).st_mode
     if mode & (stat.S_ISUID | stat.S_ISGID) or _has_capabilities(path):
         return (
-            f"{name} runs with another user's rights (set-uid, or capabilities), so the system loads no library for it"
+            f"{name} runs with another user's rights (set-uid, or capabilities), so the system loads no library into it"
         )
     file.seek(0)
     header = file.read(_ELF.size)
     if len(header) < _ELF.size or header[4] != 2 or header[5] != 1:
-        return f"{name} is no 64-bit program, and the library is"
+        return f"{name} is no 64-bit program, but the library is"
     _, _, machine, _, _, segments_at, sections_at, _, _, size, count, each, sections, names = _ELF.unpack(header)
     if machine != _MACHINES.get(platform.machine(), machine):
         return f"{name} is made for another processor"
@@ -72,7 +72,7 @@ def _of_program(path: str, file) -> str:
         return f"{name} is statically linked"
     file.seek(loader[2])
     if b"ld-musl" in file.read(loader[5]):
-        return f"{name} is linked with musl, and the library with glibc"
+        return f"{name} is linked with musl, but the library with glibc"
     if ".go.buildinfo" in _section_names(file, sections_at, each, sections, names):
         return f"{name} is written in Go, which calls the kernel itself"
     return ""

@@ -1,4 +1,4 @@
-"""System calls that Python has no name for, and the numbers that they take."""
+"""System calls that Python does not provide, and their constants."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ def _check(result: int, what: str) -> None:
 
 @contextlib.contextmanager
 def buffer(data: bytes) -> Iterator[int]:
-    """Where data lie in memory, for as long as the block runs."""
+    """Yield the address of a copy of the data, valid inside the context."""
     held = ctypes.create_string_buffer(data, len(data))
     yield ctypes.addressof(held)
 
 
 def unshare(flags: int) -> None:
-    """Leave namespaces for new ones.
+    """Move this process into new namespaces.
 
     Raises:
         OSError: the kernel does not allow it.
@@ -47,7 +47,7 @@ def mount(source: str, target: str, kind: str = "", flags: int = 0, options: str
 
 
 def unmount(target: str) -> None:
-    """Take a mount away, also one that is in use.
+    """Remove a mount, even one in use.
 
     Raises:
         OSError: nothing is mounted there.

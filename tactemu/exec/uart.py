@@ -1,8 +1,8 @@
-"""What a UART of the board itself looks like in sysfs and in udev's data: ``ttyS0`` of a PC, ``ttyAMA0``, ``ttyTHS1``.
+"""The files of a UART of the board itself in sysfs and in udev's data: ``ttyS0`` of a PC, ``ttyAMA0``, ``ttyTHS1``.
 
-It has no ids. What tells it from others is the bus that its device is on: pyserial lists those on ``pnp`` and ``amba``
-and leaves out those on ``platform``, which a driver opens by name. Like the rest of what runs in the keeper it needs
-nothing but the standard library.
+A UART has no USB ids. It is identified by the bus of its device: pyserial lists UARTs on ``pnp`` and ``amba``, but not
+those on ``platform``, which a driver opens by name. Like all modules of the keeper, this one needs nothing but the
+standard library.
 """
 
 from __future__ import annotations
@@ -10,21 +10,21 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 ROOT = "/sys/devices/tactemu"
-"""Where our devices are among the machine's."""
+"""The folder of the emulated devices."""
 
 
 @dataclass(frozen=True)
 class Chip:
-    """A kind of UART: the bus that its device is on, its driver there, and where it is."""
+    """A kind of UART: the bus of its device, its driver, and the address of the first one."""
 
     bus: str
     driver: str
     address: int
     step: int
-    """From one UART to the next, of the address."""
+    """The difference of the addresses of one UART and the next."""
 
     def device_name(self, number: int) -> str:
-        """Name of the device of UART ``number`` on its bus."""
+        """Return the name of the device of UART ``number`` on its bus."""
         at = self.address + number * self.step
         return f"00:{at:02x}" if self.bus == "pnp" else f"{at:x}.serial"
 
@@ -36,32 +36,32 @@ CHIPS = {
     "ttymxc": Chip("platform", "imx-uart", 0x0202_0000, 0x4000),
     "ttyO": Chip("platform", "omap_uart", 0x4806_A000, 0x2000),
 }
-"""By the beginning of the node's name: PCs, Arm's PL011 (Raspberry Pi), Tegra (Jetson), i.MX, OMAP (BeagleBone)."""
+"""The kinds by prefix of the node: PCs, Arm's PL011 (Raspberry Pi), Tegra (Jetson), i.MX, OMAP (BeagleBone)."""
 
 
 @dataclass(frozen=True)
 class Uart:
-    """One UART that is there; the same questions as to :class:`~tactemu.exec.usb.Plugged`."""
+    """A plugged-in UART, with the interface of :class:`~tactemu.exec.usb.Plugged`."""
 
     kind: str
-    """``ttyAMA``."""
+    """The prefix of the node, such as ``ttyAMA``."""
     number: int
     pty: tuple[int, int]
-    """Major and minor of its pseudo terminal."""
+    """Major and minor number of its pseudo terminal."""
 
     @property
     def node(self) -> str:
-        """``ttyAMA0``."""
+        """The name of the node, such as ``ttyAMA0``."""
         return f"{self.kind}{self.number}"
 
     @property
     def chip(self) -> Chip:
-        """What is behind a node of this name."""
+        """The kind of this UART."""
         return CHIPS[self.kind]
 
     @property
     def name(self) -> str:
-        """The device's name on its bus."""
+        """The name of the device on its bus."""
         return self.chip.device_name(self.number)
 
     @property
@@ -71,7 +71,7 @@ class Uart:
 
     @property
     def function(self) -> str:
-        """The folder that goes with the port: the device has one port."""
+        """The folder that is removed with the port: that of the device, which has one port."""
         return self.device
 
     @property
@@ -80,11 +80,11 @@ class Uart:
         return f"{self.device}/tty/{self.node}"
 
     def covers(self) -> list[str]:
-        """Return the folders of the machine that get something of it."""
+        """Return the folders of the machine in which it has entries."""
         return [f"/sys/bus/{self.chip.bus}/{folder}" for folder in ("devices", "drivers")]
 
     def kernel_properties(self) -> dict[str, dict[str, str]]:
-        """What the kernel says of each folder, outermost first."""
+        """Return the kernel's properties of each folder, outermost first."""
         major, minor = map(str, self.pty)
         return {
             self.device: {"DRIVER": self.chip.driver, "SUBSYSTEM": self.chip.bus},
@@ -92,7 +92,7 @@ class Uart:
         }
 
     def files(self) -> dict[str, str]:
-        """Return every file below the device's folder, with its text."""
+        """Return every file below the device's folder with its text."""
         found = {f"{self.tty}/dev": f"{self.pty[0]}:{self.pty[1]}", f"{self.tty}/line": str(self.number)}
         for folder, properties in self.kernel_properties().items():
             found[f"{folder}/uevent"] = "\n".join(
@@ -103,7 +103,7 @@ class Uart:
         return {name: f"{text}\n" for name, text in found.items()}
 
     def links(self) -> dict[str, str]:
-        """Return every link, in the folder and to it."""
+        """Return every link with its target, in the folder and to it."""
         bus = f"/sys/bus/{self.chip.bus}"
         return {
             f"/sys/class/tty/{self.node}": self.tty,
@@ -116,14 +116,14 @@ class Uart:
         }
 
     def node_links(self) -> list[str]:
-        """No link: udev makes those of ``/dev/serial`` for USB alone."""
+        """Return no links: udev makes those of ``/dev/serial`` for USB only."""
         return []
 
     def udev_properties(self) -> dict[str, dict[str, str]]:
-        """What udev's rules add to each folder."""
+        """Return the properties that udev's rules add to each folder."""
         return {self.device: {}, self.tty: {"ID_PATH": f"{self.chip.bus}-{self.name}", "TAGS": ":systemd:"}}
 
     def udev_data(self) -> dict[str, str]:
-        """Return the files of ``/run/udev/data``."""
+        """Return the files in ``/run/udev/data`` with their text."""
         lines = ["I:1", *(f"E:{key}={value}" for key, value in self.udev_properties()[self.tty].items())]
         return {f"c{self.pty[0]}:{self.pty[1]}": "\n".join(lines) + "\n"}

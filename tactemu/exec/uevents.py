@@ -1,7 +1,7 @@
-"""The messages that the kernel and udev send when a device comes or goes (``NETLINK_KOBJECT_UEVENT``).
+"""The messages of the kernel and of udev when a device is plugged in or out (``NETLINK_KOBJECT_UEVENT``).
 
-The kernel's is ``ACTION@DEVPATH`` and properties, each ended by a zero. Udev's has a header with hashes of subsystem
-and type, by which libudev filters in the kernel (systemd, ``src/libsystemd/sd-device/device-monitor.c``).
+The kernel's message is ``ACTION@DEVPATH`` and properties, each with a final zero. Udev's has a header with hashes of
+subsystem and type, by which libudev filters in the kernel (systemd, ``src/libsystemd/sd-device/device-monitor.c``).
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ _MAGIC = bytes.fromhex("feedcafe")
 
 
 class Events:
-    """Sends to everybody who listens in the view: each has a socket in the folder of its group."""
+    """The sender of events to all listeners in the view, whose sockets are in the folder of their group."""
 
     def __init__(self, folder: Path):
         self._folder = folder
@@ -31,7 +31,7 @@ class Events:
             sender.bind(str(folder / f"from-{group}"))
 
     def send(self, action: str, devpath: str, properties: Mapping[str, str], udev: Mapping[str, str]) -> None:
-        """Tell of one device; ``properties`` are the kernel's, ``udev`` those that its rules add."""
+        """Send the event of one device; ``properties`` are the kernel's, ``udev`` those that udev's rules add."""
         self._number += 1
         told = {"ACTION": action, "DEVPATH": devpath, **properties, "SEQNUM": str(self._number)}
         self._to("kernel", f"{action}@{devpath}\0".encode() + _listed(told))
@@ -42,12 +42,12 @@ class Events:
             try:
                 self._senders[group].sendto(message, str(path))
             except BlockingIOError:
-                pass  # it does not read: lost, as with the kernel
+                pass  # the listener does not read: the message is lost, as with the kernel
             except OSError:
-                path.unlink(missing_ok=True)  # nobody has it open any more
+                path.unlink(missing_ok=True)  # no process has it open any more
 
     def tidy(self) -> None:
-        """Forget sockets that nobody has open."""
+        """Remove sockets that no process has open."""
         for path in (self._folder / "none").iterdir():
             with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as probe:
                 try:
@@ -71,15 +71,15 @@ def _for_udev(properties: Mapping[str, str]) -> bytes:
 
 
 def _hash(data: bytes) -> int:
-    """MurmurHash2 with seed 0, as libudev computes it."""
+    """Return MurmurHash2 with seed 0, as libudev computes it."""
     factor, mask = 0x5BD1E995, 0xFFFF_FFFF
     result = len(data)
-    whole = len(data) // 4 * 4
-    for (word,) in struct.iter_unpack("<I", data[:whole]):
+    aligned = len(data) // 4 * 4
+    for (word,) in struct.iter_unpack("<I", data[:aligned]):
         word = word * factor & mask
         word = (word ^ word >> 24) * factor & mask
         result = (result * factor & mask) ^ word
-    if rest := data[whole:]:
-        result = (result ^ int.from_bytes(rest, "little")) * factor & mask
+    if tail := data[aligned:]:
+        result = (result ^ int.from_bytes(tail, "little")) * factor & mask
     result = (result ^ result >> 13) * factor & mask
     return result ^ result >> 15

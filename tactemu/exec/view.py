@@ -1,7 +1,7 @@
-"""The view's ``/dev``, ``/sys`` and ``/run/udev``: what the machine has, and room for what is emulated.
+"""The view's ``/dev``, ``/sys`` and ``/run/udev``: those of the machine, with the emulated devices added.
 
-A folder that shall have more is covered by one in memory, in which everything of the machine's folder is mounted or
-linked again. The machine's own serial ports are left out: a driver under test finds no real hardware to move.
+A folder that needs additions is covered by one in memory, in which everything of the machine's folder is mounted or
+linked again. The machine's own serial ports are left out, so that a driver under test finds no real hardware to move.
 """
 
 from __future__ import annotations
@@ -13,18 +13,20 @@ import re
 import stat
 from pathlib import Path
 
-from tactemu.exec import page, system
+from tactemu.exec import shared_page, system
 from tactemu.exec.uart import CHIPS, Uart
 from tactemu.exec.uevents import Events
 from tactemu.exec.usb import BUS, Plugged
 
 ROOM = Path("/run/udev/.tactemu")
-"""Where emulator and preload library meet; nobody else looks there."""
+"""The folder that emulator and preload library share."""
+_PORTS = ROOM / "ports"
+"""The folder of the shared pages and pipes of all ports."""
 _REAL_PORTS = re.compile(rf"(ttyUSB|ttyACM|ttyXRUSB|ttyAP|rfcomm|{'|'.join(CHIPS)})\d+|serial\d*")
 
 
 class View:
-    """Builds the view in the namespaces that this process is in, and changes it."""
+    """The view in the namespaces of this process."""
 
     def __init__(self):
         self._cover_udev()
@@ -32,11 +34,11 @@ class View:
         self._cover_sys()
         self.events = Events(ROOM / "events")
         self._plugged: dict[str, Plugged | Uart] = {}
-        """By node."""
+        """The plugged-in ports, by node."""
         self._covered: set[str] = set()
-        """Folders of other buses than USB that have got room for devices."""
-        self._left: dict[str, tuple[int, int]] = {}
-        """Pseudo terminals behind nodes that have gone, whom somebody may still have open: its device and number."""
+        """The covered folders of buses other than USB."""
+        self._unplugged: dict[str, tuple[int, int]] = {}
+        """The pseudo terminals of unplugged nodes, which a driver may still have open: file system and number."""
 
     # -- making room ---------------------------------------------------------------------------------------------------
 
@@ -46,22 +48,22 @@ class View:
             os.mkdir("/run/udev")
         _cover("/run/udev")
         ROOM.mkdir()
-        (ROOM / "ports").mkdir()
+        _PORTS.mkdir()
         behind = ROOM / "udev-data"
         behind.mkdir()
         if os.path.isdir("/run/udev/data"):
             system.mount("/run/udev/data", str(behind), flags=system.MS_BIND | system.MS_REC)
         _put_memory_over("/run/udev/data")
-        for name in os.listdir(behind):  # too many to mount each
+        for name in os.listdir(behind):  # too many for a mount each
             os.symlink(behind / name, f"/run/udev/data/{name}")
-        Path("/run/udev/control").touch()  # libudev takes it as a sign that udev is there
+        Path("/run/udev/control").touch()  # libudev checks for it to see that udev runs
 
     def _cover_dev(self) -> None:
         machine = ROOM / "dev"
         machine.mkdir()
         system.mount("/dev", str(machine), flags=system.MS_BIND | system.MS_REC)
         _cover("/dev", without=_REAL_PORTS)
-        if not os.path.islink("/dev/ptmx"):  # it works only in a folder that has the machine's `pts` beside it
+        if not os.path.islink("/dev/ptmx"):  # it works only beside the machine's `pts`
             system.unmount("/dev/ptmx")
             os.unlink("/dev/ptmx")
             os.symlink(machine / "ptmx", "/dev/ptmx")
@@ -78,31 +80,31 @@ class View:
 
     # -- plug and unplug -----------------------------------------------------------------------------------------------
 
-    def plug(self, usb: dict, pty: str, *, number: int | None, plug: int) -> tuple[str, list[int]]:
-        """A device is plugged in: node, sysfs, udev's data and links, and then the events.
+    def plug(self, usb: dict, pty: str, *, number: int | None, hub_port: int) -> tuple[str, list[int]]:
+        """Plug a device in: create the node, sysfs, udev's data and links, then send the events.
 
         Args:
-            usb: vid, pid, manufacturer, product, serial, interface, node (``ttyACM``, ``ttyUSB``; of a UART of the
-                board itself ``ttyS``, ``ttyAMA`` ..., which has none of the rest).
-            pty: path of the pseudo terminal.
-            number: of the node; ``None``: the lowest that is free, as the kernel does it.
-            plug: which socket the device is in.
+            usb: vid, pid, manufacturer, product, serial, interface, node (``ttyACM``, ``ttyUSB``); for a UART of the
+                board itself only the node is used (``ttyS``, ``ttyAMA`` ...).
+            pty: the path of the pseudo terminal.
+            number: the number of the node; None: the lowest free one, as in the kernel.
+            hub_port: the number of the hub's port that the device is plugged into.
 
         Returns:
-            The node's name, and descriptors of the port's page and pipe.
+            The name of the node, and the descriptors of the port's page and pipe.
         """
         kind = usb["node"]
         number = self._free(kind) if number is None else number
         node = f"{kind}{number}"
         if node in self._plugged:
-            raise ValueError(f"/dev/{node} is there already")
-        self._left.pop(node, None)
+            raise ValueError(f"/dev/{node} exists already")
+        self._unplugged.pop(node, None)
         if kind in CHIPS:
             device = Uart(kind, number, _number(pty))
             self._make_room(device.covers())
         else:
-            device = Plugged(**{**usb, "node": node}, pty=_number(pty), bus=self._bus, plug=plug)
-        shared = self._open_room(device.pty, number)
+            device = Plugged(**{**usb, "node": node}, pty=_number(pty), bus=self._bus, hub_port=hub_port)
+        shared = shared_page.create(_PORTS, device.pty, number)
         _mount_file(pty, f"/dev/{node}")
         others = self._others()
         self._write(device, others)
@@ -111,23 +113,23 @@ class View:
         return node, shared
 
     def replace(self, node: str, pty: str) -> list[int]:
-        """Return another pseudo terminal behind a node, which its driver does not notice."""
+        """Exchange the pseudo terminal behind a node without events, and return the descriptors of page and pipe."""
         before = self._plugged.pop(node)
         others = self._others()
         self._erase(before, keep=others)
         system.unmount(f"/dev/{node}")
         device = dataclasses.replace(before, pty=_number(pty))
-        shared = self._open_room(device.pty, int(re.sub(r"\D", "", node)))
+        shared = shared_page.create(_PORTS, device.pty, int(re.sub(r"\D", "", node)))
         system.mount(pty, f"/dev/{node}", flags=system.MS_BIND)
         self._write(device, others)
         self._plugged[node] = device
         return shared
 
     def unplug(self, node: str) -> None:
-        """The device is pulled out. The pseudo terminal is hung up already."""
+        """Unplug a device, whose pseudo terminal is hung up already."""
         device = self._plugged.pop(node)
         keep = self._others()
-        self._left[node] = (os.stat(f"/dev/{node}").st_dev, os.makedev(*device.pty))
+        self._unplugged[node] = (os.stat(f"/dev/{node}").st_dev, os.makedev(*device.pty))
         system.unmount(f"/dev/{node}")
         os.unlink(f"/dev/{node}")
         self._erase(device, keep)
@@ -135,7 +137,7 @@ class View:
         self.events.tidy()
 
     def unplug_all(self) -> None:
-        """The emulator has gone."""
+        """Unplug all devices, after the emulator has ended."""
         for node in list(self._plugged):
             self.unplug(node)
 
@@ -146,32 +148,22 @@ class View:
                 self._covered.add(folder)
 
     def _others(self) -> set[str]:
-        """Folders and links of what is plugged in: of one board with several ports some are shared."""
+        """Return the folders and links of all plugged-in ports; ports of one board share some of them."""
         return {path for each in self._plugged.values() for path in (*each.kernel_properties(), *each.links())}
 
     def _free(self, kind: str) -> int:
-        """Return the lowest number that no port has, and no port that was unplugged and is still open."""
+        """Return the lowest number that is not taken, not even by an unplugged port that a driver still has open."""
         held = None
         number = 0
         while True:
             node = f"{kind}{number}"
-            if node in self._left:
+            if node in self._unplugged:
                 held = _held() if held is None else held
-                if self._left[node] not in held:
-                    del self._left[node]
-            if node not in self._plugged and node not in self._left:
+                if self._unplugged[node] not in held:
+                    del self._unplugged[node]
+            if node not in self._plugged and node not in self._unplugged:
                 return number
             number += 1
-
-    def _open_room(self, pty: tuple[int, int], number: int) -> list[int]:
-        """Return the page and the pipe of a port, as descriptors."""
-        name = ROOM / "ports" / f"{pty[0]}:{pty[1]}"
-        shared, pipe = name.with_suffix(".page"), name.with_suffix(".told")
-        shared.write_bytes(page.fresh(number))
-        os.mkfifo(pipe)
-        for path in (shared, pipe):
-            path.chmod(0o666)  # whoever may open the port
-        return [os.open(shared, os.O_RDWR), os.open(pipe, os.O_RDWR | os.O_NONBLOCK)]
 
     def _write(self, device: Plugged | Uart, others: set[str]) -> None:
         for path, text in device.files().items():
@@ -192,9 +184,8 @@ class View:
             _link(f"/dev/{link}", f"/dev/{device.node}")
 
     def _erase(self, device: Plugged | Uart, keep: set[str]) -> None:
-        """Everything of a port; of its device too, unless another port of it stays."""
-        name = ROOM / "ports" / f"{device.pty[0]}:{device.pty[1]}"
-        paths = [name.with_suffix(".page"), name.with_suffix(".told")]
+        """Remove all files of a port, and those of its device, unless another port of it stays."""
+        paths: list[str | Path] = [*shared_page.paths(_PORTS, device.pty)]
         paths += [path for path in device.links() if path not in keep]
         if device.device not in keep:
             paths += [f"/run/udev/data/{each}" for each in device.udev_data()]
@@ -205,7 +196,7 @@ class View:
             path.unlink(missing_ok=True)
         _remove_tree(device.function if device.device in keep else device.device)
         for folder in ("/dev/serial/by-id", "/dev/serial/by-path", "/dev/serial"):
-            with contextlib.suppress(OSError):  # others have links there
+            with contextlib.suppress(OSError):  # other ports have links there
                 os.rmdir(folder)
 
     def _tell(self, action: str, device: Plugged | Uart, others: set[str]) -> None:
@@ -216,7 +207,7 @@ class View:
 
 
 def _cover(path: str, without: re.Pattern[str] | None = None) -> None:
-    """Put a folder in memory over one of the machine's, with all that was there; one that is not there is made."""
+    """Cover a folder of the machine by one in memory with the same content; create it if it does not exist."""
     behind = os.open(path, os.O_PATH) if os.path.isdir(path) else -1
     _put_memory_over(path)
     if behind < 0:
@@ -265,11 +256,11 @@ def _remove_tree(folder: str) -> None:
 
 
 def _held() -> set[tuple[int, int]]:
-    """Return every device that a process of the view has open, by file system and number."""
+    """Return file system and number of every device that a process of the view has open."""
     ours = os.stat("/proc/self/ns/mnt").st_ino
     found = set()
     for pid in filter(str.isdigit, os.listdir("/proc")):
-        with contextlib.suppress(OSError):  # gone meanwhile, or somebody else's
+        with contextlib.suppress(OSError):  # it has ended meanwhile, or belongs to another user
             if os.stat(f"/proc/{pid}/ns/mnt").st_ino != ours:
                 continue
             for fd in os.listdir(f"/proc/{pid}/fd"):

@@ -30,7 +30,7 @@ def test_what_cannot_be_done_is_said_before_anything_is_built(tmp_path):
     script = tmp_path / "plain.txt"
     script.write_text("no program")
     for status, words, text in (
-        (125, ("exec", "flexitac"), "name it after --"),
+        (125, ("exec", "flexitac"), "after --"),
         (125, ("exec", "flexitak", "--", "true"), "did you mean 'flexitac'?"),
         (
             125,
@@ -219,7 +219,7 @@ def test_what_a_device_did_not_understand_is_said_and_stands_in_the_log(tmp_path
 
 def test_a_device_on_the_network_beside_a_bus_is_refused():
     bus, server = tactemu.serve("linker_hand_l6"), tactemu.serve("xela_server")
-    with pytest.raises(TransportError, match=r"xela_server is at ws://.* --expose tcp:\d+ leads to it"):
+    with pytest.raises(TransportError, match=r"xela_server is at ws://.* --expose tcp:\d+"):
         tactemu.exec_environment(bus, server, way="preload").start()
     done = here("exec", "flexitac", "--port", "pty:/tmp/x", "--", "true")
     assert done.returncode == 125 and "has a node, --node" in done.stderr
@@ -246,7 +246,7 @@ from tactemu.exec.port import Node, UsbPort
 
 usb = {"vid": 0x0403, "pid": 0x6001, "manufacturer": "", "product": "", "serial": "7", "interface": 0, "node": "ttyUSB"}
 keeper = Keeper(str(library()))
-port = UsbPort(Node(keeper.ask, usb, number=None, plug=1))
+port = UsbPort(Node(keeper.ask, usb, number=None, hub_port=1))
 port.open()
 words = ["sh", "-c", "id -u; ./vendor; readlink /dev/serial/by-id/*; grep CapEff /proc/self/status; "
          "python3 again.py; ls /dev/ttyUSB* /run/udev/data/c136:*"]

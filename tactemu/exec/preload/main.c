@@ -1,4 +1,4 @@
-/* The functions of libc that are taken over. What is no subject's goes on to libc. */
+/* The functions of libc that are replaced. Calls that concern no subject go on to libc. */
 #include "preload.h"
 
 #include <linux/netlink.h>
@@ -9,10 +9,10 @@
 #include <unistd.h>
 
 int ioctl(int fd, unsigned long request, ...) {
-    va_list rest;
-    va_start(rest, request);
-    void *argument = va_arg(rest, void *);
-    va_end(rest);
+    va_list arguments;
+    va_start(arguments, request);
+    void *argument = va_arg(arguments, void *);
+    va_end(arguments);
     if (request >> 8 == SIOCGIFNAME >> 8 && can_state(fd)) return can_ioctl(fd, request, argument);
     return tty_ioctl(fd, request, argument);
 }
@@ -124,7 +124,7 @@ int sendmmsg(int fd, struct mmsghdr *messages, unsigned count, int flags) {
     return state ? can_sendmmsg(fd, state, messages, count, flags) : REAL(sendmmsg)(fd, messages, count, flags);
 }
 
-/* What a program calls in their place that was compiled with checks of its buffers. */
+/* Programs compiled with checks of their buffers call these instead. */
 ssize_t __read_chk(int fd, void *data, size_t size, size_t room) {
     return size > room ? REAL(__read_chk)(fd, data, size, room) : read(fd, data, size);
 }

@@ -1,8 +1,9 @@
-/* What the files of the library share. A subject is a file: tty.c, udev.c, can.c. main.c has every function of libc that
- * is taken over, once, and asks the subjects in turn.
+/* What the files of the library share. Each subject has a file: tty.c, udev.c, can.c. main.c has every function of libc
+ * that is replaced, and calls the subjects in turn.
  *
- * Nothing is kept per descriptor: whose a descriptor is, is asked of the kernel each time. So dup, fork, exec, threads and
- * descriptors that are passed through sockets need no care, and there is nothing to lock. Only system calls are made.
+ * The library keeps nothing per descriptor: it asks the kernel each time which kind of descriptor one is. So dup, fork,
+ * exec, threads and descriptors passed through sockets need no care, and there is nothing to lock. Only system calls are
+ * made.
  */
 #ifndef TACTEMU_PRELOAD_H
 #define TACTEMU_PRELOAD_H
@@ -18,9 +19,9 @@
 #include <time.h>
 #include <termios.h>
 
-#define ROOM "/run/udev/.tactemu" /* of the view: where the emulator and this library meet */
+#define ROOM "/run/udev/.tactemu" /* the folder of the view that the emulator and this library share */
 
-/* The function of libc behind ours; looked up once, a race of two threads finds the same. */
+/* The function of libc behind the replaced one; looked up once, and two racing threads find the same one. */
 #define REAL(name)                                                    \
     ({                                                                \
         static __typeof__(&name) found;                               \
@@ -32,16 +33,16 @@
         real;                                                         \
     })
 
-/* Ours alone: a driver may have functions of the same names. */
+/* Hidden, because a driver may have functions of the same names. */
 #pragma GCC visibility push(hidden)
 
-/* tty.c: a pseudo terminal of the emulator's answers as a USB serial port. */
+/* tty.c: a pseudo terminal of the emulator answers like a USB serial port. */
 int tty_ioctl(int fd, unsigned long request, void *argument);
 int tty_setattr(int fd, int actions, const struct termios *settings);
 int tty_getattr(int fd, struct termios *settings);
 int tty_sendbreak(int fd, int duration);
 
-/* udev.c: a socket for the kernel's and udev's events hears those of the view. */
+/* udev.c: a socket for the kernel's and udev's events receives those of the view. */
 int udev_socket(int type);
 bool udev_is(int fd);
 int udev_bind(int fd, const struct sockaddr *address, socklen_t length);
@@ -49,7 +50,7 @@ int udev_getsockname(int fd, struct sockaddr *address, socklen_t *length);
 int udev_setsockopt(int fd, int level, int option, const void *value, socklen_t length);
 ssize_t udev_recvmsg(int fd, struct msghdr *message, int flags);
 
-/* can.c: CAN_RAW on an Ethernet interface. Of the state of a socket: 0 if it is none of these. */
+/* can.c: CAN_RAW on an Ethernet interface. The state of a descriptor is 0 if it is no such socket. */
 int can_state(int fd);
 int can_socket(int type, int protocol);
 int can_bind(int fd, const struct sockaddr *address, socklen_t length);

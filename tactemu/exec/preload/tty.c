@@ -1,8 +1,8 @@
-/* What a pseudo terminal lacks of a USB serial port: modem lines, break, parity and byte size, struct serial_struct.
+/* What a pseudo terminal lacks compared with a USB serial port: modem lines, break, parity, byte size, serial_struct.
  *
  * Each port has a page of memory and a pipe in the view, found by the number of its pseudo terminal. The page has the
- * state, for everybody who has the port open; what changes goes down the pipe, in order. Reads and writes are the kernel's
- * own, and so are the errors of a port that was unplugged: the kernel hangs the pseudo terminal up.
+ * state for all processes that have the port open; the pipe carries the changes, in order. Reads and writes are the
+ * kernel's own, and so are the errors of an unplugged port: the kernel hangs the pseudo terminal up.
  */
 #include "preload.h"
 
@@ -19,18 +19,18 @@
 #include <sys/sysmacros.h>
 #include <unistd.h>
 
-/* Layout as in tactemu/exec/page.py. */
+/* Layout as in tactemu/exec/shared_page.py. */
 struct page {
-    uint32_t lines;   /* TIOCM_*: those that we set, and those that the device does */
-    uint32_t control; /* c_cflag as it was asked for; 0: never */
+    uint32_t lines;   /* TIOCM_*: those of the driver and those of the device */
+    uint32_t control; /* c_cflag as the driver set it; 0: never set */
     uint32_t broken;  /* the line is held in the break condition */
     int32_t flags;    /* of struct serial_struct, ASYNC_LOW_LATENCY among them */
-    uint32_t number;  /* of the port: 0 for ttyUSB0 */
+    uint32_t number;  /* number of the port: 0 for ttyUSB0 */
     uint16_t close_delay, closing_wait; /* [1/100 s] */
 };
-enum { LINES = 1, CONTROL, BREAK, FLAGS }; /* what is told, with its new value */
+enum { LINES = 1, CONTROL, BREAK, FLAGS }; /* the field of a change, which is sent with its new value */
 
-/* struct termios2 is in a header that does not go with libc's: 44 bytes. */
+/* struct termios2 (44 bytes) is in a header that conflicts with libc's. */
 #undef TCGETS2
 #undef TCSETS2
 #undef TCSETSW2
@@ -40,11 +40,11 @@ enum { LINES = 1, CONTROL, BREAK, FLAGS }; /* what is told, with its new value *
 #define TCSETSW2 _IOW('T', 0x2C, char[44])
 #define TCSETSF2 _IOW('T', 0x2D, char[44])
 
-#define OURS (TIOCM_DTR | TIOCM_RTS) /* of the lines, what a driver sets */
-#define KEPT (CSIZE | PARENB)        /* what a pseudo terminal does not */
+#define OURS (TIOCM_DTR | TIOCM_RTS) /* the lines that a driver sets */
+#define KEPT (CSIZE | PARENB)        /* the control flags that a pseudo terminal does not keep */
 #define FIRST_PTS 136u               /* majors of pseudo terminals */
 #define LAST_PTS 143u
-#define LOOK_MS 5 /* how often the lines are looked at by whoever waits for a change */
+#define POLL_MS 5 /* interval of checks of the lines while a driver waits for a change */
 
 static bool name_of(int fd, const char *what, char *path, size_t size) {
     struct stat status;
@@ -54,7 +54,7 @@ static bool name_of(int fd, const char *what, char *path, size_t size) {
     return snprintf(path, size, ROOM "/ports/%u:%u.%s", type, minor(status.st_rdev), what) < (int)size;
 }
 
-/* The page of a port of the emulator's; NULL for any other descriptor. Leaves errno alone. */
+/* Return the page of an emulated port, or NULL for any other descriptor. errno stays as it was. */
 static struct page *page_of(int fd) {
     char path[64];
     int before = errno;
@@ -69,12 +69,12 @@ static struct page *page_of(int fd) {
     return page;
 }
 
-static void leave(struct page *page) {
+static void unmap_page(struct page *page) {
     munmap(page, sizeof *page);
 }
 
-/* Tell the emulator. One that does not listen for a while misses it, but not the state, which is on the page. */
-static void tell(int fd, uint32_t what, uint32_t value) {
+/* Send a change to the emulator. If it does not read for a second, the change is lost; the page still has the state. */
+static void send_change(int fd, uint32_t what, uint32_t value) {
     char path[64];
     int before = errno;
     int pipe = name_of(fd, "told", path, sizeof path) ? open(path, O_WRONLY | O_NONBLOCK | O_CLOEXEC) : -1;
@@ -94,12 +94,12 @@ static void set_lines(int fd, struct page *page, uint32_t clear, uint32_t set) {
     do {
         next = (lines & ~(clear & OURS)) | (set & OURS);
     } while (!__atomic_compare_exchange_n(&page->lines, &lines, next, false, __ATOMIC_SEQ_CST, __ATOMIC_SEQ_CST));
-    if (next != lines) tell(fd, LINES, next);
+    if (next != lines) send_change(fd, LINES, next);
 }
 
 static void set_control(int fd, struct page *page, uint32_t control) {
     uint32_t before = __atomic_exchange_n(&page->control, control, __ATOMIC_SEQ_CST);
-    if (before != control) tell(fd, CONTROL, control);
+    if (before != control) send_change(fd, CONTROL, control);
     bool hung_up = before && !(before & CBAUD);
     if (!(control & CBAUD)) {
         set_lines(fd, page, OURS, 0);
@@ -109,10 +109,10 @@ static void set_control(int fd, struct page *page, uint32_t control) {
 }
 
 static void set_break(int fd, struct page *page, uint32_t on) {
-    if (__atomic_exchange_n(&page->broken, on, __ATOMIC_SEQ_CST) != on) tell(fd, BREAK, on);
+    if (__atomic_exchange_n(&page->broken, on, __ATOMIC_SEQ_CST) != on) send_change(fd, BREAK, on);
 }
 
-/* Hold the line in the break condition, as the kernel does: a signal ends it. */
+/* Hold the line in the break condition; a signal ends it, as in the kernel. */
 static int hold_break(int fd, struct page *page, int milliseconds) {
     set_break(fd, page, 1);
     struct pollfd gone = {.fd = fd, .events = 0};
@@ -121,19 +121,19 @@ static int hold_break(int fd, struct page *page, int milliseconds) {
     return result;
 }
 
-/* Until one of the lines of the mask changes; EIO when the port is unplugged. */
+/* Wait until one of the lines of the mask changes; EIO if the port is unplugged. */
 static int wait_for_lines(int fd, const struct page *page, uint32_t mask) {
     uint32_t before = __atomic_load_n(&page->lines, __ATOMIC_SEQ_CST);
     struct pollfd gone = {.fd = fd, .events = 0};
     while (!((before ^ __atomic_load_n(&page->lines, __ATOMIC_SEQ_CST)) & mask)) {
-        int ready = poll(&gone, 1, LOOK_MS);
+        int ready = poll(&gone, 1, POLL_MS);
         if (ready > 0) errno = EIO;
         if (ready) return -1;
     }
     return 0;
 }
 
-/* What the kernel has refused of a pseudo terminal. */
+/* Answer a request that the kernel refuses for a pseudo terminal. */
 static int answer(int fd, struct page *page, unsigned long request, void *argument) {
     switch (request) {
     case TIOCMGET:
@@ -167,7 +167,7 @@ static int answer(int fd, struct page *page, unsigned long request, void *argume
         page->close_delay = serial->close_delay;
         page->closing_wait = serial->closing_wait;
         int32_t before = __atomic_exchange_n(&page->flags, serial->flags, __ATOMIC_SEQ_CST);
-        if (before != serial->flags) tell(fd, FLAGS, (uint32_t)serial->flags);
+        if (before != serial->flags) send_change(fd, FLAGS, (uint32_t)serial->flags);
         return 0;
     }
     default:
@@ -176,7 +176,7 @@ static int answer(int fd, struct page *page, unsigned long request, void *argume
     }
 }
 
-/* The kernel's struct termios and termios2 both have the control flags third. */
+/* Return the control flags, the third field of both the kernel's struct termios and termios2. */
 static uint32_t *control_in(void *argument) {
     return (uint32_t *)argument + 2;
 }
@@ -209,11 +209,11 @@ int tty_ioctl(int fd, unsigned long request, void *argument) {
     default:
         return result;
     }
-    leave(page);
+    unmap_page(page);
     return result;
 }
 
-/* libc's own goes past ioctl, and refuses what a pseudo terminal does not keep. */
+/* Replace libc's function, which does not call ioctl, and refuses flags that a pseudo terminal does not keep. */
 int tty_setattr(int fd, int actions, const struct termios *settings) {
     struct page *page = page_of(fd);
     if (!page) return REAL(tcsetattr)(fd, actions, settings);
@@ -221,7 +221,7 @@ int tty_setattr(int fd, int actions, const struct termios *settings) {
     plain.c_cflag = (plain.c_cflag & ~(tcflag_t)KEPT) | CS8 | CREAD;
     int result = REAL(tcsetattr)(fd, actions, &plain);
     if (!result) set_control(fd, page, settings->c_cflag);
-    leave(page);
+    unmap_page(page);
     return result;
 }
 
@@ -230,7 +230,7 @@ int tty_getattr(int fd, struct termios *settings) {
     struct page *page = result ? NULL : page_of(fd);
     if (!page) return result;
     if (page->control) settings->c_cflag = (settings->c_cflag & ~(tcflag_t)KEPT) | (page->control & KEPT);
-    leave(page);
+    unmap_page(page);
     return result;
 }
 
@@ -239,6 +239,6 @@ int tty_sendbreak(int fd, int duration) {
     struct page *page = result ? NULL : page_of(fd);
     if (!page) return result;
     result = hold_break(fd, page, duration > 0 ? duration * 100 : 250);
-    leave(page);
+    unmap_page(page);
     return result;
 }

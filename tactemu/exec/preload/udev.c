@@ -1,9 +1,9 @@
-/* The events of udev and of the kernel, for libudev and for whoever reads them himself.
+/* The events of udev and of the kernel, for libudev and for programs that read them without it.
  *
- * They come as netlink messages to whoever is in the group of the kernel (1) or of udev (2); nobody but root may send
- * there. Here a socket for them is a datagram socket with a name in the view, below the group that it has joined; the
- * view's keeper sends the same messages to all of a group. Who looks at where a message comes from sees the kernel or
- * udev, and root.
+ * The kernel delivers them as netlink messages to the members of its group (1) or udev's (2); only root may send there.
+ * Here, a socket for them is a datagram socket with a name in the view, in the folder of the group that it has joined;
+ * the view's keeper sends the same messages to all sockets of a group. The sender that a program sees is the kernel or
+ * udev, with the credentials of root.
  */
 #include "preload.h"
 
@@ -16,20 +16,20 @@
 #include <unistd.h>
 
 #define EVENTS ROOM "/events/"
-enum { NOBODY, KERNEL, UDEV, GROUPS };
+enum { NO_GROUP, KERNEL, UDEV, GROUPS };
 static const char *const folders[GROUPS] = {EVENTS "none/", EVENTS "kernel/", EVENTS "udev/"};
 static const char *const senders[GROUPS] = {"", EVENTS "from-kernel", EVENTS "from-udev"};
 static const uint32_t udev_sender = 0x7c0ffee; /* its netlink port; the kernel's is 0 */
 
-static bool used; /* whether this process has ever made such a socket: the others pay nothing */
+static bool used; /* whether this process has made such a socket: without one, udev_is costs nothing */
 
-/* The name that a socket was made under, in the folder of the group NOBODY. */
+/* Get the name that a socket was made under, in the folder of the group NO_GROUP. */
 static bool own_name(int fd, struct sockaddr_un *name) {
     socklen_t length = sizeof *name;
     int before = errno;
     memset(name, 0, sizeof *name);
     bool is = !REAL(getsockname)(fd, (struct sockaddr *)name, &length) && name->sun_family == AF_UNIX &&
-              !strncmp(name->sun_path, folders[NOBODY], strlen(folders[NOBODY]));
+              !strncmp(name->sun_path, folders[NO_GROUP], strlen(folders[NO_GROUP]));
     errno = before;
     return is;
 }
@@ -46,22 +46,22 @@ int udev_socket(int type) {
     if (access(ROOM "/events", F_OK)) return REAL(socket)(AF_NETLINK, type, NETLINK_KOBJECT_UEVENT); /* no view */
     int fd = REAL(socket)(AF_UNIX, SOCK_DGRAM | flags, 0);
     if (fd < 0) return fd;
-    do { /* a forked child counts on from where its parent was */
+    do { /* a forked child continues the count of its parent, so that names may be taken */
         uint32_t number = __atomic_add_fetch(&count, 1, __ATOMIC_RELAXED);
-        snprintf(name.sun_path, sizeof name.sun_path, "%s%d-%u", folders[NOBODY], (int)getpid(), number);
+        snprintf(name.sun_path, sizeof name.sun_path, "%s%d-%u", folders[NO_GROUP], (int)getpid(), number);
     } while (REAL(bind)(fd, (struct sockaddr *)&name, sizeof name) && errno == EADDRINUSE);
     __atomic_store_n(&used, true, __ATOMIC_RELAXED);
     return fd;
 }
 
-/* The group that a socket is in. */
+/* Return the group that a socket is in. */
 static int group_of(const struct sockaddr_un *name, char *path, size_t size) {
-    const char *last = name->sun_path + strlen(folders[NOBODY]);
-    for (int group = NOBODY; group < GROUPS; group++) {
+    const char *last = name->sun_path + strlen(folders[NO_GROUP]);
+    for (int group = NO_GROUP; group < GROUPS; group++) {
         snprintf(path, size, "%s%s", folders[group], last);
         if (!access(path, F_OK)) return group;
     }
-    return NOBODY;
+    return NO_GROUP;
 }
 
 static int join(int fd, int group) {
@@ -69,7 +69,7 @@ static int join(int fd, int group) {
     char from[128], to[128];
     own_name(fd, &name);
     group_of(&name, from, sizeof from);
-    snprintf(to, sizeof to, "%s%s", folders[group], name.sun_path + strlen(folders[NOBODY]));
+    snprintf(to, sizeof to, "%s%s", folders[group], name.sun_path + strlen(folders[NO_GROUP]));
     return rename(from, to);
 }
 
@@ -79,7 +79,7 @@ int udev_bind(int fd, const struct sockaddr *address, socklen_t length) {
         errno = EINVAL;
         return -1;
     }
-    return join(fd, asked->nl_groups & 2 ? UDEV : asked->nl_groups & 1 ? KERNEL : NOBODY);
+    return join(fd, asked->nl_groups & 2 ? UDEV : asked->nl_groups & 1 ? KERNEL : NO_GROUP);
 }
 
 static void write_address(struct sockaddr *address, socklen_t *length, uint32_t port, uint32_t groups) {
@@ -105,7 +105,7 @@ int udev_setsockopt(int fd, int level, int option, const void *value, socklen_t 
     return 0;
 }
 
-/* A message is from root, as those of the kernel and of udev are. */
+/* Write the credentials of root into a message, as those of the kernel and of udev have. */
 static void trust(struct msghdr *message, int group) {
     for (struct cmsghdr *part = CMSG_FIRSTHDR(message); part; part = CMSG_NXTHDR(message, part)) {
         if (part->cmsg_level != SOL_SOCKET || part->cmsg_type != SCM_CREDENTIALS) continue;
@@ -121,13 +121,13 @@ ssize_t udev_recvmsg(int fd, struct msghdr *message, int flags) {
     inner.msg_namelen = sizeof from;
     ssize_t size = REAL(recvmsg)(fd, &inner, flags);
     if (size < 0) return size;
-    int group = NOBODY;
+    int group = NO_GROUP;
     for (int each = KERNEL; each < GROUPS; each++) {
         if (!strcmp(from.sun_path, senders[each])) group = each;
     }
     message->msg_flags = inner.msg_flags;
     message->msg_controllen = inner.msg_controllen;
-    if (group == NOBODY) return size; /* of nobody whom libudev would trust */
+    if (group == NO_GROUP) return size; /* a sender that libudev would not trust */
     if (message->msg_name) {
         uint32_t port = group == UDEV ? udev_sender : 0;
         write_address(message->msg_name, &message->msg_namelen, port, (uint32_t)group);
