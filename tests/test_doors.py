@@ -56,7 +56,7 @@ def program(code, *arguments, path=(), **environment):
 
 @pytest.fixture
 def installed(tmp_path):
-    """A folder that registers our entry points, as an installation of this tree does."""
+    """Return a folder that registers our entry points, as an installation of this tree does."""
     groups = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["entry-points"]
     info = tmp_path / "tactemu_of_this_tree-1.dist-info"
     info.mkdir()

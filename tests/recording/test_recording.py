@@ -46,7 +46,7 @@ def test_can_comes_back_as_it_was(tmp_path, suffix):
 
 
 def test_a_candump_log(tmp_path):
-    """The format is can-utils' own: `candump -L`."""
+    """Read the format of can-utils' `candump -L`."""
     (tmp_path / "x.log").write_text(CANDUMP)
     recording = load(tmp_path / "x.log")
     assert [entry.frame for entry in recording.entries] == FRAMES
@@ -116,7 +116,7 @@ def test_flags_of_an_fd_frame_are_those_of_candump_and_those_of_before_are_read(
 
 
 def test_an_error_frame_is_written_as_candump_shows_it(tmp_path):
-    """``candump -L`` has the class of the error (8: protocol) with the error flag, and eight bytes."""
+    """Write what ``candump -L`` writes: the class of the error (8: protocol) with the error flag, and eight bytes."""
     disturbed = CanFrame(arbitration_id=0x27, data=b"\x01", is_error_frame=True)
     assert text(disturbed) == "20000008#0000000000000000"
     (tmp_path / "x.log").write_text(f"(1.0) can0 {text(disturbed)}\n{CANDUMP}")

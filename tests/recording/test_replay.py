@@ -43,7 +43,7 @@ def test_speed(speed):
 
 
 def test_a_late_loop_sends_what_it_owes_and_loses_nothing():
-    """The machine stalls for 300 ms: fifteen frames are overdue at once."""
+    """Stall the machine for 300 ms: fifteen frames are overdue at once."""
     player, wire, _ = replay(STREAM, "memory:")
     player.turn(0)
     player.turn(300_000_000)
@@ -119,7 +119,7 @@ def test_what_a_port_sends_is_recorded(tmp_path):
     size = sum(len(entry.frame) for entry in STREAM.entries)
 
     def stop(_):
-        """The first call comes when pyserial has opened the port, and thrown away what was there."""
+        """Start the thread on the first call, when pyserial has opened the port and discarded its data."""
         if thread.ident is None:
             thread.start()
         return recorder.bytes >= size
@@ -176,7 +176,7 @@ def test_only_a_uart_has_a_speed(source, baud, line, tmp_path):
 
 
 def test_a_full_disk_blames_the_file_not_the_source(tmp_path):
-    """The kernel's own full disk."""
+    """Record to the kernel's own full disk."""
     (tmp_path / "x.jsonl").symlink_to("/dev/full")
     port, far = os.openpty()
     tty.setraw(far)
@@ -199,7 +199,7 @@ def test_a_full_disk_blames_the_file_not_the_source(tmp_path):
 
 @pytest.mark.parametrize("suffix", [".mcap", ".jsonl", ".log", ".asc"])
 def test_a_disk_that_is_full_at_the_end(tmp_path, suffix, caplog):
-    """What is short is written when the file is closed."""
+    """Record so little that it is written when the file is closed."""
     (tmp_path / f"x{suffix}").symlink_to("/dev/full")
     recorder = Recorder(tmp_path / f"x{suffix}")
     with pytest.raises(TactemuError, match="cannot write the recording: No space left on device"):

@@ -1,4 +1,4 @@
-"""A CAN port that leaves nobody outside in, drops what is of no concern, and outlives its network interface."""
+"""CAN ports: they stay on this machine, filter identifiers, and outlive their network interface."""
 
 import errno
 import json
@@ -12,7 +12,7 @@ import can
 import pytest
 
 from firmware_protocols import Can, CanFrame
-from tactemu.base.errors import TransportError
+from tactemu.base.errors import TransportError, TransportUnavailable
 from tactemu.transports import create, socketcan
 from tactemu.transports.transport import CanFilter, Closed, Opened, Received
 
@@ -20,7 +20,7 @@ GROUP = "239.74.77.9"
 
 
 def hops(port):
-    """How far its datagrams go, as the kernel has it."""
+    """Return the hop limits of a port's datagrams, as the kernel has them."""
     with socket.socket(fileno=port.filenos()[0]) as copy:
         there = struct.unpack("@i", copy.getsockopt(socket.IPPROTO_IP, socket.IP_TTL, 4))[0]
         multicast = copy.getsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL)
@@ -42,7 +42,7 @@ def test_multicast_stays_on_the_machine_unless_told(monkeypatch, caplog):
 
 
 def heard(port, seconds=2.0):
-    """Identifiers that arrive, until something has."""
+    """Return the identifiers that arrive with the first frames, within ``seconds``."""
     events, end = [], time.monotonic() + seconds
     while not events and time.monotonic() < end:
         events = port.poll()
@@ -50,7 +50,7 @@ def heard(port, seconds=2.0):
     return [event.data.arbitration_id for event in events if isinstance(event, Received)]
 
 
-def test_identifiers_of_no_concern_are_not_heard():
+def test_filtered_identifiers_are_not_received():
     port = create("can:virtual:filters")
     port.set_filters([CanFilter(0x28), CanFilter(0x400, 0x700), CanFilter(0x28, extended=True)])
     with port, can.Bus(interface="virtual", channel="filters") as driver:
@@ -94,7 +94,7 @@ def interface(monkeypatch):
 
 
 def failing(port, monkeypatch, number):
-    """The kernel says so to whoever reads from the port next."""
+    """Fail as the kernel does for the next reader of the port."""
 
     class Failing:
         def recv(self, size):
@@ -155,3 +155,20 @@ def test_an_interface_that_is_only_down_keeps_its_socket(interface, monkeypatch)
     with create("can:socketcan:can9") as port:
         failing(port, monkeypatch, errno.ENETDOWN)
         assert port.poll() == [] and port.has_reader
+
+
+def test_a_name_that_no_interface_can_have_is_no_reason_to_make_one():
+    with pytest.raises(TransportUnavailable, match="no interface whose name is longer than 15 bytes; shorten it"):
+        create("can:socketcan:a_name_of_sixteen").open()
+
+
+@pytest.mark.realtime
+def test_a_node_receives_its_own_group_only():
+    with create("can:udp_multicast:239.74.77.1") as one, create("can:udp_multicast:239.74.77.2") as other:
+        with can.Bus(interface="udp_multicast", channel="239.74.77.1") as driver:
+            driver.send(can.Message(arbitration_id=0x28, data=[0xC2], is_extended_id=False))
+        end = time.monotonic() + 5
+        while not (received := one.poll()) and time.monotonic() < end:
+            time.sleep(0.01)
+        assert received == [Received(CanFrame(arbitration_id=0x28, data=b"\xc2"))]
+        assert other.poll() == []

@@ -10,12 +10,13 @@ import pytest
 from tactemu import transports
 from tactemu.base.errors import TransportError, TransportUnavailable
 from tactemu.transports.transport import Closed, Opened, Received
-from tests.transports.test_contract import DdsEnd, create, look
+from tests.transports.driver_ends import DdsEnd, create
+from tests.transports.test_contract import look
 
 pytest.importorskip("cyclonedds", reason="DDS needs it: pip install 'tactemu[dds]'")
 END = """
 import sys, time
-from tests.transports.test_contract import DdsEnd
+from tests.transports.driver_ends import DdsEnd
 from cyclonedds.domain import Domain
 domain = Domain(int(sys.argv[1]), "<CycloneDDS><Domain><General><Interfaces><NetworkInterface name='lo'/></Interfaces>"
                 "</General></Domain></CycloneDDS>")

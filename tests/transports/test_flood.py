@@ -85,7 +85,7 @@ CASES = {
 
 
 def drain(port, client_done):
-    """All that is taken, look by look, while the client goes on; ends when nothing has come for a while."""
+    """Return all that is taken, poll by poll, while the client goes on, until nothing has come for a while."""
     looks, idle = [], 0
     while idle < 50 or not client_done.is_set():
         data = b"".join(event.data for event in port.poll() if isinstance(event, Received))

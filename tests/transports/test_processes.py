@@ -31,7 +31,7 @@ def address(request, tmp_path):
 
 
 def open_in(process):
-    """What a process has open."""
+    """Return what a process has open."""
     found = set()
     for descriptor in Path(f"/proc/{process}/fd").iterdir():
         with contextlib.suppress(FileNotFoundError):  # closed meanwhile
@@ -52,7 +52,7 @@ def in_a_fork(action):
 
 @contextlib.contextmanager
 def living_child():
-    """A forked child that does nothing, for as long as the block lasts."""
+    """Fork a child that does nothing for as long as the block lasts."""
     if not (child := os.fork()):
         time.sleep(60)
         os._exit(0)
@@ -64,7 +64,7 @@ def living_child():
 
 
 def serves(port):
-    """Whether a driver can open the port and the port sees it."""
+    """Return True if a driver can open the port and the port reports it."""
     if port.scheme == "can":
         return port.has_reader and bool(port.filenos())
     if port.scheme == "pty":
@@ -154,7 +154,7 @@ def test_a_child_cannot_take_the_port_of_its_living_parent(tmp_path):
 
 
 def test_a_port_that_a_child_makes_belongs_to_the_child(tmp_path):
-    """It goes with the child however that ends, and a name that was left is taken over."""
+    """End the child in any way: its link goes with it, and a name that was left is taken over."""
 
     def end_by_a_signal():
         create(f"pty:{tmp_path / 'tty'}").open()

@@ -40,7 +40,7 @@ def port(tmp_path):
 
 
 def events(port, kind=None, tries=50):
-    """What happened, given a moment for the kernel to hand bytes over."""
+    """Return the events of a port after a moment in which the kernel delivers bytes."""
     seen = []
     for _ in range(tries):
         seen += port.poll()
@@ -66,7 +66,7 @@ def test_nothing_is_written_while_nobody_listens(port):
 
 
 def test_opened_before_any_byte_and_raw_without_help(port):
-    """A program that sets nothing at all must read every byte unchanged."""
+    """Read with a program that sets nothing: every byte must be unchanged."""
     reader = os.open(port.address, os.O_RDWR | os.O_NOCTTY)
     assert events(port) == [Opened(), RAISED]
     everything = bytes(range(256))
@@ -119,7 +119,7 @@ def test_close_and_open_between_two_looks(port):
 
 
 def test_parity_on_the_second_opening(port):
-    """The kernel refuses parity on a pseudo terminal; a driver that asks for it twice must not be stopped."""
+    """Set parity twice, which the kernel refuses on a pseudo terminal; the driver must not fail."""
     for _ in range(3):
         with serial.Serial(port.address, 115_200, parity="E") as driver:
             assert driver.is_open and events(port)
@@ -155,7 +155,7 @@ with create(sys.argv[1]) as port:
 
 
 def test_a_driver_that_wants_the_port_for_itself_leaves_it_usable(tmp_path):
-    """The kernel keeps TIOCEXCL on a pseudo terminal for ever, and obeys it for all who may not administer it."""
+    """Leave a pseudo terminal with TIOCEXCL, which the kernel keeps and enforces for all but administrators."""
     drop_rights = ["setpriv", "--bounding-set=-sys_admin"] if os.geteuid() == 0 else []
     command = [*drop_rights, sys.executable, "-c", EXCLUSIVE, f"pty:{tmp_path / 'tty'}"]
     done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, timeout=30, check=False)
@@ -239,7 +239,7 @@ def test_a_signal_removes_the_link(tmp_path, number):
 
 
 def test_a_port_comes_back_under_another_name(tmp_path):
-    """As ttyUSB0 does, while somebody still holds it, as ttyUSB1."""
+    """Return under another name, as ttyUSB0 returns as ttyUSB1 while a process still holds it."""
     wire = Wire(create(f"pty:{tmp_path / 'ttyUSB0'}"), Serial(baud=115_200), faults=["unplug at 1s for 1s as ttyUSB1"])
     wire.open()
     seen = []

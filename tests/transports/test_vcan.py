@@ -1,4 +1,4 @@
-"""On real Linux CAN, the kernel and can-utils judge: what arrives, in which order, and how busy the bus is."""
+"""Tests on real Linux CAN, judged by the kernel and can-utils: arrivals, their order, and the load of the bus."""
 
 import os
 import re
@@ -21,7 +21,7 @@ from tactemu.wire.wire import Wire
 
 pytestmark = pytest.mark.vcan
 ETHERNET = os.environ.get("VCAN_GUEST") == "preload"
-"""Its CAN interfaces are ends of veth pairs, of which the preload library makes CAN."""
+"""True in a view whose CAN interfaces are ends of veth pairs, from which the preload library makes CAN."""
 
 FRAMES = [
     CanFrame(arbitration_id=0x123, data=b"\x01\x02"),
@@ -39,7 +39,7 @@ def port():
 
 
 def play(wire, clock, seconds, feed):
-    """The loop in small: ``feed(now)`` queues what is due and returns when it wants to be asked next."""
+    """Run a small loop: ``feed(now)`` queues what is due and returns the time of its next call."""
     end = clock.now_ns() + round(seconds * 1e9)
     while (now := clock.now_ns()) < end:
         again = feed(now)
@@ -68,7 +68,7 @@ def test_frames_cross_unchanged_and_do_not_come_back(port, frame):
 
 
 def test_an_error_frame_is_seen_as_one(port):
-    """What the `error` fault puts on the bus arrives as SocketCAN reports errors of the bus."""
+    """Receive the `error` fault's frames as SocketCAN reports errors of the bus."""
     with can.Bus(interface="socketcan", channel="vcan0") as driver:
         assert port.write(CanFrame(arbitration_id=0x28, data=bytes(8), is_error_frame=True))
         message = driver.recv(2)
@@ -87,7 +87,7 @@ def test_candump_prints_what_was_sent(port):
 
 @pytest.mark.parametrize(("asked", "bitrate"), [(0.5, 250_000), (1.5, 250_000), (0.5, 500_000)])
 def test_canbusload_counts_the_same_bits_and_the_bus_is_never_overfull(port, asked, bitrate, tmp_path):
-    """Two nodes send random frames for ``asked`` times what the bus can carry, for four seconds."""
+    """Let two nodes send random frames for ``asked`` times what the bus can carry, for four seconds."""
     rng = np.random.default_rng(7)
     wire, clock = Wire(port, Can(bitrate=bitrate)), RealClock()
     period = round(2 * 114.3e9 / bitrate / asked)
@@ -134,7 +134,7 @@ def test_canbusload_counts_the_same_bits_and_the_bus_is_never_overfull(port, ask
 
 
 def test_the_lowest_identifier_goes_first_and_nodes_keep_their_order(port):
-    """Three nodes offer their frames at the same instant, highest identifier first."""
+    """Offer frames of three nodes at the same instant, highest identifier first."""
     wire, clock = Wire(port, Can(bitrate=250_000)), RealClock()
     readings = {
         ident: [CanFrame(arbitration_id=ident, data=bytes([k])) for k in range(4)] for ident in (0x500, 0x300, 0x40)

@@ -1,4 +1,4 @@
-"""A short run with everything in it."""
+"""A short run with every kind of entry."""
 
 import numpy as np
 
@@ -11,7 +11,7 @@ IDEAL = np.array([[0.1, 0.2, -0.3], [np.pi, 1e-300, np.nextafter(1, 2)]])
 
 
 def tell(truth: Truth) -> None:
-    """Tell a log of two skins on one bus, one of them with two senses."""
+    """Log the run of two skins on one bus, one of them with two senses."""
     for k in range(3):
         number = truth.sample(10 * k, "thumb", IDEAL * k, IDEAL / 7, COUNTS, number=k, sense="force")
     truth.sample(20, "thumb", np.ones(6, np.float32), np.ones(6, np.float32) / 3, np.arange(6, dtype=">i2"), number=2,
@@ -28,7 +28,7 @@ def tell(truth: Truth) -> None:
 
 
 class Around:
-    """A body that is elsewhere each time that somebody looks."""
+    """A scene with a body that is elsewhere at each of the first calls."""
 
     names = ("ball",)
 
@@ -36,10 +36,10 @@ class Around:
         self.looks = 0
 
     def poses(self) -> np.ndarray:
-        """One step further."""
+        """Return the pose, one step further than before."""
         self.looks += self.looks < 2
         return np.array([[0.1 * self.looks, np.pi, -1, 1, 0, 0, 0]])
 
     def description(self) -> dict:
-        """As a scene says it."""
+        """Return the description of a scene."""
         return {"bodies": [{"name": "ball"}], "skins": {}}

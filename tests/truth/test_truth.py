@@ -1,4 +1,4 @@
-"""What a run remembers: everything that it was told, the latest of it in memory, within its bytes."""
+"""The truth log of a run: all entries in the file, the latest in memory, within its bytes."""
 
 import numpy as np
 import pytest

@@ -16,35 +16,35 @@ from tactemu.truth.mcap_format import McapWriter
 SUFFIXES = [".mcap", ".jsonl"]
 
 
-def told(log: Truth, n: int, start: int = 0) -> None:
-    """Samples that no compression makes smaller."""
+def log_samples(log: Truth, n: int, start: int = 0) -> None:
+    """Log samples that cannot be compressed."""
     for k in range(start, start + n):
         log.sample(k, "a", *np.random.default_rng(k).normal(size=(3, 100, 3)))
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
 def test_a_full_disk_is_said_at_once_and_the_run_goes_on(tmp_path, suffix, caplog):
-    """The kernel's own full disk."""
+    """Write to the kernel's own full disk."""
     (tmp_path / f"t{suffix}").symlink_to("/dev/full")
     log = Truth(tmp_path / f"t{suffix}", keep="10MB")
-    told(log, 100)
+    log_samples(log, 100)
     deadline = time.monotonic() + 10
     while not caplog.records and time.monotonic() < deadline:
         time.sleep(0.01)
     assert "cannot write the log: No space left on device" in caplog.records[0].getMessage()
-    told(log, 50)
+    log_samples(log, 50)
     log.close()
     assert log.lost == 150 and len(log.samples) == 150 and len(caplog.records) == 1
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
 def test_what_is_in_the_file_and_what_is_lost_is_all(tmp_path, suffix, caplog):
-    """A disk with room for a part of it."""
+    """Write to a disk with room for a part of the log."""
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     log = Truth(tmp_path / f"t{suffix}")
     try:
         resource.setrlimit(resource.RLIMIT_FSIZE, (1_000_000, limits[1]))
-        told(log, 400)
+        log_samples(log, 400)
         log.close()
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
@@ -69,11 +69,11 @@ def test_a_slow_disk_loses_entries_which_the_log_counts(tmp_path, monkeypatch, c
     monkeypatch.setattr(writer, "McapWriter", Slow)
     monkeypatch.setattr(Slow, "gate", threading.Event())
     log = Truth(tmp_path / "t.mcap")
-    told(log, 100)
+    log_samples(log, 100)
     Slow.gate.set()
     while log._writers[0].waiting:
         time.sleep(0.01)
-    told(log, 3, start=100)
+    log_samples(log, 3, start=100)
     log.close()
     back = tt.read_log(tmp_path / "t.mcap")
     assert 50 < log.lost == back.lost == 103 - len(back["a"].t_ns) < 100
@@ -97,7 +97,7 @@ class BusyMachine:
 
 
 def test_the_thread_has_its_share_of_a_busy_machine(tmp_path, monkeypatch):
-    """It fell behind by the length of the run, which the end of the run then waited for."""
+    """Pause too long, as on a busy machine; the thread must not fall behind by the length of the run."""
     log = writer.LogWriter(tmp_path / "t.jsonl")
     log._format = JsonlWriter(log._file)
     for k in range(100):
@@ -114,7 +114,7 @@ def test_where_time_is_virtual_the_loop_waits_instead(tmp_path, monkeypatch):
     monkeypatch.setattr(writer, "MAX_WAITING_BYTES", 10_000)
     log = Truth(tmp_path / "t.jsonl")
     log.begin(block_when_full=True)
-    told(log, 100)
+    log_samples(log, 100)
     log.close()
     assert log.lost == 0 and len(tt.read_log(tmp_path / "t.jsonl")["a"].t_ns) == 100
 
@@ -124,7 +124,7 @@ def test_a_log_whose_process_is_killed_has_all_but_the_last_moments(tmp_path, su
     monkeypatch.setattr(writer, "_MAX_UNSAVED_S", 0.0)
     path, copy = tmp_path / f"t{suffix}", tmp_path / f"copy{suffix}"
     log = Truth(path)
-    told(log, 10)
+    log_samples(log, 10)
     deadline, found = time.monotonic() + 10, 0
     while found < 10 and time.monotonic() < deadline:
         time.sleep(0.02)
@@ -136,9 +136,9 @@ def test_a_log_whose_process_is_killed_has_all_but_the_last_moments(tmp_path, su
 
 def test_an_entry_that_cannot_be_written_ends_the_log_not_the_run(tmp_path, caplog):
     log = Truth(tmp_path / "t.jsonl")
-    told(log, 2)
+    log_samples(log, 2)
     log.event(2, "a", object())
-    told(log, 2)
+    log_samples(log, 2)
     log.close()
     assert log.lost >= 3 and "cannot write the log: TypeError" in caplog.text
 
@@ -146,7 +146,7 @@ def test_an_entry_that_cannot_be_written_ends_the_log_not_the_run(tmp_path, capl
 def test_the_thread_ends_with_the_log(tmp_path):
     before = set(threading.enumerate())
     log = Truth(tmp_path / "t.mcap")
-    told(log, 1)
+    log_samples(log, 1)
     assert len(set(threading.enumerate()) - before) == 1
     log.close()
     log.close()

@@ -38,7 +38,7 @@ def plain_stuff(bits: str) -> int:
 
 
 def test_canbusload_figure():
-    """`canbusload -e` counts 119 bits for this frame (can-utils)."""
+    """Compare with `canbusload -e` of can-utils, which counts 119 bits for this frame."""
     assert frame_bits(CanFrame(arbitration_id=0x42A, data=bytes(range(1, 9)))) == (119, 0)
 
 

@@ -22,8 +22,8 @@ def test_bits_are_those_of_each_frame(size):
     assert run_bits(frames).tolist() == [frame_bits(frame)[0] for frame in frames]
 
 
-def play(plan, steps, whole, **options):
-    """What leaves, and when, if nodes offer these readings and the loop looks at the wire at these times [us]."""
+def play(plan, steps, as_runs, **options):
+    """Return frames, counters and times of a bus on which nodes offer readings and the loop runs at ``steps`` [us]."""
     wire = Wire(MemoryTransport(), Can(bitrate=1_000_000), seed=3, **options)
     wire.open()
     wire.receive(0)
@@ -35,7 +35,7 @@ def play(plan, steps, whole, **options):
             at_us, node, ident, count = plan.pop(0)
             data = np.random.default_rng([at_us, node]).integers(0, 256, (count, 8), dtype=np.uint8)
             frames = CanFrames.of(ident + np.arange(count) % 3, data)
-            wire.send(frames if whole else list(frames), at_us * 1000, f"node {node}", sample=at_us)
+            wire.send(frames if as_runs else list(frames), at_us * 1000, f"node {node}", sample=at_us)
         if now_us % 7 == 0:
             wire.transport.driver.write(CanFrame(arbitration_id=0x150, data=b"\1\2"))
         wire.receive(now_us * 1000)
@@ -53,5 +53,5 @@ readings = st.tuples(st.integers(0, 9_000), st.integers(0, 3), st.integers(0x100
 )
 def test_nodes_that_offer_runs_and_a_driver_that_talks_between(plan, pauses, faults):
     steps = np.cumsum(pauses).tolist()
-    together, alone = (play(plan, steps, whole, faults=faults) for whole in (True, False))
+    together, alone = (play(plan, steps, as_runs, faults=faults) for as_runs in (True, False))
     assert together == alone
