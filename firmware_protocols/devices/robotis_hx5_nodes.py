@@ -55,9 +55,7 @@ CONTROLLER_TABLE = RegisterMap(
     {at + 54}   u1 x 72    read_{k}        r
     {at + 126}  u1 x 72    write_{k}       = {MIDDLE_GOALS}
     """
-        for k, at in enumerate(
-            range(FIRST_FINGER_TABLE, FIRST_FINGER_TABLE + len(FINGERS) * FINGER_TABLE_BYTES, FINGER_TABLE_BYTES)
-        )
+        for k, at in enumerate(range(FIRST_FINGER_TABLE, FINGER_TABLES_END, FINGER_TABLE_BYTES))
     )
 )
 OWN_DATA_ADDRESSES = ", ".join(map(str, range(234, 252)))
