@@ -1,11 +1,11 @@
-"""Pictures of taxels: each where it lies, brighter where more is felt."""
+"""Pictures of taxels: each where it lies, brighter where the force is larger."""
 
 import numpy as np
 import pytest
 from rich.console import Console
 
 import firmware_protocols as fp
-from tactemu.session.heatmap import SHADES, draw, draw_all, felt, flattened
+from tactemu.session.heatmap import SHADES, draw, draw_all, flattened, taxel_magnitudes
 
 
 def rows(text) -> list[str]:
@@ -48,7 +48,7 @@ def test_seen_from_outside_right_is_right():
 )
 def test_what_is_felt_is_one_number(senses, values, number):
     layout = fp.grid_layout(1, 1, 0.002)
-    np.testing.assert_allclose(felt(layout, senses, np.array(values)), [number])
+    np.testing.assert_allclose(taxel_magnitudes(layout, senses, np.array(values)), [number])
 
 
 def test_nothing_felt_is_no_division_by_zero():

@@ -41,10 +41,10 @@ def parse(data: str) -> WireFrame:
     Raises:
         ValueError: the text is no frame, or one that no bus can carry.
     """
-    ident, mark, rest = data.partition("#")
+    ident, mark, payload = data.partition("#")
     if mark and len(ident) == 8 and int(ident, 16) & _ERROR_FLAG and int(ident, 16) <= _ERROR_FLAG | _ID_MASK:
         return CanFrame(arbitration_id=int(ident, 16) & _ID_MASK, is_error_frame=True)
-    frame = frame_of(f"{ident}#R" if rest[:1] == "R" else data)  # candump adds the length that was asked for
+    frame = frame_of(f"{ident}#R" if payload[:1] == "R" else data)  # candump adds the length that was asked for
     return checked(frame) if isinstance(frame, CanFrame) else frame
 
 

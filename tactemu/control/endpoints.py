@@ -53,8 +53,8 @@ def started(pid: int) -> int:
     """Return the start of a process [ticks]; 0 if there is none."""
     try:
         text = Path(f"/proc/{pid}/stat").read_text()
-        state, *rest = text.rpartition(")")[2].split()
-        return 0 if state == "Z" else int(rest[18])
+        state, *fields = text.rpartition(")")[2].split()
+        return 0 if state == "Z" else int(fields[18])
     except (OSError, ValueError, IndexError):
         return 0
 

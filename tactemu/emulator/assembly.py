@@ -75,7 +75,7 @@ class RunOptions:
             if rate is not None:
                 number("the request", "rate", rate, at_least=RATE_RANGE_HZ[0], at_most=RATE_RANGE_HZ[1], unit="Hz")
         if not isinstance(self.seed, int | None) or isinstance(self.seed, bool):
-            raise SceneError(f"seed: expected a whole number, got {self.seed!r}")
+            raise SceneError(f"seed: expected a original number, got {self.seed!r}")
         for name in ("faults", "adjustable"):
             given = getattr(self, name)
             if isinstance(given, str) or not all(isinstance(text, str) for text in given):
@@ -147,7 +147,7 @@ def assemble(
     if run_options.measured:
         skins = with_measured_defaults(loaded.tables.skin)
         loaded = replace(loaded, tables=loaded.tables.model_copy(update={"skin": skins}))
-    whole, world = loaded, loaded.tables.scene
+    original, world = loaded, loaded.tables.scene
     seed = world.seed if run_options.seed is None else run_options.seed
     wire_seed = stream_key(seed, f"environment {run_options.env}") if run_options.env else seed
     devices = make_devices(loaded)
@@ -176,25 +176,27 @@ def assemble(
     if given.poses and simulation is not None:
         given.poses.attach(simulation)
     placed |= given.sensors
-    fed = given.readings.skins if given.readings else {}
+    from_source = given.readings.skins if given.readings else {}
     for skin in loaded.tables.skin:
         device = devices[skin.title]
-        felt = fed.get(skin.title) or played.get(skin.title) or placed.get(skin.title) or NullSource()
+        readings = from_source.get(skin.title) or played.get(skin.title) or placed.get(skin.title) or NullSource()
         own = {each.connector.name: wires[each.address] for each in assignments if each.skin == skin.title}
-        channels[skin.title] = _channel(skin, device, SenseReader(felt, device), own, run_options, wire_seed)
+        channels[skin.title] = _channel(skin, device, SenseReader(readings, device), own, run_options, wire_seed)
     followed = [*played.values(), *([given.readings] if given.readings else [])]
     advanced = Playback(simulation, followed) if followed else simulation
     truth.context = SceneDescription(simulation, devices, placed)
-    emulator = Emulator(advanced, channels.values(), clock=clock, truth=truth, recipe=_recipe(whole, run_options))
+    emulator = Emulator(advanced, channels.values(), clock=clock, truth=truth, recipe=_recipe(original, run_options))
     schedule(emulator, events)
 
     def reassemble(*, port: str | Mapping[str, str] | None, clock: Clock | None, truth: Truth | None) -> Assembled:
-        own = {name: copy(motion) if isinstance(motion, Steered) else motion for name, motion in whole.motions.items()}
-        skins = tuple(skin.model_copy(update={"port": None, "ports": {}}) for skin in whole.tables.skin)
-        tables = whole.tables.model_copy(update={"skin": skins})
+        own = {
+            name: copy(motion) if isinstance(motion, Steered) else motion for name, motion in original.motions.items()
+        }
+        skins = tuple(skin.model_copy(update={"port": None, "ports": {}}) for skin in original.tables.skin)
+        tables = original.tables.model_copy(update={"skin": skins})
         own_source = source if simulation is None or simulation is not given.simulation else simulation.clone()
         return assemble(
-            replace(whole, motions=own, tables=tables), replace(run_options, port=port, fresh_ports=True),
+            replace(original, motions=own, tables=tables), replace(run_options, port=port, fresh_ports=True),
             clock=clock, truth=truth, source=own_source, like=simulation,
         )  # fmt: skip
 
@@ -214,9 +216,9 @@ def _built(scene: Scene, run_options: RunOptions, world: SceneTable, seed: int, 
 def _recipe(loaded: LoadedScene, run_options: RunOptions) -> dict[str, Any]:
     """Return the scene and options of a run without its ports and memory limits; a saved state must have the same."""
     tables = loaded.tables.model_dump(by_alias=True, exclude={"truth": True, "skin": {"__all__": {"port", "ports"}}})
-    wished = {name: getattr(run_options, name) for name in ("rate_hz", "faults", "seed", "adjustable")}
+    options = {name: getattr(run_options, name) for name in ("rate_hz", "faults", "seed", "adjustable")}
     events = [event.model_dump(exclude_defaults=True) for event in run_options.scenario]
-    return {**tables, "asked for": wished | {"scenario": events}}
+    return {**tables, "asked for": options | {"scenario": events}}
 
 
 def truth_of(loaded: LoadedScene, path: str | Path | None = None, keep: str | int | None = None) -> Truth:

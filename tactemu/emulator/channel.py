@@ -260,7 +260,7 @@ class Channel:
         if timer.burst == 1:
             return last
         sampled = [*timer.readings, last]
-        sampled = [last] * (timer.burst - len(sampled)) + sampled  # none before: at boot, or asked for out of turn
+        sampled = [last] * (timer.burst - len(sampled)) + sampled  # no earlier readings: at boot, or outside the period
         bursts = {sense.key: sense.burst for sense in self._senses[stream]}
         ideal, measured = (
             {

@@ -269,7 +269,7 @@ class Emulator(Lifecycle):
                     frames.setdefault(to.partition("/")[0], []).append(out)  # type: ignore[attr-defined]
         for to, together in frames.items():
             if to not in channel.wires:
-                if channel.device.connector(to).is_plugged:  # the others are in use only if asked for
+                if channel.device.connector(to).is_plugged:  # the other connectors are in use only on request
                     channel.device.counters["unplugged"] += len(together)
             elif release_ns is None:
                 channel.wires[to].send(together, now, source=channel.name, sample=sample)

@@ -25,7 +25,7 @@ class PortAssignment:
 def assign_ports(
     skins: Sequence[SkinTable],
     devices: Mapping[str, Device],
-    wish: str | Mapping[str, str] | None,
+    requested: str | Mapping[str, str] | None,
     *,
     fresh: bool = False,
     usual_network: bool = False,
@@ -35,7 +35,7 @@ def assign_ports(
     Args:
         skins: the skins of the scene.
         devices: the devices, by the skin's name.
-        wish: one port for the first connector that fits it, or ports by ``SKIN``, ``PORT`` or ``SKIN/PORT``.
+        requested: one port for the first connector that fits it, or ports by ``SKIN``, ``PORT`` or ``SKIN/PORT``.
         fresh: take an unused port instead of the usual one, where neither user nor scene names one.
         usual_network: keep the usual port on the network, also with ``fresh``.
 
@@ -45,13 +45,13 @@ def assign_ports(
         TransportError: an address is not valid, or two devices on one bus have different speeds.
     """
     fresh_kinds = (fresh and not usual_network, fresh)
-    wanted = {} if wish is None or isinstance(wish, str) else dict(wish)
+    wanted = {} if requested is None or isinstance(requested, str) else dict(requested)
     assignments = []
     for skin in skins:
         device = devices[skin.title]
         single, named = skin.port, dict(skin.ports)
-        if isinstance(wish, str):
-            single = wish
+        if isinstance(requested, str):
+            single = requested
         single = wanted.pop(skin.title, single)
         for connector in device.ports:
             for key in (f"{skin.title}/{connector.name}", connector.name):

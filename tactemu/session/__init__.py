@@ -1,1 +1,1 @@
-"""The start-up that `tactemu run`, `serve`, the pytest plugin and `judge` share, and a live view in a terminal."""
+"""The start of an emulator for `tactemu run`, `serve`, the pytest plugin and `judge`, and a live view in a terminal."""

@@ -1,4 +1,4 @@
-"""Taxels as a picture in a terminal: grids as grids, free layouts by position, as large as there is room."""
+"""The picture of taxels in a terminal: grids as grids, free layouts by position, as large as the screen allows."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ RAMP = np.array([(68, 1, 84), (59, 82, 139), (33, 145, 140), (94, 201, 98), (253
 GAP = 3
 """Characters between two patches."""
 MAX_COLUMNS = 40
-"""A free layout is drawn no wider than this many cells."""
+"""Maximum width of a free layout [cells]."""
 
 
-def felt(layout: Layout, senses: str, values: np.ndarray) -> np.ndarray:
-    """Return one number per taxel, larger where more is felt, shape ``(n_taxels,)``: push [N], pressure [Pa], depth
+def taxel_magnitudes(layout: Layout, senses: str, values: np.ndarray) -> np.ndarray:
+    """Return the magnitude of each taxel's reading, shape ``(n_taxels,)``: normal force [N], pressure [Pa], depth
     [m] ...
     """
     values = np.asarray(values, float)
@@ -35,13 +35,13 @@ def felt(layout: Layout, senses: str, values: np.ndarray) -> np.ndarray:
 def draw(layout: Layout, values: np.ndarray, peak: float, *, patch: Patch | None = None, pool: int = 1) -> Text:
     """Return a heat map of one patch (default: the first), ``values`` of shape ``(n_taxels,)`` from 0 to ``peak``.
 
-    ``pool`` by ``pool`` cells are drawn as one.
+    Blocks of ``pool`` by ``pool`` cells are drawn as one.
     """
     patch = patch or layout.patches[0]
     cells = _cells(layout, patch) // pool
     level = np.clip(values[patch.taxels] / peak, 0.0, 1.0) if peak > 0 else np.zeros(len(values[patch.taxels]))
     picture = np.full(cells.max(axis=0) + 1, EMPTY)
-    np.maximum.at(picture, tuple(cells.T), np.rint(level * (LEVELS - 1)).astype(int))  # the strongest shows
+    np.maximum.at(picture, tuple(cells.T), np.rint(level * (LEVELS - 1)).astype(int))  # a block has its largest value
     text = Text(no_wrap=True)
     for number, row in enumerate(picture.tolist()):
         text.append("\n" if number else "")
@@ -52,9 +52,10 @@ def draw(layout: Layout, values: np.ndarray, peak: float, *, patch: Patch | None
 
 
 def draw_all(layout: Layout, values: np.ndarray, peak: float, width: int, height: int) -> RenderableType:
-    """Heat maps of all patches with their names, side by side, pooled until they fit the room; in characters.
+    """Return heat maps of all patches with their names, side by side, pooled until they fit ``width`` by ``height``
+    characters.
 
-    Where even a character each is too much, the first patches are drawn and the others counted.
+    If even one character per patch is too large, the first patches are drawn and the others counted.
     """
     sizes = [_cells(layout, patch).max(axis=0) + 1 for patch in layout.patches]
     pool, most = 1, max(int(size.max()) for size in sizes)
@@ -82,7 +83,7 @@ def draw_all(layout: Layout, values: np.ndarray, peak: float, width: int, height
 
 
 class _Block(NamedTuple):
-    """A patch as it is drawn, name included; in characters."""
+    """The size of a drawn patch, including its name, in characters."""
 
     patch: Patch
     width: int
@@ -110,7 +111,7 @@ def _height(rows: list[list[_Block]]) -> int:
 
 
 def _cells(layout: Layout, patch: Patch) -> np.ndarray:
-    """(row, column) of each taxel of a patch, shape ``(n, 2)``."""
+    """Return row and column of each taxel of a patch, shape ``(n, 2)``."""
     if patch.rows:
         return np.stack(np.divmod(np.arange(patch.rows * patch.cols), patch.cols), axis=1)
     flat = flattened(layout.positions[patch.taxels], layout.normals[patch.taxels])
@@ -142,4 +143,4 @@ def _ink(step: int) -> tuple[str, Style]:
 LEVELS = 33
 EMPTY = -1
 INK: dict[int, tuple[str, Style]] = {EMPTY: (" ", Style()), **{step: _ink(step) for step in range(LEVELS)}}
-"""Character and colour of each of the levels that are told apart, and of no taxel."""
+"""Character and colour of each level, and of a cell without taxel."""

@@ -1,4 +1,4 @@
-"""The live one-screen view of a running emulator, drawn by a thread of its own so that the loop never waits for it."""
+"""The live view of a running emulator on one screen, drawn by a thread of its own so that the loop never waits."""
 
 from __future__ import annotations
 
@@ -14,24 +14,24 @@ from rich.text import Text
 
 from tactemu.base.frame_text import text
 from tactemu.emulator.emulator import Channel, Emulator
-from tactemu.session.heatmap import draw_all, felt
+from tactemu.session.heatmap import draw_all, taxel_magnitudes
 
 PERIOD_S = 0.1
-REST = 5
-"""A large picture is drawn less often: the thread rests so many times as long as it draws."""
+PAUSE_PER_DRAWING_TIME = 5
+"""Ratio of pause to drawing time, at least; large pictures are therefore drawn less often."""
 SWITCH_INTERVAL_S = 5e-4
-"""How long the drawing thread may hold the interpreter while the loop's deadline passes."""
+"""Longest time for which the drawing thread keeps the interpreter when the loop's deadline passes."""
 UNITS = {"force": ("N", 1.0), "pressure": ("kPa", 1e-3), "depth": ("mm", 1e3), "displacement": ("mm", 1e3)}
-MISSED_SHARE = 0.01
-"""Of its samples that a device may miss before the number turns red."""
-BORDER_ROWS, BORDER_COLUMNS = 2, 4
-"""Of a panel."""
-MAX_HEX = 96
-"""Bytes of a frame that are shown."""
+MAX_MISSED_SHARE = 0.01
+"""Share of missed samples above which their number is red."""
+BORDER_ROWS = 2
+BORDER_COLUMNS = 4
+MAX_HEX_BYTES = 96
+"""Maximum number of bytes of a frame on the screen."""
 
 
 class LiveView:
-    """Draws while it is entered::
+    """A live view that is drawn inside its ``with`` statement::
 
     with LiveView(emulator, console):
         emulator.run()
@@ -62,32 +62,35 @@ class LiveView:
         while not self._done.wait(pause):
             begun = time.perf_counter()
             self._live.update(self.picture(), refresh=True)
-            pause = max(PERIOD_S, REST * (time.perf_counter() - begun))
+            pause = max(PERIOD_S, PAUSE_PER_DRAWING_TIME * (time.perf_counter() - begun))
 
     def rehearse(self) -> None:
-        """Draw once to nowhere, before a port is open: the first picture takes longest."""
+        """Draw one picture without showing it, before a port is open, since the first picture takes longest."""
         with self._live.console.capture():
             self._live.console.print(self.picture())
 
     def picture(self) -> RenderableType:
-        """Everything on one screen: a panel per device."""
+        """Return the screen: a panel per device."""
         return Group(*self.panels(), Text("Ctrl-C ends", style="dim"))
 
     def panels(self) -> list[Panel]:
-        """Return a panel per device; together they fill the screen but for a line."""
+        """Return a panel per device; together they fill the screen except for a line."""
         width, height = self._live.console.size
         channels = self._emulator.channels
-        room = (height - 2) // len(channels)  # the last line of a terminal stays free for its cursor
+        room = (height - 2) // len(channels)  # the cursor takes the last line of a terminal
         return [self._panel(channel, width, room) for channel in channels]
 
     def _panel(self, channel: Channel, width: int, height: int) -> Panel:
-        """Return one device in ``width`` by ``height`` characters: what is said comes first, the pictures get the
-        rest.
-        """
+        """Return the panel of one device in ``width`` by ``height`` characters: the texts, and in the remaining lines
+        its pictures."""
         title = f"{channel.name}  {channel.wire.transport.address}"
         sample = self._emulator.truth.latest(channel.name)
         device = channel.device
-        values = felt(device.layout, device.contact[0], sample.measured) if sample else np.zeros(len(device.layout))
+        values = (
+            taxel_magnitudes(device.layout, device.contact[0], sample.measured)
+            if sample
+            else np.zeros(len(device.layout))
+        )
         peak = self._peaks[channel.name] = max(self._peaks.get(channel.name, 0.0), float(np.max(values, initial=0.0)))
         unit, scale = UNITS.get(device.contact[0], ("", 1.0))
         summary = f"sum {values.sum() * scale:.4g} {unit}   peak {max(values.max(initial=0.0), 0.0) * scale:.4g} {unit}"
@@ -104,12 +107,12 @@ class LiveView:
         if frame is None:
             return Text("nothing sent yet: this sensor speaks when it is asked", style="dim")
         shown = text(frame)
-        cut = shown[: min(2 * MAX_HEX, 2 * width - 20)]
+        cut = shown[: min(2 * MAX_HEX_BYTES, 2 * width - 20)]
         return Text("last frame  ", style="dim").append(cut + ("…" if len(shown) > len(cut) else ""), style="cyan")
 
 
 def _numbers(channel: Channel, width: int) -> list[Text]:
-    """Rates, drops and lateness, in as many lines as they take."""
+    """Return rates, drops and lateness, in lines of at most ``width`` characters."""
     statistics = channel.statistics
     late = statistics.lateness
     latest = (late.percentile_ns(50), late.percentile_ns(99), late.max_ns)
@@ -120,7 +123,7 @@ def _numbers(channel: Channel, width: int) -> list[Text]:
         "late p50/p99/max": "/".join(f"{ns / 1e3:.0f}" for ns in latest) + " µs",
         **{name.replace("_", " "): str(count) for name, count in channel.wire.counters.items() if count},
     }
-    too_many = statistics.missed > MISSED_SHARE * max(statistics.samples, 1)
+    too_many = statistics.missed > MAX_MISSED_SHARE * max(statistics.samples, 1)
     lines = [Text()]
     for name, value in cells.items():
         cell = Text(name, style="dim").append(f" {value}", "bold red" if name == "missed" and too_many else "default")

@@ -1,4 +1,4 @@
-"""The live view's picture of one moment, as a file: what a failed test leaves behind."""
+"""The picture of the live view at one moment, as an SVG file; the pytest plugin keeps it for a failed test."""
 
 from __future__ import annotations
 
@@ -11,18 +11,20 @@ from rich.console import Console
 from tactemu.emulator.emulator import Emulator
 from tactemu.session.live_view import LiveView
 
-WIDTH, HEIGHT_OF_DEVICE = 110, 30
-"""Characters."""
+WIDTH = 110
+"""Width of the picture [characters]."""
+HEIGHT_OF_DEVICE = 30
+"""Height of the panel of a device [characters]."""
 
 _WEB_FONTS = re.compile(r"@font-face\s*\{[^}]*\}\s*")
-"""A picture asks no host for a font."""
+"""The references to fonts on the network, which are removed so that the picture needs no connection."""
 
 
 def save_picture(emulator: Emulator, path: Path) -> None:
-    """Draw every device as it was at its last sample, with its statistics, into an SVG file.
+    """Draw every device at its last sample, with its statistics, into an SVG file.
 
     Raises:
-        OSError: it cannot be written.
+        OSError: the file cannot be written.
     """
     height = HEIGHT_OF_DEVICE * len(emulator.channels) + 2
     console = Console(record=True, file=io.StringIO(), width=WIDTH, height=height, force_terminal=True)

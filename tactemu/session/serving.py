@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from tactemu.sensors.simulation import Simulation
 
 CLOCKS = {"real": RealClock, "lockstep": LockstepClock, "paced": PacedClock}
-"""What ``clock`` may be: time runs by itself, only as far as ``step`` lets it, or slower rather than miss a sample."""
+"""The values of ``clock``: time runs by itself, or only by ``step``, or more slowly rather than miss a sample."""
 
 
 def serve(
@@ -70,31 +70,31 @@ def serve(
 
     Args:
         target: a device's name, ``path/to/device.py:Class`` or ``scene.toml``.
-        port: as for ``tactemu run --port``; default: a fresh one, so that tests may run side by side. Where there are
-            several, a table of ports by skin, by the device's connector, or by ``SKIN/CONNECTOR``.
+        port: as for ``tactemu run --port``; default: an unused one, so that tests can run in parallel. For several
+            ports, a table by skin, by the device's connector, or by ``SKIN/CONNECTOR``.
         rate_hz: sampling rate; default: the device's own. A table for a device with several streams.
-        faults: what goes wrong on the wire, as for ``--fault``.
+        faults: faults on the wire, as for ``--fault``.
         seed: root of all random numbers; default: the scene's.
-        steer: bodies of a scene file to be moved by hand instead of by their motions. Bodies without a motion, and
-            all those of a device's default scene, are.
-        by_hand: whether the default scene of a device is moved by hand, rather than by its own motions.
-        scenario: what goes wrong when (:class:`tactemu.Event`), beside the scene's own schedule.
+        steer: bodies of a scene file that you move by hand instead of by their motions. Bodies without a motion, and
+            all those of a device's default scene, are moved by hand anyway.
+        by_hand: move the bodies of a device's default scene by hand, rather than by their motions.
+        scenario: events with their times (:class:`tactemu.Event`), beside the scene's own schedule.
         adjustable: laws of imperfection (``noise``, ``dead``, ``bias`` ...) that you will switch on while it runs.
         truth: file for the truth log, ``.mcap`` or ``.jsonl``.
         keep: memory for samples and frames, ``"64MB"``; default: the scene's, else a share of the process's 256 MB.
-        compute: where kernels run, ``cpu`` or ``cuda:0``; default: as the scene says.
-        device_options: of a device named by ``target``, as for ``tactemu run NAME OPTION=VALUE``.
-        measured: noise, clock and so on as of real devices, where such were measured (docs/transducers.md).
-        source: a simulator of your own: a scene, built or not, or a function of time that gives poses or readings
+        compute: the device that runs the kernels, ``cpu`` or ``cuda:0``; default: the scene's.
+        device_options: options of a device named by ``target``, as for ``tactemu run NAME OPTION=VALUE``.
+        measured: take noise, clock and so on from measurements of real devices (docs/transducers.md).
+        source: a simulator of your own: a scene, built or not, or a function of time that returns poses or readings
             (:mod:`tactemu.emulator.sources`).
-        clock: ``real``; ``lockstep``: time advances only by :meth:`Served.step`; ``paced``: as real, but a machine that
-            is late makes time slower, and no sample is missed.
-        name: under which ``tactemu poke --name`` and :func:`tactemu.connect` find it; default: they do not.
-        again: truth log of an earlier run: what was done to it live is done again, at the same times; on ports
-            ``memory:`` what its driver said is said again, too.
+        clock: ``real``; ``lockstep``: time advances only by :meth:`Served.step`; ``paced``: as real, but time runs
+            slower on a machine that is late, and no sample is missed.
+        name: the name for ``tactemu poke --name`` and :func:`tactemu.connect`; default: they cannot connect.
+        again: truth log of an earlier run, whose live commands are repeated at the same times; on ports ``memory:``
+            the driver's bytes are repeated, too.
 
     Raises:
-        TactemuError: when it starts, if something asked for cannot be had.
+        TactemuError: when it starts, if an argument is wrong or something in the scene is not available.
     """
     run_options = RunOptions(
         port=port, rate_hz=rate_hz, faults=tuple(one_or_more(faults)), seed=seed, compute=compute, fresh_ports=True,
@@ -111,9 +111,9 @@ def serve(
 
 
 class Served(ControlCommands):
-    """What :func:`serve` returns: a running emulator, seen from a test.
+    """A running emulator in a background thread, from :func:`serve`.
 
-    What may be done to it, :meth:`press`, :meth:`inject_event` and so on, it has of
+    Its commands :meth:`press`, :meth:`inject_event` and so on are those of
     :class:`~tactemu.control.control_commands.ControlCommands`.
     """
 
@@ -133,7 +133,7 @@ class Served(ControlCommands):
         again: str | Path | None,
     ):
         self.before_opening: Callable[[Any], object] = lambda emulator: None
-        """Called when everything is made and no port is open yet."""
+        """A function that is called when everything is built and no port is open yet."""
         self._source = source
         self._target, self._device_options, self._run_options, self._steer_names = (
             target,
@@ -145,28 +145,28 @@ class Served(ControlCommands):
         self._truth_path, self._keep = truth, keep
         self._thread: threading.Thread | None = None
         self._owner_pid = 0
-        """Process in which the thread runs."""
+        """Id of the process in which the thread runs."""
         self._error: BaseException | None = None
         self._clock, self._name, self._again = clock, name, again
         self._server: Server | None = None
         self._assembled: Assembled | None = None
         self._control: Control | None = None
         self._unwatched: list[LoopTask] = []
-        """Those that nobody waited for; :meth:`stop` raises what went wrong in them."""
+        """The tasks for which no caller waits; :meth:`stop` raises their exceptions."""
         self._forked: tuple[Assembled, dict[str, Any]] | None = None
-        """What it is a fork of, and its state then."""
+        """The origin of a fork, and its state."""
 
     # -- life ------------------------------------------------------------------------------------------------------
 
     def use_usual_network_ports(self) -> None:
-        """Have what is on the network where `tactemu run` has it, rather than on a fresh port. Call before start."""
+        """Use the usual ports on the network, as `tactemu run` does, rather than unused ones. Call before start."""
         self._run_options = replace(self._run_options, usual_network=True)
 
     def start(self) -> Served:
         """Compile, open the port, and run in a background thread. Does nothing when it already runs.
 
         Raises:
-            TactemuError: something asked for cannot be had; nothing is left behind.
+            TactemuError: an argument is wrong, or something in the scene is not available; nothing is left behind.
         """
         if self._thread is not None:
             return self
@@ -176,8 +176,8 @@ class Served(ControlCommands):
         try:
             clock = CLOCKS[self._clock]()
             if self._forked is not None:
-                whole, state = self._forked
-                self._assembled = whole.fork(port=self._run_options.port, clock=clock, truth=truth, state=state)
+                origin, state = self._forked
+                self._assembled = origin.fork(port=self._run_options.port, clock=clock, truth=truth, state=state)
             else:
                 loaded = steered(loaded, self._steer_names, by_hand=self._by_hand)
                 self._assembled = assemble(loaded, self._run_options, clock=clock, truth=truth, source=self._source)
@@ -200,7 +200,8 @@ class Served(ControlCommands):
         return self
 
     def stop(self) -> None:
-        """Stop, remove the port, and raise what went wrong in the background. Safe to call twice, and in a fork."""
+        """Stop, remove the port, and raise an exception of the background thread. Safe to call twice, and in a forked
+        process."""
         if self._thread is None or self._owner_pid != os.getpid():
             return
         self.emulator.call(self.emulator.stop)
@@ -224,7 +225,7 @@ class Served(ControlCommands):
     def _run(self) -> None:
         try:
             self.emulator.run()
-        except BaseException as error:  # handed to whoever waits, and to stop()
+        except BaseException as error:  # raised by the waiting thread, or by stop()
             self._error = error
 
     def _raise(self) -> None:
@@ -234,7 +235,7 @@ class Served(ControlCommands):
             if error is not None:
                 raise error
 
-    # -- what a test looks at ------------------------------------------------------------------------------------------
+    # -- state, readings and ports -------------------------------------------------------------------------------------
 
     @property
     def emulator(self):
@@ -246,12 +247,12 @@ class Served(ControlCommands):
 
     @property
     def running(self) -> bool:
-        """Whether it has been started, and neither been stopped nor failed."""
+        """True if it has been started, and has neither been stopped nor failed."""
         return self._thread is not None and self._thread.is_alive()
 
     @property
     def truth(self) -> Truth:
-        """What was felt, sent and injected."""
+        """The log of samples, frames and injected faults."""
         return self.emulator.truth
 
     @property
@@ -262,14 +263,15 @@ class Served(ControlCommands):
 
     @property
     def port(self) -> str:
-        """What the driver opens: a path, a URL of pyserial (``socket://``, ``rfc2217://``), ``interface:channel``.
+        """The port that the driver opens: a path, a URL of pyserial (``socket://``, ``rfc2217://``),
+        ``interface:channel``.
 
         Raises:
-            TactemuError: several ports; see :attr:`ports`.
+            TactemuError: there are several ports; see :attr:`ports`.
         """
         ports = set(self.ports.values())
         if len(ports) != 1:
-            raise TactemuError(f"several ports, choose from dev.ports: {self.ports}")
+            raise TactemuError(f"there are several ports; choose one from dev.ports: {self.ports}")
         return ports.pop()
 
     @property
@@ -283,7 +285,7 @@ class Served(ControlCommands):
 
     @property
     def host_port(self) -> tuple[str, int]:
-        """Host and port of a TCP port, for drivers that take them apart: ``ModbusTcpClient(host, port=port)``.
+        """Host and number of a TCP port, for drivers with two arguments: ``ModbusTcpClient(host, port=port)``.
 
         Raises:
             TactemuError: the port is no TCP port.
@@ -307,26 +309,26 @@ class Served(ControlCommands):
         """Return the latest sample of a skin: ideal and measured reading, and counts."""
         return self.truth.latest(self.control.channel(skin).name)
 
-    # -- what a test does ----------------------------------------------------------------------------------------------
+    # -- commands ------------------------------------------------------------------------------------------------------
 
     @property
     def control(self) -> Control:
-        """What may be done to it, in the loop's own words."""
+        """The implementation of the commands, in the loop."""
         if self._control is None:
             raise TactemuError("not started; use `with tactemu.serve(...) as dev:`")
         return self._control
 
     def wait_for_driver(self, seconds: float = 20.0, skin: str | None = None) -> None:
-        """Return when a driver has opened the port (on a bus: has sent something).
+        """Wait until a driver has opened the port (on a bus: has sent something).
 
         Raises:
-            TimeoutError: none did within ``seconds``.
+            TimeoutError: no driver did within ``seconds``.
         """
         wire = self.control.channel(skin).wire
         deadline = time.monotonic() + seconds
         while not (wire.counters["received"] if wire.line_model.is_half_duplex else wire.transport.has_reader):
             if time.monotonic() > deadline:
-                raise TimeoutError(f"no driver came to {wire.transport.address} within {seconds} s")
+                raise TimeoutError(f"no driver opened {wire.transport.address} within {seconds} s")
             self._check_alive()
             time.sleep(0.01)
 
@@ -338,18 +340,19 @@ class Served(ControlCommands):
         clock: str | None = None,
         name: str | None = None,
     ) -> Served:
-        """Return another that goes on from where this one is now, once it is started: use it in a ``with`` statement.
+        """Return another emulator that continues from the present state once it is started: use it in a ``with``
+        statement.
 
-        They share what never changes; what happens to one, the other does not feel.
+        The two share only constant data; events in one do not change the other.
 
         Args:
-            port: as for :func:`serve`; default: a fresh one.
+            port: as for :func:`serve`; default: an unused one.
             truth: file for its own truth log.
             clock: as for :func:`serve`; default: as this one's.
-            name: for ``tactemu poke``.
+            name: the name for ``tactemu poke``.
 
         Raises:
-            StateError: some part of it cannot be saved.
+            StateError: a part of it cannot be saved.
         """
         states: list[dict[str, Any]] = []
         self.in_loop(lambda: states.append(self.emulator.snapshot()))
@@ -363,7 +366,7 @@ class Served(ControlCommands):
         return other
 
     def in_loop(self, action: Callable[[], object]) -> None:
-        """Have the loop call ``action`` between two of its turns; returns when it has, and raises what it raised."""
+        """Have the loop call ``action`` between two of its turns; wait for it, and raise its exception."""
 
         def begin() -> TaskResult:
             action()
@@ -372,7 +375,7 @@ class Served(ControlCommands):
         self._wait_for(LoopTask(self.emulator, begin))
 
     def _do(self, verb: str, arguments: dict[str, Any]) -> Any:
-        """Have the loop do a command, and wait until it is done."""
+        """Have the loop carry out a command, and wait until it is done."""
         task = self.control.submit(verb, arguments)
         if not arguments.get("wait", True):
             self._unwatched = [e for e in (*self._unwatched, task) if e.failed or not e.done.is_set()]
