@@ -18,7 +18,7 @@ class Lateness:
         self.max_ns = 0
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return the values so far, without the unused rest of the array."""
+        """Return the values so far, without the unused part of the array."""
         kept = self._values[: min(self.count, len(self._values))]
         return {"values": kept, "count": self.count, "max_ns": self.max_ns}
 

@@ -95,8 +95,8 @@ def _type_in(hint: Any) -> ArgumentType | None:
 
 def _argument_texts(doc: str) -> dict[str, str]:
     """Return the text of each argument in a docstring."""
-    _, _, rest = inspect.cleandoc(doc).partition("Args:\n")
-    found = re.findall(r"^    (\w+): (.*(?:\n {8}.*)*)", rest, re.MULTILINE)
+    _, _, arguments = inspect.cleandoc(doc).partition("Args:\n")
+    found = re.findall(r"^    (\w+): (.*(?:\n {8}.*)*)", arguments, re.MULTILINE)
     return {name: " ".join(text.split()) for name, text in found}
 
 

@@ -75,7 +75,7 @@ class RunOptions:
             if rate is not None:
                 number("the request", "rate", rate, at_least=RATE_RANGE_HZ[0], at_most=RATE_RANGE_HZ[1], unit="Hz")
         if not isinstance(self.seed, int | None) or isinstance(self.seed, bool):
-            raise SceneError(f"seed: expected a original number, got {self.seed!r}")
+            raise SceneError(f"seed: expected a whole number, got {self.seed!r}")
         for name in ("faults", "adjustable"):
             given = getattr(self, name)
             if isinstance(given, str) or not all(isinstance(text, str) for text in given):
