@@ -73,7 +73,7 @@ def test_a_state_of_a_terminal_is_gone_on_from_in_another(tmp_path):
     np.testing.assert_array_equal(rest.counts, whole.counts[later])
     refused = here("run", "anyskin", *virtual, "--seconds", "1", "--rate", "50", "--restore", state)
     assert refused.returncode == 2 and "asked for.rate_hz: saved with None, here 50.0" in refused.stderr
-    assert "say with --save where to" in here("run", "anyskin", *virtual, "--seconds", "1", "--save-at", "1").stderr
+    assert "add --save FILE" in here("run", "anyskin", *virtual, "--seconds", "1", "--save-at", "1").stderr
 
 
 def test_a_source_of_ones_own_is_asked_by_the_fork_too():
