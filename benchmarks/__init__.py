@@ -1,1 +1,1 @@
-"""Benchmarks: `tactemu bench NAME`. Speed is measured here, never in a timed test."""
+"""Benchmarks of this project's own machinery: `python -m benchmarks NAME`. Tests never measure speed."""

@@ -1,6 +1,6 @@
-"""Benchmarks of this project's own machinery, for those who work on it: ``python -m benchmarks --help``.
+"""The commands of the benchmarks of this project's own machinery: ``python -m benchmarks --help``.
 
-What users measure is ``tactemu bench``.
+The benchmarks for users are those of ``tactemu bench``.
 """
 
 from __future__ import annotations
@@ -19,16 +19,16 @@ bench = typer.Typer(
 Measure this tree on this machine. Figures are medians; compare those of one run.
 
 \b
-  python -m benchmarks loop     first frame, and how late frames are
+  python -m benchmarks loop     time to the first frame, lateness of frames
   python -m benchmarks layer    the elastic layer: grids, contact areas, batches
   python -m benchmarks reality  the levels of fidelity against presses on a real skin
   python -m benchmarks state    size and time of a saved state, and of a fork
-  python -m benchmarks soak     half an hour at 1 kHz and 5 % faults: what grows, what is lost
-  python -m benchmarks control  live commands: how soon they are felt, what they cost
-  python -m benchmarks page     the live page: what it costs the loop, pictures a second
-  python -m benchmarks exec     cost of a driver's view of the machine, and 1000 times unplugged
+  python -m benchmarks soak     half an hour at 1 kHz and 5 % faults: leaks and lost frames
+  python -m benchmarks control  live commands: their delay and their cost
+  python -m benchmarks page     the live page: its cost for the loop, pictures a second
+  python -m benchmarks exec     cost of a driver's view of the machine, and 1000 replugs
   python -m benchmarks judge    trials of `tactemu judge` a minute, one and two at once
-  python -m benchmarks bus      a whole robot's skin on CAN: how many boards are in time
+  python -m benchmarks bus      a robot's complete skin on CAN: how many boards are in time
   python -m benchmarks same     what this tree and another commit transmit and measure, byte for byte
 """,
 )
@@ -37,13 +37,16 @@ Measure this tree on this machine. Figures are medians; compare those of one run
 @bench.command()
 def loop(
     seconds: Annotated[float, typer.Option(metavar="S", min=0.1, help="Length of each lateness run.")] = 60.0,
-    repeats: Annotated[int, typer.Option(metavar="N", min=1, help="Starts with a filled kernel cache.")] = 5,
-    questions: Annotated[int, typer.Option(metavar="N", min=1, help="Asked of a polled device on each port.")] = 10_000,
-    only: Annotated[str, typer.Option(metavar="WHAT", help="open or closed.")] = "",
+    repeats: Annotated[int, typer.Option(metavar="N", min=1, help="Number of starts with a filled kernel cache.")] = 5,
+    questions: Annotated[int, typer.Option(metavar="N", min=1, help="Number of requests on each port.")] = 10_000,
+    only: Annotated[str, typer.Option(metavar="WHAT", help="Measure only open or closed loops.")] = "",
     out: Out = None,
 ) -> None:
-    """First frame with an empty and a filled kernel cache; lateness at 100 Hz and 1 kHz; answers to requests; a hand
-    that MuJoCo moves: steps a second, and from contact to wire, with and without a page."""
+    """Measure first frame, lateness, answers, and a closed loop.
+
+    The first frame comes with an empty and a filled kernel cache, lateness at 100 Hz and 1 kHz. In the closed loop
+    MuJoCo moves a hand: its steps a second and the time from contact to wire, with and without a page.
+    """
     from benchmarks.loop import run
 
     if only not in ("", "open", "closed"):
@@ -65,10 +68,10 @@ def same(
 @bench.command()
 def soak(
     minutes: Annotated[float, typer.Option(metavar="M", min=0.05, help="Length of the run.")] = 30.0,
-    interval: Annotated[float, typer.Option(metavar="S", min=1.0, help="Seconds between two looks.")] = 60.0,
+    interval: Annotated[float, typer.Option(metavar="S", min=1.0, help="Seconds between two measurements.")] = 60.0,
     out: Out = None,
 ) -> None:
-    """Memory, file descriptors, lateness and lost frames at 1 kHz with 5 % faults."""
+    """Measure memory, file descriptors, lateness and lost frames at 1 kHz with 5 % faults."""
     from benchmarks.soak import run
     from tactemu.base.kernels import start_quietly
 
@@ -81,7 +84,7 @@ def control(
     seconds: Annotated[float, typer.Option(metavar="S", min=1.0, help="Length of each of two runs.")] = 60.0,
     out: Out = None,
 ) -> None:
-    """10,000 commands a minute to one of two skins at 1 kHz: lateness, effect, the other skin's bytes."""
+    """Send 10,000 commands a minute to one of two skins: lateness, delay of the effect, the other skin's bytes."""
     from benchmarks.control import run
 
     save(run(typer.echo, seconds=seconds), out)
@@ -89,10 +92,10 @@ def control(
 
 @bench.command("exec")
 def execute(
-    cycles: Annotated[int, typer.Option(metavar="N", min=1, help="How often the device is unplugged.")] = 1000,
+    cycles: Annotated[int, typer.Option(metavar="N", min=1, help="Number of replugs.")] = 1000,
     out: Out = None,
 ) -> None:
-    """What a program that `tactemu exec` starts pays: its start, a read, a write; and what unplugging leaves."""
+    """Measure start, read and write of a program in `tactemu exec`, and what unplugging leaves behind."""
     from benchmarks.exec import run
     from tactemu.base.kernels import start_quietly
 
@@ -102,13 +105,15 @@ def execute(
 
 @bench.command()
 def page(
-    pairs: Annotated[int, typer.Option(metavar="N", min=1, help="Runs without a page, and as many with one.")] = 5,
+    pairs: Annotated[
+        int, typer.Option(metavar="N", min=1, help="Number of pairs of runs, without and with a page.")
+    ] = 5,
     seconds: Annotated[float, typer.Option(metavar="S", min=3, help="Length of each run.")] = 8.0,
-    only: Annotated[str, typer.Option(metavar="WHAT", help="lateness or pictures.")] = "",
-    preempt: Annotated[bool, typer.Option("--preempt", help="The runs go before other programs.")] = False,
+    only: Annotated[str, typer.Option(metavar="WHAT", help="Measure only lateness or pictures.")] = "",
+    preempt: Annotated[bool, typer.Option("--preempt", help="Run with real-time priority.")] = False,
     out: Out = None,
 ) -> None:
-    """Lateness with and without a page that four look at; pictures of 4,200 taxels a second, sent and drawn."""
+    """Measure lateness with and without a page of four viewers, and pictures of 4,200 taxels a second."""
     from benchmarks.page import run
 
     save(run(typer.echo, pairs=pairs, seconds=seconds, only=only, preempt=preempt), out)
@@ -117,13 +122,14 @@ def page(
 @bench.command()
 def bus(
     boards: Annotated[
-        int | None, typer.Option(metavar="N", min=1, help="This many; default: more and more, until frames are late.")
+        int | None,
+        typer.Option(metavar="N", min=1, help="Number of boards; default: more and more, until frames are late."),
     ] = None,
     seconds: Annotated[float, typer.Option(metavar="S", min=1, help="Length of each run.")] = 10.0,
-    way: Annotated[str, typer.Option(metavar="WAY", help="native or preload; default: as it can be.")] = "",
+    way: Annotated[str, typer.Option(metavar="WAY", help="native or preload; default: native if the kernel can.")] = "",
     out: Out = None,
 ) -> None:
-    """iCub boards of 70 taxels at 50 Hz, six on a bus: each frame read by another process, and how late."""
+    """Measure the lateness of iCub boards of 70 taxels at 50 Hz, six on a bus, read by another process."""
     from benchmarks.bus import run
     from tactemu.base.kernels import start_quietly
 
@@ -133,12 +139,12 @@ def bus(
 
 @bench.command()
 def state(
-    repeats: Annotated[int, typer.Option(metavar="N", min=1, help="Of each measurement.")] = 10,
-    forks: Annotated[int, typer.Option(metavar="N", min=1, help="Forks that are alive at once.")] = 100,
+    repeats: Annotated[int, typer.Option(metavar="N", min=1, help="Repeats of each measurement.")] = 10,
+    forks: Annotated[int, typer.Option(metavar="N", min=1, help="Number of simultaneous forks.")] = 100,
     only: Annotated[str, typer.Option(metavar="TEXT", help="Only devices and models whose name contains this.")] = "",
     out: Out = None,
 ) -> None:
-    """What a saved state takes of disk and time, and a fork of memory, for some devices and every sensor model."""
+    """Measure size and time of a saved state, and memory of a fork, for some devices and every sensor model."""
     from benchmarks.state import run
     from tactemu.base.kernels import start_quietly
 
@@ -152,7 +158,7 @@ def reality(
     page: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the table as a page.")] = None,
     out: Out = None,
 ) -> None:
-    """Error of every level of fidelity against presses on a real skin, with and without laws of its material."""
+    """Measure the error of every level of fidelity on presses of a real skin, with and without laws of its material."""
     from benchmarks.reality import run
     from tactemu.base.kernels import start_quietly
 
@@ -167,7 +173,7 @@ def layer(
     only: Annotated[str, typer.Option(metavar="TEXT", help="Only figures whose title contains this.")] = "",
     out: Out = None,
 ) -> None:
-    """Warm steps of ElasticLayerTaxel: on growing grids, growing skins, growing contacts, and in batches."""
+    """Measure warm steps of ElasticLayerTaxel on growing grids, growing skins, growing contacts, and in batches."""
     from benchmarks.layer import run
 
     save(run(typer.echo, device=device, n_envs=envs, only=only), out)
@@ -175,11 +181,11 @@ def layer(
 
 @bench.command()
 def judge(
-    runs: Annotated[int, typer.Option(metavar="N", min=2, help="Runs of the two at once; half as many alone.")] = 4,
-    dask: Annotated[bool, typer.Option(help="Also with workers of Dask, where it is installed.")] = True,
+    runs: Annotated[int, typer.Option(metavar="N", min=2, help="Number of runs two at once; half as many alone.")] = 4,
+    dask: Annotated[bool, typer.Option(help="Also measure workers of Dask, if it is installed.")] = True,
     out: Out = None,
 ) -> None:
-    """Trials of `tactemu judge` a minute: of a clean driver, alone, two at once, and by two workers of Dask."""
+    """Measure trials of `tactemu judge` a minute on a clean driver: alone, two at once, and by two workers of Dask."""
     from benchmarks.judge import run
 
     save(run(typer.echo, runs=runs, workers=dask), out)

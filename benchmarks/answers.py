@@ -1,8 +1,8 @@
-"""How long a driver waits for an answer: part of `python -m benchmarks loop`.
+"""The time that a driver waits for an answer: part of `python -m benchmarks loop`.
 
-A client in another process asks, reads the whole answer and asks again after a random pause of up to 2 ms, so that its
-questions come at any moment of the loop. The device samples 360 taxels at 100 Hz meanwhile. What the line itself takes
-is not modelled where there is none (USB, TCP); on CAN two frames of about 0.1 ms each are in the figure.
+A client in another process sends a request, reads the complete answer and sends the next one after a random pause of up
+to 2 ms, so that requests come at any moment of the loop. The device samples 360 taxels at 100 Hz meanwhile. USB and TCP
+have no modelled line time; on CAN the figure includes two frames of about 0.1 ms each.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ if kind == "can":
     message = can.Message(arbitration_id=int(ident, 16), data=bytes.fromhex(data), is_extended_id=False)
     def ask():
         bus.send(message)
-        while (heard := bus.recv(2.0)) is not None:
-            if heard.data != message.data:  # a multicast group also hears itself
+        while (received := bus.recv(2.0)) is not None:
+            if received.data != message.data:  # a multicast group also receives its own messages
                 return True
         return False
 else:
@@ -66,7 +66,7 @@ print(json.dumps({"p50": took[len(took) // 2] / 1e6, "p99": took[len(took) * 99 
 
 @dataclass(frozen=True)
 class Case:
-    """A device that is asked over one kind of port."""
+    """A polled device on one kind of port."""
 
     name: str
     device: str
@@ -74,7 +74,7 @@ class Case:
     port: str
     request: str
     size: int
-    """Bytes of the answer."""
+    """The size of the answer [bytes]."""
 
 
 _READ_ONE = "55aa7b7b0e0070c0060500" + "7b0e040300" + "27" + "55aa7d7d"
@@ -86,7 +86,7 @@ CASES = (
 
 
 def answer_ms(case: Case, count: int) -> dict[str, float]:
-    """Return median and 99th percentile of the time from a question to its answer [ms], and how many were lost."""
+    """Return median and 99th percentile of the time from request to answer [ms], and the number of lost answers."""
     with tempfile.TemporaryDirectory(prefix="tactemu-bench-") as folder:
         run_options = RunOptions(port=case.port.format(folder=folder), rate_hz=100.0)
         emulator = assemble(file.load(case.device, case.options), run_options).emulator
@@ -101,7 +101,7 @@ def answer_ms(case: Case, count: int) -> dict[str, float]:
 
 
 def run(report: Report, *, count: int = 10_000) -> dict[str, float]:
-    """Measure every case beside a process that keeps one core busy; the figures by name."""
+    """Measure every case beside a process that keeps one core busy, and return the figures by name."""
     figures: dict[str, float] = {}
     neighbour = subprocess.Popen([sys.executable, "-c", "while True: pass"])
     try:

@@ -1,10 +1,9 @@
-"""A whole robot's skin on CAN: `python -m benchmarks bus`.
+"""A robot's complete skin on CAN: `python -m benchmarks bus`.
 
-iCub boards of 7 triangles (70 taxels), 6 on a bus of 1 Mbit/s, 50 times a second; the buses are those of `tactemu
-exec`, so that a kernel without CAN will do. A reader in a process of its own (:mod:`benchmarks.bus_reader`) takes
-every frame, with the kernel's timestamp. Where it may, the loop goes before other programs. A frame is
-late by how much later it is there than on an exact bus that starts
-at the sample: all boards of a robot sample at once here, which is the hardest case.
+The skin has iCub boards of 7 triangles (70 taxels), 6 on a bus of 1 Mbit/s, at 50 Hz; the buses are those of `tactemu
+exec`, so that a kernel without CAN is enough. A reader in a process of its own (:mod:`benchmarks.bus_reader`) reads
+every frame with the kernel's timestamp. If allowed, the loop has real-time priority. The lateness of a frame is that
+relative to an exact bus that starts at the sample; all boards sample at once here, which is the hardest case.
 """
 
 from __future__ import annotations
@@ -24,19 +23,19 @@ from tactemu.exec.environment import exec_environment
 from tactemu.session.serving import serve
 from tactemu.tune.timing import Report
 
-A_BUS, TRIANGLES, RATE_HZ = 6, 7, 50
-"""Boards on a bus, triangles of a board, samples a second."""
-LATE_MS = 5.0
-"""99 of 100 frames shall be no later."""
+BOARDS_PER_BUS = 6
+TRIANGLES = 7
+"""Number of triangles of a board."""
+RATE_HZ = 50
+MAX_LATE_P99_MS = 5.0
+"""Maximum 99th percentile of the frames' lateness."""
 
 
 def scene(boards: int) -> str:
-    """Return the scene file of a robot with so many boards: a bus for every six, and on each part a ball that
-    presses.
-    """
+    """Return the scene file of a robot with so many boards: a bus and a pressing ball for every six."""
     parts = ["[scene]\ndt = 0.02\n"]
-    for bus, first in enumerate(range(0, boards, A_BUS)):
-        n = min(A_BUS, boards - first)
+    for bus, first in enumerate(range(0, boards, BOARDS_PER_BUS)):
+        n = min(BOARDS_PER_BUS, boards - first)
         parts.append(f"""
 [[body]]
 name = "part {bus}"
@@ -66,10 +65,10 @@ options = {{ probe_radius = 0.002, normal_stiffness = 300.0, noise = 0.002 }}
 
 
 def robot(boards: int, seconds: float, way: str = "") -> dict[str, Any]:
-    """Run it; what the reader says, and whether it is what was sent.
+    """Run a robot, and return the reader's figures, and whether it read what was sent.
 
     Raises:
-        TactemuError: this machine offers no CAN.
+        TactemuError: this machine has no CAN.
     """
     with tempfile.TemporaryDirectory(prefix="tactemu-bench-") as folder, no_full_collections():
         file = Path(folder) / "robot.toml"
@@ -77,7 +76,7 @@ def robot(boards: int, seconds: float, way: str = "") -> dict[str, Any]:
         dev = serve(file, keep="1MB")
         with exec_environment(dev, way=way) as env:
             if can_enable_realtime_priority():
-                dev.emulator.call(enable_realtime_priority)  # its loop alone, not the reader
+                dev.emulator.call(enable_realtime_priority)  # only the loop, not the reader
             sent: dict[str, list[int]] = {}
             told: dict[str, list[int]] = {}
             origin = dev.emulator.clock.origin_ns or 0
@@ -106,7 +105,7 @@ def robot(boards: int, seconds: float, way: str = "") -> dict[str, Any]:
 
 
 def _watched(transport: Any) -> list[int]:
-    """Return counts what is written to a port from now on, and sums it up."""
+    """Return a list that from now on has the number of frames written to a port, and their CRC."""
     seen, write_all = [0, 0], transport.write_all
 
     def watched(frames: Any) -> int:
@@ -120,9 +119,7 @@ def _watched(transport: Any) -> list[int]:
 
 
 def run(report: Report, *, boards: int | None = None, seconds: float = 10.0, way: str = "") -> dict[str, Any]:
-    """Return one robot of so many boards; or, without a number, larger and larger ones until too many frames are
-    late.
-    """
+    """Measure a robot of so many boards; without a number, larger and larger ones until too many frames are late."""
     if boards is not None:
         figures = robot(boards, seconds, way)
         report(figures["way"])
@@ -135,8 +132,8 @@ def run(report: Report, *, boards: int | None = None, seconds: float = 10.0, way
         if count == 12:
             report(figures["way"])
         _report(figures, report)
-        if figures["late_p99_ms"] > LATE_MS or not figures["every_frame_in_order"] or figures["missed_samples"]:
-            report(f"more than {LATE_MS:g} ms late, or frames amiss, from {count} boards on")
+        if figures["late_p99_ms"] > MAX_LATE_P99_MS or not figures["every_frame_in_order"] or figures["missed_samples"]:
+            report(f"more than {MAX_LATE_P99_MS:g} ms late, or frames amiss, from {count} boards on")
             break
         found["boards"] = count
     return found

@@ -1,4 +1,4 @@
-"""The reader of `python -m benchmarks bus`: starts every board, takes every frame, says how late they were."""
+"""The reader of `python -m benchmarks bus`: it starts every board, reads every frame, and prints their lateness."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ import numpy as np
 from firmware_protocols.can_frames import CAN_FRAME, CanFrames
 from tactemu.wire.can_runs import run_ns
 
-BUFFER = 4 << 20
-"""Receive buffer asked for, of each bus [bytes]; the kernel gives no more than net.core.rmem_max."""
+BUFFER_BYTES = 4 << 20
+"""The requested receive buffer of each bus; the kernel gives at most net.core.rmem_max."""
 _SET_UP = ("4D0014F000000000", "5000060201002200", "07000000")
 _STOP = "07010000"
 _AT_ONCE = 64
@@ -33,12 +33,12 @@ _recvmmsg = ctypes.CDLL(None, use_errno=True).recvmmsg
 
 
 class Bus:
-    """One bus's socket, and what has been read from it."""
+    """The socket of a bus, with the counts of the frames read from it."""
 
     def __init__(self, name: str, boards: int, start_ns: int, period_ns: int):
         self.boards, self.start_ns, self.period_ns = boards, start_ns, period_ns
         self.socket = socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW)
-        self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER)
+        self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)
         self.socket.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
         self.socket.setsockopt(socket.SOL_SOCKET, _SO_RXQ_OVFL, 1)
         self.socket.bind((name,))
@@ -55,15 +55,15 @@ class Bus:
         self._messages["control"] = self._beside.ctypes.data + np.arange(_AT_ONCE) * _BESIDE.itemsize
         self._vectors = vectors
 
-    def say(self, data: str) -> None:
-        """One message to every board."""
+    def send_to_all(self, data: str) -> None:
+        """Send a message to every board."""
         for board in range(1, self.boards + 1):
             payload = bytes.fromhex(data)
             self.socket.send(CanFrames.of([0x200 | board], np.frombuffer(payload, np.uint8)[None]).array.tobytes())
             time.sleep(0.0005)
 
     def read(self) -> tuple[np.ndarray, np.ndarray] | None:
-        """What waits, at most: frames, and when they came [ns]."""
+        """Read at most :data:`_AT_ONCE` frames, and return them with their times [ns]; None if there are none."""
         self._messages["control_length"] = _BESIDE.itemsize
         got = _recvmmsg(self.socket.fileno(), ctypes.c_void_p(self._messages.ctypes.data), _AT_ONCE, 0, None)
         if got <= 0:
@@ -78,24 +78,24 @@ class Bus:
 
 
 class Lateness:
-    """How late the frames of a bus were: against an exact bus on which every sample's frames leave at once."""
+    """The lateness of a bus's frames relative to an exact bus on which the frames of every sample leave at once."""
 
     def __init__(self, bus: Bus):
         self._bus, self._frames, self._times = bus, [], []
         self.counts = np.zeros(200_000, np.int64)
-        """Frames by lateness in units of 10 us."""
+        """The number of frames by lateness in units of 10 us."""
         self.busy_ns = 0
         self.first_ns = self.last_ns = 0
 
     def add(self, frames: np.ndarray, times: np.ndarray) -> None:
-        """Frames that were read; they are looked at by the sample."""
+        """Add frames that were read; they are evaluated sample by sample."""
         self._frames.append(frames)
         self._times.append(times)
         if sum(map(len, self._frames)) > 4096:
-            self.look()
+            self.evaluate()
 
-    def look(self) -> None:
-        """Work off what was added, but for a sample that is not complete."""
+    def evaluate(self) -> None:
+        """Evaluate all complete samples that were added."""
         if not self._frames:
             return
         frames, times = np.concatenate(self._frames), np.concatenate(self._times)
@@ -108,26 +108,26 @@ class Lateness:
             self.first_ns = int(times[0])
             self._number = (self.first_ns - self._bus.start_ns) // self._bus.period_ns
         n = len(frames) // a_sample
-        whole = n * a_sample
-        self._frames, self._times = [frames[whole:]], [times[whole:]]
+        complete = n * a_sample
+        self._frames, self._times = [frames[complete:]], [times[complete:]]
         if not n:
             return
-        took = run_ns(CanFrames(frames[:whole]), 1_000_000).reshape(n, a_sample)
+        took = run_ns(CanFrames(frames[:complete]), 1_000_000).reshape(n, a_sample)
         due = self._bus.start_ns + (self._number + np.arange(n))[:, None] * self._bus.period_ns + took.cumsum(axis=1)
-        late = (times[:whole].reshape(n, a_sample) - due) // 10_000
+        late = (times[:complete].reshape(n, a_sample) - due) // 10_000
         np.add.at(self.counts, np.clip(late, 0, len(self.counts) - 1).ravel(), 1)
         self._number += n
         self.busy_ns += int(took.sum())
-        self.last_ns = int(times[whole - 1])
+        self.last_ns = int(times[complete - 1])
 
 
 def main(told: dict[str, list[int]], seconds: float) -> dict[str, Any]:
-    """Read every bus; the figures."""
+    """Read every bus for ``seconds``, and return the figures."""
     to_realtime = time.time_ns() - time.monotonic_ns()
     buses = {name: Bus(name, boards, start + to_realtime, period) for name, (boards, start, period) in told.items()}
     for message in _SET_UP:
         for bus in buses.values():
-            bus.say(message)
+            bus.send_to_all(message)
     late = {name: Lateness(bus) for name, bus in buses.items()}
     begun = time.monotonic()
     settled, end, quiet = begun + 0.5, begun + 0.5 + seconds, 0.0
@@ -136,7 +136,7 @@ def main(told: dict[str, list[int]], seconds: float) -> dict[str, Any]:
         now = time.monotonic()
         if now > end and not stopped:
             for bus in buses.values():
-                bus.say(_STOP)
+                bus.send_to_all(_STOP)
             stopped, quiet = True, time.monotonic() + 0.3
         for name, bus in buses.items():
             while (got := bus.read()) is not None:
@@ -146,7 +146,7 @@ def main(told: dict[str, list[int]], seconds: float) -> dict[str, Any]:
                     quiet = time.monotonic() + 0.3
         time.sleep(_PAUSE_S)
     for each in late.values():
-        each.look()
+        each.evaluate()
     counts = np.sum([each.counts for each in late.values()], axis=0)
     upto = counts.cumsum()
     spans = [each.last_ns - each.first_ns for each in late.values()]

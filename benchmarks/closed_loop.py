@@ -1,12 +1,11 @@
 """The closed loop, part of `python -m benchmarks loop`: its rate, its lateness, and the time from contact to wire.
 
-Another process drives two Feetech servos and reads two PaXini pads, by their bytes: a gripper that closes on a ball and
-opens again. One run without a page and one with a page that somebody looks at.
+Another process drives two Feetech servos and reads two PaXini pads by their bytes: a gripper that closes on a ball and
+opens again. There is one run without a page and one with a page that has a viewer.
 
-* Rate: steps of the scene in a second of the clock, and how many the loop's own thread could do.
-* Lateness: of the pads' samples, as the loop counts it.
-* Latency: from the time at which the engine has a contact to the reader's having the first frame that tells of it, a
-  sample's period included.
+* Rate: steps of the scene in a second of the clock, and the number that the loop's own thread could do.
+* Lateness: that of the pads' samples, as counted by the loop.
+* Latency: from a contact in the engine to the reader's first frame with it, including a sample's period.
 """
 
 from __future__ import annotations
@@ -28,9 +27,12 @@ from tactemu.base.statistics import Lateness
 from tactemu.tune.timing import Report
 
 STEP_S = 0.004
-FELT_N = 0.05
-"""What a frame tells: half a count."""
-WITHIN_S, STARTING_S = 0.2, 5.0
+MIN_CONTACT_N = 0.05
+"""The force that a frame shows: half a count."""
+MAX_LATENCY_S = 0.2
+"""Maximum latency; later frames do not count as showing the contact."""
+STARTING_S = 5.0
+"""The time for the page to start."""
 MODEL = """
 <mujoco>
   <option timestep="0.002" cone="elliptic" impratio="10"/>
@@ -78,20 +80,20 @@ link = "carriage"
 
 
 class Witness:
-    """When the engine's pads begin to touch, and what the loop's thread does meanwhile."""
+    """A recorder of the times at which the engine's pads begin to touch, and of the loop's rate."""
 
     def __init__(self, emulator, engine):
         self._emulator, self._engine, self._touches = emulator, engine, False
         self.contacts: list[float] = []
-        """On this machine's monotonic clock [s]."""
+        """The times of contact on this machine's monotonic clock [s]."""
         self.steps = 0
         self.began = self.at = (0.0, 0.0)
-        """Real time and the thread's own at the first step and at the last [s]."""
+        """Real time and thread time at the first step and at the last [s]."""
 
     def __call__(self, simulation, t_s: float) -> None:
-        """After each step of the engine."""
+        """Record the contact after a step of the engine."""
         now = time.monotonic()
-        touches = max(pad.force for pad in self._engine.pads.values()) > FELT_N
+        touches = max(pad.force for pad in self._engine.pads.values()) > MIN_CONTACT_N
         if touches and not self._touches:  # the engine may be ahead of the clock
             self.contacts.append(now + t_s - self._emulator.clock.now_ns() * 1e-9)
         self._touches, self.at, self.steps = touches, (now, time.thread_time()), self.steps + 1
@@ -99,13 +101,13 @@ class Witness:
             self.began = self.at
 
     def rates(self) -> tuple[float, float]:
-        """Steps in a second of the clock, and of the thread's time [1/s]."""
+        """Return the steps in a second of the clock, and of the thread's time [1/s]."""
         real, own = (after - before for before, after in zip(self.began, self.at))
         return (self.steps - 1) / max(real, 1e-9), (self.steps - 1) / max(own, 1e-9)
 
 
 def measured(seconds: float, *, looked_at: bool) -> dict[str, float]:
-    """Return one run: its figures by name."""
+    """Measure one run, and return its figures by name."""
     from tactemu.session.serving import serve
 
     name = f"bench-closed-{os.getpid()}"
@@ -134,7 +136,7 @@ def measured(seconds: float, *, looked_at: bool) -> dict[str, float]:
         rate, could = witness.rates()
     told = np.array(json.loads(said))
     after = np.array([told[told > at - STEP_S].min(initial=np.inf) - at for at in witness.contacts])
-    after = after[after < WITHIN_S]
+    after = after[after < MAX_LATENCY_S]
     if not len(after):
         raise RuntimeError(f"no contact came through: {len(witness.contacts)} in the engine, {len(told)} on the wire")
     figures = {name: late[name] for name in ("lateness_p50_us", "lateness_p99_us", "missed")}
@@ -150,7 +152,7 @@ def measured(seconds: float, *, looked_at: bool) -> dict[str, float]:
 
 
 def run(report: Report, *, seconds: float = 20.0) -> dict[str, float]:
-    """Without a page and with one; ``report`` gets a line for each. Returns the figures by name."""
+    """Measure a run without a page and one with a page, report a line for each, and return the figures by name."""
     found: dict[str, float] = {}
     for looked_at in (False, True):
         got = measured(seconds, looked_at=looked_at)
@@ -159,7 +161,7 @@ def run(report: Report, *, seconds: float = 20.0) -> dict[str, float]:
             f"closed loop, {page} {got['steps_per_s']:.0f} steps/s (could do {got['could_do_per_s']:.0f}), late p50 "
             f"{got['lateness_p50_us']:.0f} µs, p99 {got['lateness_p99_us']:.0f} µs, missed {got['missed']:.0f}; "
             f"contact to wire p50 {got['p50_ms']:.1f} ms, p99 {got['p99_ms']:.1f} ms, {got['told']} of "
-            f"{got['contacts']} within {1e3 * WITHIN_S:.0f} ms"
+            f"{got['contacts']} within {1e3 * MAX_LATENCY_S:.0f} ms"
         )
         found |= {f"closed_{name}{'_with_page' if looked_at else ''}": value for name, value in got.items()}
     return found

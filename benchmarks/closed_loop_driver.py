@@ -1,7 +1,7 @@
-"""A driver of the closed loop's bench: ``python -m benchmarks.closed_loop_driver SERVOS PADS SECONDS``.
+"""The driver of the closed loop's benchmark: ``python -m benchmarks.closed_loop_driver SERVOS PADS SECONDS``.
 
-Closes and opens a gripper of two Feetech servos by sync writes, and reads the pushes of a PaXini board. Prints as JSON
-when it had the first bytes of each touch, on the machine's monotonic clock [s].
+It closes and opens a gripper of two Feetech servos by sync writes, and reads the pushes of a PaXini board. The output
+is JSON with the times of the first bytes of each touch, on the machine's monotonic clock [s].
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ PUSH_ON = bytes.fromhex("55 AA 00 10 17 00 01 00 01 D8")
 HEAD, LENGTH, CONTENT = b"\xaa\x56", 6, 6
 OPEN, CLOSED, SPEED, TORQUE = 2048, 2048 + 1200, 1500, 40
 PERIODS_S = (0.45, 0.23, 0.31, 0.37)
-"""Of no common beat with the pads'."""
+"""Periods without a common divisor with those of the pads."""
 
 
 def order(goal: int) -> bytes:
-    """Goal, speed and torque limit of both servos."""
+    """Return the sync write of goal, speed and torque limit to both servos."""
     values = (goal, 0, SPEED, TORQUE)
     each = b"".join(value.to_bytes(2, "little") for value in values)
     body = bytes([0xFE, 4 + 2 * (len(each) + 1), 0x83, 42, len(each)]) + b"".join(bytes([k]) + each for k in (1, 2))
@@ -30,13 +30,13 @@ def order(goal: int) -> bytes:
 
 
 def torque_on(ident: int) -> bytes:
-    """Hold."""
+    """Return the write that makes a servo hold its position."""
     body = bytes([ident, 4, 3, 40, 1])
     return b"\xff\xff" + body + bytes([~sum(body) & 0xFF])
 
 
 def main() -> None:
-    """The command."""
+    """Drive the gripper for SECONDS, and print the times."""
     servos = serial.Serial(sys.argv[1], 1_000_000)
     pads = serial.Serial(sys.argv[2], 921_600, timeout=0.01)
     servos.write(torque_on(1) + torque_on(2))

@@ -1,7 +1,7 @@
-"""What live commands cost the loop, and how soon they are felt: `python -m benchmarks control`.
+"""The cost of live commands for the loop, and the delay of their effect: `python -m benchmarks control`.
 
-An emulator with a skin at 1 kHz and another at 100 Hz runs in a process of its own; others read the
-ports and keep a core busy. This one pokes: the ball over the first skin is put down and lifted.
+An emulator with a skin at 1 kHz and another at 100 Hz runs in a process of its own; other processes read the ports and
+keep a core busy. This process sends commands that put down and lift the ball over the first skin.
 
 * Effect: from sending a command to the first sample that shows it, by the time at which that sample was taken.
 * Cost: lateness of samples and missed ones in two runs of the same length, with 10,000 commands a minute and with none.
@@ -66,7 +66,7 @@ rate_hz = 100
 
 @contextlib.contextmanager
 def _running(folder: Path, log: Path) -> Iterator[str]:
-    """An emulator of the scene with its readers and a busy neighbour; gives its name."""
+    """Run an emulator of the scene with its readers and a busy process, and yield its name."""
     scene, name = folder / "scene.toml", f"bench-{os.getpid()}"
     scene.write_text(SCENE, encoding="utf-8")
     ports = [f"{skin}=pty:{folder / skin}" for skin in ("left", "right")]
@@ -92,7 +92,7 @@ def _running(folder: Path, log: Path) -> Iterator[str]:
 
 
 def _poke(name: str, seconds: float, per_s: float) -> tuple[list[int], dict]:
-    """Put the ball down and lift it; when each command was sent [ns of the machine's clock], and statistics."""
+    """Put the ball down and lift it, and return the time of each command [ns of the machine's clock] and statistics."""
     sent = []
     with connect(name) as emulator:
         start = time.perf_counter()
@@ -105,7 +105,7 @@ def _poke(name: str, seconds: float, per_s: float) -> tuple[list[int], dict]:
 
 
 def _effects_ms(log: Path, sent: list[int]) -> list[float]:
-    """From each command to the first sample that shows what it did."""
+    """Return the time from each command to the first sample that shows its effect [ms]."""
     found = read_log(log)
     left = found["left"]
     assert found.origin_ns is not None
@@ -119,7 +119,7 @@ def _effects_ms(log: Path, sent: list[int]) -> list[float]:
 
 
 def _frames(log: Path) -> dict[int, str]:
-    """Return frames of the other skin by the time of the sample that they carry [ns]."""
+    """Return the frames of the other skin by the time of their sample [ns]."""
     samples = read_log(log)["right"]
     times = dict(zip(samples.sample.tolist(), samples.t_ns.tolist()))
     mine = (e for e in entries(log) if isinstance(e, Passage) and e.device == "right" and e.kind == "tx")
@@ -127,11 +127,11 @@ def _frames(log: Path) -> dict[int, str]:
 
 
 def run(report: Report, *, seconds: float = 60.0) -> dict[str, float]:
-    """Measure everything; ``report`` gets one line per figure. Returns the figures by name."""
+    """Measure everything, report one line per figure, and return the figures by name."""
     figures: dict[str, float] = {}
     frames = []
     has_priority = can_enable_realtime_priority()
-    report("the emulator goes " + ("before other programs" if has_priority else "with others: no right to --preempt"))
+    report("the emulator has " + ("real-time priority" if has_priority else "usual priority: --preempt is not allowed"))
     with tempfile.TemporaryDirectory(prefix="tactemu-bench-") as name:
         folder = Path(name)
         for words, per_s in (("without", 0.0), ("with", COMMANDS_PER_S)):

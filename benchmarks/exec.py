@@ -1,6 +1,6 @@
-"""What a view of the machine costs, and whether it leaves anything: `python -m benchmarks exec`.
+"""The cost of a view of the machine, and what it leaves behind: `python -m benchmarks exec`.
 
-The driver's side is measured in programs that run in the view and outside it, in turn; a figure is the median.
+Programs measure the driver's side inside and outside the view, in turn; a figure is the median.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from tactemu.exec.environment import ExecEnvironment
 from tactemu.tune.timing import Report
 
 DEVICE = "flexitac"
-"""Streams without being asked, and without pause."""
+"""A device that streams without requests and without pause."""
 _STARTS = 15
 _CALLS = 20_000
 
@@ -69,7 +69,7 @@ while True:
 
 
 def run(report: Report, *, cycles: int = 1000) -> dict[str, Any]:
-    """Start of a driver, a read and a write, and ``cycles`` times unplugged and plugged in again."""
+    """Measure the start of a driver, a read and a write, and ``cycles`` replugs."""
     with tactemu.serve(DEVICE) as dev, tactemu.exec_environment(dev) as env:
         figures = {"start": starts(env), "call": calls(env), "replug": replug(env, cycles)}
     figures["frame"] = frames()
@@ -87,7 +87,7 @@ def run(report: Report, *, cycles: int = 1000) -> dict[str, Any]:
 
 
 def starts(env: ExecEnvironment) -> dict[str, float]:
-    """From the call to the first byte of a program, outside the view and in it [ms]."""
+    """Return the time from the start to the end of a short program, outside the view and in it [ms]."""
     times: dict[str, list[float]] = {"outside_ms": [], "inside_ms": []}
     for _ in range(_STARTS):
         for name, command in (("outside_ms", ["/bin/echo"]), ("inside_ms", env.command(["/bin/echo"]))):
@@ -98,9 +98,9 @@ def starts(env: ExecEnvironment) -> dict[str, float]:
 
 
 def calls(env: ExecEnvironment) -> dict[str, tuple[float, float]]:
-    """Return a write and a read of a pseudo terminal, and a call that is taken over, outside the view and in it [µs].
+    """Return the times of a write, a read and a replaced call on a pseudo terminal, outside the view and in it [µs].
 
-    Without bytes, which cost what the kernel makes them cost: what is asked for is the way there.
+    The calls transfer no bytes, whose cost is the kernel's: only the overhead of the view is measured.
     """
     command = [sys.executable, "-c", _CALLER]
     pairs = [
@@ -140,7 +140,7 @@ print(*map(median, zip(*times)))
 
 
 def frames() -> dict[str, tuple[float, float]]:
-    """Return a CAN frame between two sockets of a program, plain packet sockets and CAN sockets in the view [µs]."""
+    """Return the times of a CAN frame between two sockets, plain packet sockets and CAN sockets in the view [µs]."""
     with tactemu.serve("xela_uskin") as dev, tactemu.exec_environment(dev) as env:
         program = [sys.executable, "-c", _FRAMES]
         commands = [["env", "-u", "LD_PRELOAD", *program, "packet"], [*program, "can"]]
@@ -158,7 +158,7 @@ def frames() -> dict[str, tuple[float, float]]:
 
 
 def replug(env: ExecEnvironment, cycles: int) -> dict[str, Any]:
-    """Unplug and plug in again while a driver reads; what is left of it afterwards."""
+    """Unplug and plug in again while a driver reads, and return what is left behind."""
     dev = env.devices[0]
     (wire,) = dev.emulator.wires
     with env.popen([sys.executable, "-c", _READER], stdout=subprocess.PIPE, text=True) as driver:
@@ -182,7 +182,7 @@ def replug(env: ExecEnvironment, cycles: int) -> dict[str, Any]:
 
 
 def _held(keeper: int, driver: int) -> dict[str, int]:
-    """What emulator, keeper and driver hold: descriptors, threads, mounts, nodes and files of the view."""
+    """Return the numbers of descriptors, threads, mounts, nodes and files of emulator, keeper, driver and view."""
     counts = {}
     for name, pid in (("emulator", os.getpid()), ("keeper", keeper), ("driver", driver)):
         counts[f"descriptors of the {name}"] = len(os.listdir(f"/proc/{pid}/fd"))
@@ -198,7 +198,7 @@ def _held(keeper: int, driver: int) -> dict[str, int]:
 
 def _files(folder: Path) -> Iterator[str]:
     for here, folders, names in os.walk(folder):
-        if here.endswith("/dev"):  # others open terminals meanwhile
+        if here.endswith("/dev"):  # other programs open terminals meanwhile
             folders.remove("pts")
         yield from folders
         yield from names
@@ -207,5 +207,5 @@ def _files(folder: Path) -> Iterator[str]:
 def _link(path: Path) -> str:
     try:
         return os.readlink(path)
-    except OSError:  # gone meanwhile, or somebody else's
+    except OSError:  # it has ended meanwhile, or belongs to another user
         return ""

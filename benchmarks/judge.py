@@ -1,6 +1,6 @@
-"""Trials of the judge a minute, alone and two side by side: ``python -m benchmarks judge``.
+"""Trials of the judge a minute, alone and two in parallel: ``python -m benchmarks judge``.
 
-The driver is a reader of forty lines that is well: what is measured is what the judge takes.
+The driver is a correct reader of forty lines, so that the figures are those of the judge.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ while True:
 
 
 def run(say: Callable[[str], object], *, runs: int = 4, workers: bool = True) -> dict[str, Any]:
-    """Judge the reader alone, then two at once; where Dask is installed by two workers of it, too."""
+    """Judge the reader alone, then two at once; if Dask is installed, also by its workers."""
     figures: dict[str, Any] = {}
     with tempfile.TemporaryDirectory() as folder:
         script = Path(folder) / "reader.py"

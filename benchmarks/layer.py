@@ -1,8 +1,8 @@
-"""What the elastic layer costs: `python -m benchmarks layer`.
+"""The time of the elastic layer: `python -m benchmarks layer`.
 
-Three questions. How long is a warm step (a ball that presses deeper and slides by hundredths of a millimetre) on
-growing grids, with and without friction? Does the cost follow the contact, or the skin? And how many environments
-does a GPU carry? Times are medians; on a CPU of the thread's own time, so that other work does not count.
+It measures three things: a warm step (a ball that presses deeper and slides by hundredths of a millimetre) on growing
+grids, with and without friction; the dependence on the size of the contact and of the skin; and batches of environments
+on a GPU. Times are medians; on a CPU those of the thread, so that other processes do not count.
 """
 
 from __future__ import annotations
@@ -26,28 +26,28 @@ class Case:
 
     title: str
     side: int
-    """Taxels along a side."""
+    """Number of taxels along a side."""
     pitch: float
     radius: float
-    """Of the ball [m]."""
+    """The radius of the ball [m]."""
     friction: float = 0.0
     n_envs: int = 1
     displacement: bool = False
     aim_ms: float | None = None
-    """Of the solver's stages together."""
+    """The target for the solver's stages together."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Figure:
-    """What was measured."""
+    """The measured figures of a case."""
 
     title: str
     step_ms: float
-    """A whole step: poses, overlap, solvers, reading."""
+    """The time of a complete step: poses, overlap, solvers, reading."""
     still_ms: float
-    """A step in which nothing moves."""
+    """The time of a step in which nothing moves."""
     contact: float
-    """Part of the taxels that touch."""
+    """The share of taxels in contact."""
     residual: float
     aim_ms: float | None
 
@@ -60,7 +60,7 @@ class Figure:
 
 
 def cases(device: str, n_envs: int) -> list[Case]:
-    """Return the three questions; many environments only where there is a GPU, or where they are asked for."""
+    """Return all cases; those of many environments only with ``n_envs`` above 1."""
     found = []
     for side, pitch, radius, aim in ((16, 1e-3, 0.02, 0.3), (64, 5e-4, 0.06, 2.0), (256, 1.25e-4, 0.06, 40.0)):
         found.append(Case(title=f"{side} x {side}", side=side, pitch=pitch, radius=radius, aim_ms=aim))
@@ -82,7 +82,7 @@ def cases(device: str, n_envs: int) -> list[Case]:
 
 
 def run(report: Report, *, device: str = "cpu", n_envs: int | None = None, only: str = "") -> list[dict]:
-    """Measure all cases whose title contains ``only``; ``n_envs``: of the batch (4096 on a GPU, none on a CPU)."""
+    """Measure all cases whose title contains ``only``, with a batch of ``n_envs`` (4096 on a GPU, none on a CPU)."""
     if n_envs is None:
         n_envs = 1 if device == "cpu" else 4096
     figures = []

@@ -1,13 +1,13 @@
-"""How soon the first frame comes, and how late the frames after it: `python -m benchmarks loop`.
+"""The time to the first frame, and the lateness of the frames after it: `python -m benchmarks loop`.
 
 * Start: from the command `tactemu run anyskin` to its first byte on the port, with an empty and with a filled kernel
   cache; median of several runs.
-* Lateness: time from a sample's deadline to its frame being ready, as the loop itself counts it, while another process
+* Lateness: time from a sample's deadline to its complete frame, as the loop itself counts it, while another process
   drains the port; at 1 kHz also with a truth log open.
-* Answers: how long a polled driver waits (:mod:`benchmarks.answers`).
-* Truth: what a sample costs the loop to remember, and to hand to a log's writer.
+* Answers: the time that a polled driver waits (:mod:`benchmarks.answers`).
+* Truth: the loop's time to keep a sample, and to pass it to a log's writer.
 * The closed loop, with and without a page: steps a second, lateness, and from a contact in the engine to the wire
-  (:mod:`benchmarks.closed_loop`); where MuJoCo is not installed, that is left out, and said.
+  (:mod:`benchmarks.closed_loop`); without MuJoCo it is left out, and a line says so.
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ from tactemu.truth import Truth
 from tactemu.tune.timing import Report
 
 TAXELS = (16, 1000, 19_000)
-"""Sizes of skins whose truth is told."""
+"""The numbers of taxels whose truth is logged."""
 
 
 def first_frame_s(cache: Path, *, device: str = "anyskin", limit_s: float = 120.0) -> float:
-    """Return seconds from starting the command to the first byte that a reader gets, kernels cached in ``cache``.
+    """Return the time from the start of the command to a reader's first byte [s], with kernels cached in ``cache``.
 
     Raises:
         RuntimeError: the command ended, or no byte came in ``limit_s``.
@@ -61,9 +61,9 @@ def first_frame_s(cache: Path, *, device: str = "anyskin", limit_s: float = 120.
 
 
 def truth_us(n_taxels: int, path: Path | None, samples: int = 100) -> float:
-    """Return median time that telling the truth of a sample takes the loop [us], one sample after another.
+    """Return the median time of the loop to log the truth of a sample [us], one sample after another.
 
-    Forces of ``n_taxels`` taxels, ideal and measured, and as many counts of 16 bits.
+    A sample has the forces of ``n_taxels`` taxels, ideal and measured, and as many counts of 16 bits.
     """
     forces = np.random.default_rng(0).normal(size=(n_taxels, 3)).astype(np.float32)
     measured, counts = forces * np.float32(1.01), (forces * 100).astype(np.int16)
@@ -77,7 +77,7 @@ def truth_us(n_taxels: int, path: Path | None, samples: int = 100) -> float:
 
 
 def lateness(rate_hz: float, seconds: float, *, device: str = "anyskin", truth: Path | None = None) -> dict[str, float]:
-    """Statistics of a device that streams at ``rate_hz`` for ``seconds`` to a process that reads everything."""
+    """Return the statistics of a device that streams at ``rate_hz`` for ``seconds`` to a process that reads all."""
     from tactemu.base.clock import RealClock
     from tactemu.emulator.assembly import RunOptions, assemble
     from tactemu.scene import file
@@ -94,7 +94,7 @@ def lateness(rate_hz: float, seconds: float, *, device: str = "anyskin", truth: 
 
 @contextmanager
 def _drained(port: str) -> Iterator[None]:
-    """A process that has the port open and reads."""
+    """Run a process that has the port open and reads."""
     reader = subprocess.Popen(["cat", port], stdout=subprocess.DEVNULL)
     try:
         yield
@@ -106,7 +106,7 @@ def _drained(port: str) -> Iterator[None]:
 def run(
     report: Report, *, seconds: float = 60.0, repeats: int = 5, questions: int = 10_000, only: str = ""
 ) -> dict[str, float]:
-    """Measure everything, or what is named; ``report`` gets one line per figure. Returns the figures by name."""
+    """Measure everything, or ``only`` a part, report one line per figure, and return the figures by name."""
     if only == "closed":
         return _closed(report, seconds)
     figures: dict[str, float] = {}

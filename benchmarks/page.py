@@ -1,7 +1,7 @@
-"""What a live page costs the loop, and how many pictures it gives: `python -m benchmarks page`.
+"""The cost of a live page for the loop, and its pictures a second: `python -m benchmarks page`.
 
-* Lateness: pairs of runs, without a page and with one that four look at: two that read, one that stops reading after a
-  second, one that is killed halfway. A skin at 1 kHz and one at 100 Hz, on ptys that nobody reads.
+* Lateness: pairs of runs, without a page and with one that has four viewers: two that read, one that stops reading
+  after a second, one that is killed halfway. The skins sample at 1 kHz and at 100 Hz, on ptys without a reader.
 * Pictures: of 60 boards with 4,200 taxels, as sent to viewers, and as drawn by a headless Chromium at 800 x 600 without
   a GPU, if there is one.
 """
@@ -41,13 +41,13 @@ requestAnimationFrame(tick);
 
 
 def python(*words: object, **more: Any) -> subprocess.Popen[str]:
-    """Return a Python program that runs beside this one."""
+    """Start a Python program in a process of its own."""
     return subprocess.Popen([sys.executable, "-m", *map(str, words)], stdout=subprocess.PIPE, text=True, **more)
 
 
 @contextlib.contextmanager
 def _running(scene: str, *more: str) -> Iterator[tuple[str, subprocess.Popen[str]]]:
-    """A run of a scene, when it is ready; its name and its process."""
+    """Run a scene, and yield name and process of the run once it is ready."""
     name = f"bench-{os.getpid()}"
     with tempfile.TemporaryDirectory(prefix="tactemu-bench-") as folder:
         file = Path(folder) / "scene.toml"
@@ -65,7 +65,7 @@ def _running(scene: str, *more: str) -> Iterator[tuple[str, subprocess.Popen[str
 
 @contextlib.contextmanager
 def page_of(name: str) -> Iterator[tuple[str, int]]:
-    """A page of it: its link and its process."""
+    """Show the run on a page, and yield the page's link and process id."""
     page = python("tactemu", "see", name, "--web-port", 0)
     try:
         assert page.stdout is not None
@@ -102,7 +102,7 @@ def _memory_mb(pid: int) -> float:
 
 
 def lateness(report: Report, *, pairs: int, seconds: float, preempt: bool) -> dict[str, Any]:
-    """Of so many pairs of runs."""
+    """Measure the lateness in pairs of runs."""
     without, seen, memory = [], [], []
     for _ in range(pairs):
         without.append(_late_us(seconds, seen=False, preempt=preempt)[0])
@@ -116,9 +116,9 @@ def lateness(report: Report, *, pairs: int, seconds: float, preempt: bool) -> di
 
 
 def pictures(report: Report, *, seconds: float) -> dict[str, Any]:
-    """Of a whole robot's skin: sent, and drawn."""
+    """Measure the pictures a second of a robot's complete skin, as sent and as drawn."""
     scene = bus.scene(BOARDS)
-    for k in range(BOARDS // bus.A_BUS):
+    for k in range(BOARDS // bus.BOARDS_PER_BUS):
         scene = scene.replace(f'"can:socketcan:can{k}"', '"memory:"')
     figures: dict[str, Any] = {}
     with _running(scene) as (name, _), page_of(name) as (url, _):
@@ -133,7 +133,7 @@ def pictures(report: Report, *, seconds: float) -> dict[str, Any]:
 
 
 def _drawn(url: str, seconds: float) -> float:
-    """Pictures that a browser draws in a second."""
+    """Return the number of pictures that a browser draws in a second."""
     from playwright.sync_api import sync_playwright
 
     arguments = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
@@ -143,7 +143,7 @@ def _drawn(url: str, seconds: float) -> float:
         page.add_init_script(_COUNT_FRAMES)
         page.goto(url)
         page.wait_for_selector("canvas[data-engine]", timeout=60_000)
-        page.wait_for_timeout(6000)  # the scene comes, and what is compiled the first time is
+        page.wait_for_timeout(6000)  # the scene arrives, and shaders are compiled
         before = page.evaluate("window.drawn")
         page.wait_for_timeout(1e3 * seconds)
         drawn = page.evaluate("window.drawn") - before
@@ -154,7 +154,7 @@ def _drawn(url: str, seconds: float) -> float:
 def run(
     report: Report, *, pairs: int = 5, seconds: float = 8.0, only: str = "", preempt: bool = False
 ) -> dict[str, Any]:
-    """Measure everything, or what is named; ``report`` gets one line per figure. Returns the figures by name."""
+    """Measure everything, or ``only`` a part, report one line per figure, and return the figures by name."""
     found: dict[str, Any] = {}
     if only in ("", "pictures"):
         found["pictures"] = pictures(report, seconds=seconds)

@@ -1,14 +1,14 @@
-"""Levels of fidelity against a real skin: where does more physics stop paying?
+"""The errors of the levels of fidelity compared with a real skin.
 
     python -m benchmarks reality RECORDINGS --page docs/reality.md
 
-The force of presses on eFlesh's lattice (:mod:`tactemu.fit.sets.eflesh`), by each level of the ladder: a flat face of
-20 mm pressed 12 mm into a skin of 16 x 16 taxels. Each level has one gain, fitted on one recording; the height of
-contact comes from the first press of the recording that is predicted. *With laws* the skin is worked in as well: how
-far each press sets it and how much it softens, from the recording that was fitted, and the presses that it had seen
-before, from the first press. The last line is the law of docs/realism.md, with a loading curve of its own.
-Errors are of all presses but the first, rms, of the peak; both recordings are predicted by the other.
-A finger that slides over ridges (:mod:`benchmarks.ridges`) is the page's second table.
+Each level predicts the force of presses on eFlesh's lattice (:mod:`tactemu.fit.sets.eflesh`): a flat face of 20 mm is
+pressed 12 mm into a skin of 16 x 16 taxels. Each level has one gain, fitted on one recording; the height of contact
+comes from the first press of the predicted recording. *With laws* the skin is conditioned as well: each press sets and
+softens it as in the fitted recording, and the first press gives the number of presses before it. The last line is the
+law of docs/realism.md, with a loading curve of its own. Errors are rms over all presses but the first, as shares of the
+peak; each recording is predicted by the other. The page's second table is that of a finger that slides over ridges
+(:mod:`benchmarks.ridges`).
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ LEVELS: dict[str, tuple[str, dict[str, Any]]] = {
 
 
 def level_curve(name: str) -> tuple[np.ndarray, np.ndarray, float]:
-    """Depths [mm], the summed reading of a level at each, and what a step costs [µs]."""
+    """Return depths [mm], the summed reading of a level at each, and the time of a step [µs]."""
     kind, options = LEVELS[name]
     x = (np.arange(SIDE) - (SIDE - 1) / 2) * PITCH
     probes = np.stack([*np.meshgrid(x, x), np.full((SIDE, SIDE), 0.0)], axis=-1)
@@ -69,7 +69,7 @@ def level_curve(name: str) -> tuple[np.ndarray, np.ndarray, float]:
 
 
 def error_of(shape: Callable[[np.ndarray], np.ndarray], known: Any, other: Any, *, laws: bool) -> float:
-    """Rms error [% of the peak] of the presses of ``other`` after its first, by a law fitted on ``known``."""
+    """Return the rms error [% of the peak] of ``other``'s presses after the first, by a law fitted on ``known``."""
 
     def force(p: Sequence[float] | np.ndarray, depth: np.ndarray, touch: float, before: float) -> np.ndarray:
         worked = conditioning(np.asarray(before)) if laws else 0.0
@@ -93,7 +93,7 @@ def error_of(shape: Callable[[np.ndarray], np.ndarray], known: Any, other: Any, 
 
 
 def run(report: Callable[[str], Any], recordings: Path, page: Path | None = None) -> list[dict[str, Any]]:
-    """Measure every level; returns one table per line.
+    """Measure every level, and return a dictionary for each line of the tables.
 
     Raises:
         TactemuError: the folder does not have two recordings of one condition.
@@ -131,7 +131,7 @@ def run(report: Callable[[str], Any], recordings: Path, page: Path | None = None
 
 
 def _table(lines: Sequence[dict[str, Any]], more: Sequence[str] = ()) -> str:
-    """``more`` columns of errors stand before those of the level, with and without laws."""
+    """Return the table; the columns ``more`` are before those of the errors with and without laws."""
     heads = ("level", "a step", *more, "error", "error with laws of the material")
     rows = [f"| {' | '.join(heads)} |", "| --- " * len(heads) + "|"]
     for line in lines:

@@ -1,10 +1,10 @@
-"""Levels of fidelity against a finger that slides over a board with ridges: the line that they draw, the noise.
+"""The errors of the levels of fidelity for a finger that slides over a board with ridges: spectral line and noise.
 
-The recordings are those of :mod:`tactemu.fit.sets.cpm_finger`. Each level feels one period of the board at rest: bars
+The recordings are those of :mod:`tactemu.fit.sets.cpm_finger`. Each level measures one period of the still board: bars
 of half a pitch, 1 mm deep in a skin of 8 x 16 points of 1.5 mm, of which each of the finger's 2 x 8 taxels is the mean
 of 4 x 2. With its shape ``s`` of a taxel, of mean 0, a slide under a grip of ``F`` counts at a speed ``v`` reads::
 
-    F (1 + m s(v t))                    m: how much of the grip the ridges carry, one gain of each level
+    F (1 + m s(v t))                    m: the share of the grip on the ridges, one gain of each level
     noise from sample to sample: sqrt(n² + (m F)² var(s(x + v T) - s(x)) / 2)
 
 ``n`` is the white noise of the capacitors and their converter, 0 without these laws. Both are fitted on the other
@@ -31,9 +31,9 @@ BARS, DEPTH, STEPS = 5, 1e-3, 320
 
 
 def shape_of(kind: str, options: Mapping[str, Any], pitch_m: float) -> tuple[np.ndarray, float]:
-    """What taxels feel of a board at each of :data:`STEPS` places over its pitch, of mean 1, ``(steps, 16)``.
+    """Return the taxels' readings at :data:`STEPS` places over a board's pitch, of mean 1, ``(steps, 16)``.
 
-    And what a step costs [µs].
+    The second value is the time of a step [µs].
     """
     x, y = ((np.arange(n) - (n - 1) / 2) * PITCH for n in POINTS)
     probes = np.stack([*np.meshgrid(x, y, indexing="ij"), np.zeros(POINTS)], axis=-1)
@@ -59,14 +59,14 @@ def shape_of(kind: str, options: Mapping[str, Any], pitch_m: float) -> tuple[np.
 
 
 def slope_of(shape: np.ndarray, share_of_pitch: float) -> float:
-    """Return median over the taxels of the std of a difference / √2, at a step of this share of a pitch."""
+    """Return the median over the taxels of the std of a difference / √2, at a step of this share of a pitch."""
     places = np.arange(STEPS)
     moved = [np.interp(places + share_of_pitch * STEPS, np.arange(2 * STEPS), np.tile(column, 2)) for column in shape.T]
     return float(np.median((np.array(moved).T - shape).std(axis=0)) / np.sqrt(2))
 
 
 def line_of(shape: np.ndarray, slide: Slide, pitch_m: float) -> float:
-    """Return the strongest line of what a level feels of a slide [Hz], found as in the recording."""
+    """Return the strongest line of a level's readings in a slide [Hz], found as in the recording."""
     period_s = float(slide.periods_ms.mean()) / 1e3
     places = (slide.speed_mm_s * 1e-3 * period_s * np.arange(len(slide.periods_ms) + 1) / pitch_m) % 1.0
     rows = [np.interp(places * STEPS, np.arange(STEPS + 1), np.append(column, column[0])) for column in shape.T]
@@ -74,9 +74,9 @@ def line_of(shape: np.ndarray, slide: Slide, pitch_m: float) -> float:
 
 
 def lines(levels: Mapping[str, tuple[str, dict[str, Any]]], recordings: Path) -> list[dict[str, Any]]:
-    """Of each level: rms errors of line and noise over the conditions left out [%], and what a step costs.
+    """Return the rms errors of line and noise over the conditions left out [%] and the time of a step, for each level.
 
-    An empty list where no board was recorded.
+    The list is empty if no board was recorded.
     """
     every = cpm_finger.read(recordings / "cpm_finger") if (recordings / "cpm_finger").is_dir() else {}
     boards = [slide for slide in every.values() if slide.line_hz]
@@ -122,7 +122,7 @@ def _noise(gains: Sequence[float] | np.ndarray, shape: np.ndarray, slide: Slide,
 
 
 def _fitted(shape: np.ndarray, known: Sequence[Slide], pitch_m: float, *, laws: bool) -> np.ndarray:
-    """``m`` and ``n``."""
+    """Return the fitted ``m`` and ``n``."""
     ends = ([1e-3, 0.0], [10.0, 20.0 if laws else 1e-9])
     begin = [0.5, 1.0 if laws else 0.0]
 

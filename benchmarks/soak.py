@@ -1,8 +1,8 @@
-"""Whether anything grows or gets lost in the long run: `python -m benchmarks soak`.
+"""A long run that finds leaks and lost frames: `python -m benchmarks soak`.
 
-A device streams at 1 kHz through five faults of 1 % each to another process that reads everything. At each interval:
-memory, file descriptors and lateness. At the end every frame must be accounted for, and what the reader got must be
-what the truth log says was written, byte for byte.
+A device streams at 1 kHz through five faults of 1 % each to another process that reads everything. At each interval
+memory, file descriptors and lateness are measured. At the end every frame must be accounted for, and the reader must
+have received the bytes of the truth log.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from tactemu.tune.timing import Report
 
 FAULTS = ("drop 1%", "flip 1%", "truncate 1%", "duplicate 1%", "garbage 1%")
 KEPT = "1MB"
-"""What the truth holds in memory: full after a second, so that what grows later is a leak."""
+"""The memory of the truth log: it is full after a second, so that later growth is a leak."""
 
 READER = """
 import os, sys, tty, zlib
@@ -44,18 +44,18 @@ except OSError:
     pass
 print(size, check)
 """
-"""The other process: counts and sums up all bytes until the port is gone."""
+"""The program of the reader: it counts all bytes and computes their CRC until the port is gone."""
 
 
 class Tally(Truth):
-    """A truth log that also sums up the bytes that were written."""
+    """A truth log that also counts the written bytes and computes their CRC."""
 
     def __init__(self):
         super().__init__(keep=KEPT)
         self.size = self.check = 0
 
     def wrote(self, t_ns: int, device: str, frame: WireFrame, sample: int | None = None, late_ns: int = 0) -> None:
-        """A frame left for the driver."""
+        """Log a frame sent to the driver."""
         super().wrote(t_ns, device, frame, sample, late_ns)
         assert isinstance(frame, bytes)
         self.size, self.check = self.size + len(frame), zlib.crc32(frame, self.check)
@@ -64,9 +64,9 @@ class Tally(Truth):
 def run(
     report: Report, *, minutes: float = 30.0, interval_s: float = 60.0, rate_hz: float = 1000.0, seed: int = 0
 ) -> dict[str, Any]:
-    """Soak; ``report`` gets a line per interval. Returns the intervals, the counters and what they leave unexplained.
+    """Run the soak test, report a line per interval, and return intervals, counters and unexplained differences.
 
-    ``unaccounted_frames`` and ``unaccounted_bytes`` must be 0 and ``same_bytes`` true; whoever runs it judges growth.
+    ``unaccounted_frames`` and ``unaccounted_bytes`` must be 0 and ``same_bytes`` true; you judge the growth yourself.
     """
     truth = Tally()
     with tempfile.TemporaryDirectory(prefix="tactemu-bench-") as folder, no_full_collections():
@@ -103,9 +103,10 @@ def run(
 
 
 def unaccounted(channel: Channel, truth: Truth) -> int:
-    """Return frames of a device of one frame per sample that no counter explains.
+    """Return the number of frames that no counter explains, for a device with one frame per sample.
 
-    What was sampled, more by what faults added and less by what they took, must be what was sent, lost or unheard.
+    The samples, plus the frames that faults added, minus those that they removed, must equal the frames that were sent,
+    lost or unheard.
     """
     wire, injected = channel.wire.counters, truth.injected
     made = channel.statistics.samples + injected["duplicate"] + injected["garbage"] - injected["drop"]
@@ -114,7 +115,7 @@ def unaccounted(channel: Channel, truth: Truth) -> int:
 
 
 def _intervals(report: Report, emulator: Emulator, seconds: float, interval_s: float) -> list[dict[str, float]]:
-    """Run, and look at the process after every interval."""
+    """Run the emulator, and measure the process after every interval."""
     statistics = emulator.channels[0].statistics
     rows: list[dict[str, float]] = []
     report("    time      RSS   fds   lateness p50    p99      max   samples   missed")
@@ -153,13 +154,13 @@ def _verdict(figures: dict[str, Any]) -> list[str]:
 
 
 def _rss_kib() -> float:
-    """Return memory of this process that is in RAM [KiB]."""
+    """Return the resident memory of this process [KiB]."""
     with open("/proc/self/statm", encoding="ascii") as statm:
         return int(statm.read().split()[1]) * os.sysconf("SC_PAGESIZE") / 1024
 
 
 def _slope(points: list[tuple[float, float]]) -> float:
-    """Least-squares slope; 0 with fewer than two points."""
+    """Return the least-squares slope, or 0 with fewer than two points."""
     if len(points) < 2:
         return 0.0
     x, y = np.array(points).T

@@ -1,6 +1,6 @@
 """Size and time of a saved state, and of a fork: `python -m benchmarks state`.
 
-Times are of the thread, so that other work on the machine does not count.
+Times are those of the thread, so that other processes do not count.
 """
 
 from __future__ import annotations
@@ -24,29 +24,29 @@ from tactemu.tune.speed import physics
 from tactemu.tune.timing import Report
 
 DEVICES = ("optoforce", "anyskin", "flexitac", "linker_hand_l6", "icub_skin", "inspire_rh56dftp")
-"""One taxel to a thousand, on serial lines and CAN."""
+"""The measured devices, of one taxel to a thousand, on serial lines and CAN."""
 SIDE = 16
-"""Taxels along each side of a pad, of the sensor models."""
+"""Number of taxels along each side of the sensor models' pad."""
 PRESSED_S = 0.6
-"""Into the press of the default scenes."""
+"""The time of the saved state, during the press of the default scenes."""
 
 
 @dataclass
 class Figures:
-    """Of one device in its default scene, or of one sensor model by itself; times are medians."""
+    """The figures of a device in its default scene, or of a sensor model by itself; times are medians."""
 
     name: str
     taxels: int
     bytes: int
-    """Of the file; of a model, of its arrays."""
+    """The size of the file; for a model, of its arrays."""
     save_ms: float
-    """To a file; of a model, to arrays."""
+    """The time to save to a file; for a model, to arrays."""
     restore_ms: float
     build_ms: float
-    """Anew, kernels compiled before."""
+    """The time of a new build with compiled kernels."""
     fork_ms: float
     fork_kb: float
-    """Of memory, each."""
+    """The memory of each fork."""
 
     def __str__(self) -> str:
         return (
@@ -59,7 +59,7 @@ HEAD = f"{'':<28} {'taxels':>6} {'state':>11} {'save':>10} {'restore':>10} {'bui
 
 
 def run(say: Report, *, repeats: int = 10, forks: int = 100, only: str = "") -> list[dict[str, Any]]:
-    """Measure every device and model whose name contains ``only``; returns the figures."""
+    """Measure every device and model whose name contains ``only``, and return the figures."""
     measures = {name: partial(of_device, name, repeats, forks) for name in DEVICES}
     measures |= {name: partial(of_model, name, repeats, forks) for name in physics.sensors()}
     say(HEAD)
@@ -71,24 +71,24 @@ def run(say: Report, *, repeats: int = 10, forks: int = 100, only: str = "") -> 
 
 
 def of_device(name: str, repeats: int, forks: int) -> Figures:
-    """Return a device with the cheapest model, saved amid its press."""
+    """Measure a device with the cheapest model, saved during its press."""
     data = file.default_scene(name).tables.model_dump(by_alias=True, exclude_none=True)
     _built(data)
-    build_ms, whole = _timed(lambda: _built(data), repeats)
-    emulator = whole.emulator
+    build_ms, assembled = _timed(lambda: _built(data), repeats)
+    emulator = assembled.emulator
     with emulator, tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "state.npz"
         emulator.run(PRESSED_S)
         save_ms, size = _timed(lambda: emulator.save(path), repeats)
         restore_ms, _ = _timed(lambda: emulator.restore(path), repeats)
         state = emulator.snapshot()
-        fork_ms, fork_kb = _forks(lambda: whole.fork(state=state), forks)
+        fork_ms, fork_kb = _forks(lambda: assembled.fork(state=state), forks)
     taxels = len(emulator.channels[0].device.layout)
     return Figures(name, taxels, size, save_ms, restore_ms, build_ms, fork_ms, fork_kb)
 
 
 def of_model(name: str, repeats: int, forks: int) -> Figures:
-    """Return a sensor model on a pad with a ball in it."""
+    """Measure a sensor model on a pad that a ball presses."""
     case = physics.Case(sensor=name, side=SIDE)
     physics.build(case, "cpu")
     build_ms, (simulation, *_) = _timed(lambda: physics.build(case, "cpu"), min(repeats, 3))
@@ -105,7 +105,7 @@ def of_model(name: str, repeats: int, forks: int) -> Figures:
 
 
 def _forks(fork: Callable[[], Any], count: int) -> tuple[float, float]:
-    """Return time [ms] and memory [kB] of each of so many that are alive together."""
+    """Return time [ms] and memory [kB] of each of ``count`` simultaneous forks."""
     fork()
     before, begun = _used_kb(), time.thread_time()
     kept = [fork() for _ in range(count)]
@@ -118,7 +118,7 @@ def _built(data: dict[str, Any]) -> Assembled:
 
 
 def _timed(action: Callable[[], Any], repeats: int) -> tuple[float, Any]:
-    """Return median time [ms], and what it gave last."""
+    """Return the median time [ms] and the last result of an action."""
     times: list[float] = []
     result = None
     for _ in range(repeats):
@@ -129,6 +129,6 @@ def _timed(action: Callable[[], Any], repeats: int) -> tuple[float, Any]:
 
 
 def _used_kb() -> float:
-    """Return memory of this process that is in use now [kB]."""
+    """Return the resident memory of this process [kB]."""
     pages = int(Path("/proc/self/statm").read_text().split()[1])
     return pages * resource.getpagesize() / 1e3

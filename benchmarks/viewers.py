@@ -1,7 +1,7 @@
-"""Those who look at a page without drawing it: ``python -m benchmarks.viewers URL SECONDS N [stall]``.
+"""Viewers of a page that do not draw it: ``python -m benchmarks.viewers URL SECONDS N [stall]``.
 
-They speak viser's protocol, as a browser does. One that stalls stops reading after a second. Prints as JSON how many
-pictures each has been sent, from the first on: messages that colour the taxels of one body.
+They use viser's protocol like a browser. With ``stall`` one stops reading after a second. The output is JSON with the
+number of pictures that each has received: messages that colour the taxels of one body.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ from websockets.exceptions import ConnectionClosed
 
 
 def updates(message: bytes) -> list[Any]:
-    """What viser has put into a WebSocket's message."""
+    """Return viser's messages in a WebSocket message."""
     size, packed = struct.unpack_from("<QQ", message)
     inner = zstandard.ZstdDecompressor().decompress(message[16 : 16 + packed], max_output_size=size)
     return msgspec.msgpack.decode(inner)["messages"]
 
 
 async def view(url: str, seconds: float, *, stalls: bool = False) -> dict[str, Any]:
-    """Look for a while."""
+    """View a page for ``seconds``, and return the counts of what was received."""
     where, got = urlsplit(url), {"pictures": 0, "bytes": 0, "messages": 0}
     kind: Any = f"viser-v{viser.__version__}"
     origin: Any = f"http://{where.netloc}"
@@ -48,7 +48,7 @@ async def view(url: str, seconds: float, *, stalls: bool = False) -> dict[str, A
                         got["pictures"] += each["name"] == first
         except ConnectionClosed:
             got["closed"] = True
-        if stalls:  # its buffers fill up, and nobody empties them
+        if stalls:  # its buffers fill up and are never emptied
             socket.transport.pause_reading()
             await asyncio.sleep(seconds - 1.0)
             socket.transport.abort()

@@ -87,7 +87,7 @@ def assumed() -> str:
 
 
 def main() -> int:
-    """Write the pages, or compare them; returns the exit status."""
+    """Write the pages, or compare them, and return the exit status."""
     stale = []
     for name, text in (("judges.md", judges()), ("assumed.md", assumed())):
         page = ROOT / "docs" / name

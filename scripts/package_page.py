@@ -1,8 +1,8 @@
-"""Build hook: the README as a package index shows it, where a path into this tree leads nowhere.
+"""A build hook that writes the README for a package index, on which relative paths lead nowhere.
 
-The address of the repository stands in one place: ``[tool.hatch.metadata.hooks.custom]`` in ``pyproject.toml``. With
-it, links and pictures become absolute and the package names its project's pages. Without, links are their text alone
-and pictures are left out, so that what is built points to nothing that is not there; ``scripts/release`` then refuses.
+The address of the repository is in one place: ``[tool.hatch.metadata.hooks.custom]`` in ``pyproject.toml``. With it,
+links and pictures become absolute, and the package names its project's pages. Without it, links are reduced to their
+text and pictures are left out, so that the package has no dead links; ``scripts/release`` then refuses it.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ _LINK = re.compile(r"(!?)\[([^\]]*)\]\((?!https?:|#)([^)\s]+)\)")
 
 
 class PackagePage(MetadataHookInterface):
-    """Fills ``readme`` and ``urls``."""
+    """A hook that fills in ``readme`` and ``urls``."""
 
     def update(self, metadata: dict) -> None:
-        """Called by hatchling with the table ``project``."""
+        """Fill in the table ``project``; hatchling calls this."""
         repository = self.config.get("repository", "").rstrip("/")
         text = Path(self.root, "README.md").read_text(encoding="utf-8")
         metadata["readme"] = {"content-type": "text/markdown", "text": page(text, repository)}
@@ -33,7 +33,7 @@ class PackagePage(MetadataHookInterface):
 
 
 def page(text: str, repository: str) -> str:
-    """``text`` with absolute links, as GitHub and GitLab have them for a branch; without ``repository`` with none."""
+    """Return ``text`` with absolute links of GitHub or GitLab; without ``repository``, with no links."""
 
     def absolute(link: re.Match[str]) -> str:
         picture, words, target = link.groups()

@@ -1,8 +1,8 @@
-"""A build hook: wheels for one kind of machine, with the preload library of ``tactemu exec`` in them.
+"""A build hook for wheels of one kind of machine that contain the preload library of ``tactemu exec``.
 
-``TACTEMU_WHEEL=x86_64`` or ``aarch64`` says which; any machine can make both, for the compiler is that of the package
-``ziglang``, with the C library of manylinux2014. Without it the wheel is for every machine and has no library: it is
-made where it is used, if there is a compiler.
+``TACTEMU_WHEEL=x86_64`` or ``aarch64`` selects the machine; any machine can make both, because the compiler is that of
+the package ``ziglang``, with the C library of manylinux2014. Without the variable the wheel is for every machine and
+has no library: it is compiled on the user's machine, if that has a compiler.
 """
 
 from __future__ import annotations
@@ -19,20 +19,20 @@ from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 VARIABLE = "TACTEMU_WHEEL"
 MACHINES = ("x86_64", "aarch64")
 GLIBC = (2, 17)
-"""Of manylinux2014."""
+"""The version of glibc in manylinux2014."""
 
 
 class PreloadLibrary(BuildHookInterface):
-    """Compiles the library into the wheel, and gives the wheel its tag."""
+    """A hook that compiles the library into the wheel, and sets the wheel's tag."""
 
     PLUGIN_NAME = "custom"
 
     def dependencies(self) -> list[str]:
-        """The compiler, for whom it is needed."""
+        """Return the compiler's package, if the wheel has the library."""
         return ["ziglang>=0.13"] if _machine() else []
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
-        """Before the wheel is written."""
+        """Compile the library before the wheel is written."""
         machine = _machine()
         if not machine or version == "editable":
             return
@@ -46,7 +46,7 @@ class PreloadLibrary(BuildHookInterface):
 
 
 def _machine() -> str:
-    """What the wheel is for; empty: every machine."""
+    """Return the machine of the wheel, or ``""`` for every machine."""
     named = os.environ.get(VARIABLE, "")
     if named and named not in MACHINES:
         raise ValueError(f"{VARIABLE}={named}: expected {' or '.join(MACHINES)}, or nothing")
@@ -54,7 +54,7 @@ def _machine() -> str:
 
 
 def _build(path: Path) -> ModuleType:
-    """The module that compiles the library; it needs nothing of the package, which is not installed."""
+    """Return the module that compiles the library; it needs nothing of the package, which is not installed."""
     spec = importlib.util.spec_from_file_location("preload_build", path)
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)
