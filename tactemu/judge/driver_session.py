@@ -148,7 +148,7 @@ class DriverSession:
                 return why
             if self._recovers(time.monotonic_ns(), 2.0 + 12 * self.facts.row_s):
                 return ""
-        return "died: does not read well after a new start"
+        return "died: prints no right rows after a new start"
 
     def _rows_since(self, t: int) -> int:
         assert self.driver is not None

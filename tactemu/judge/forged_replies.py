@@ -90,9 +90,9 @@ def _all(data: bytes, unit: int, faults: Callable[[bytes, bytes, int], list[str]
     half = max(2, len(body) // 4 * 2)
     short = data[: unit + 2] + bytes([half]) + body[:half]
     return [
-        ForgedReply("exception", "the device says that it failed", lambda n: faults(data, exception, n)),
+        ForgedReply("exception", "the device reports a failure", lambda n: faults(data, exception, n)),
         ForgedReply("another unit", "an answer of another unit on the line", lambda n: faults(data, other, n)),
         ForgedReply(
-            "short answer", "fewer registers than were asked for, and well formed", lambda n: faults(data, short, n)
+            "short answer", "a well-formed answer with fewer registers than requested", lambda n: faults(data, short, n)
         ),
     ]

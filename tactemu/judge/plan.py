@@ -166,28 +166,30 @@ class Plan:
 
     def _frames(self):
         """Yield the trials with single frames on any line."""
-        why = "a bit at each place of a frame"
+        why = "one bit is flipped, at each position of a frame in turn"
         if self.facts.wire == "serial":
             yield Trial("flipped", why, self._at_each("flip frame {frame} byte {at} bit {bit}"))
         else:
-            about = f"{self.facts.wire} has a sum of its own: what it spoils does not arrive"
+            about = f"{self.facts.wire} has a checksum of its own: damaged frames do not arrive"
             yield Trial("flipped", why, skipped=about)
-        why = "bytes are missing at the end, as when a buffer is full"
+        why = "the end of a frame is missing, as with a full buffer"
         if self._bytewise() or self.facts.wire in ("can", "udp"):
             yield Trial("cut", why, self._at_each("truncate frame {frame} to {at}"))
         if self._bytewise():
+            yield Trial("one cut", "one cut alone, since several can resynchronise a driver by chance", self._one_cut())
             yield Trial(
-                "one cut", "one cut alone: several can bring a driver back into step by chance", self._one_cut()
+                "byte lost",
+                "one byte is missing, at each position of a frame in turn",
+                self._at_each("lose frame {frame} byte {at}"),
             )
-            yield Trial("byte lost", "one byte at each place is missing", self._at_each("lose frame {frame} byte {at}"))
             size = self._size(self._hits(1)[0])
             lost = [f"lose frame {self._hits(1)[0]} byte {size // 2}"]
-            yield Trial("one byte lost", "one alone", lost)
+            yield Trial("one byte lost", "one byte alone is missing", lost)
         yield Trial("dropped", "frames are missing", [f"drop frame {n}" for n in self._hits(8, 5)])
         first = self._hits(1)[0]
         burst = 20 * max(1, self.facts.frames_per_row)
-        yield Trial("burst", "twenty readings in a row are missing", [f"drop frame {first}-{first + burst - 1}"])
-        yield Trial("doubled", "frames come twice", [f"duplicate frame {n}" for n in self._hits(8, 5)])
+        yield Trial("burst", "twenty consecutive readings are missing", [f"drop frame {first}-{first + burst - 1}"])
+        yield Trial("doubled", "frames arrive twice", [f"duplicate frame {n}" for n in self._hits(8, 5)])
 
     def _one_cut(self) -> list[str]:
         number = self._hits(1)[0]
@@ -203,21 +205,23 @@ class Plan:
         noise = [f"garbage frame {n} hex={self.random.bytes(int(self.random.integers(1, 17))).hex()}" for n in hits[:4]]
         false = [f"garbage frame {n} hex={head[: 2 * k]}" for n, k in zip(hits[4:8], (1, 2, 3, 4)) if head[: 2 * k]]
         false += [f"garbage frame {n} hex={head * 2}" for n in hits[8:]]
-        yield Trial("garbage", "bytes before a frame: noise, and what begins as a frame does", noise + false)
+        yield Trial("garbage", "extra bytes before a frame: noise, or the beginning of a frame", noise + false)
         step_us = max(50, min(1000, round(0.4e6 * self.facts.row_s / max(1, size))))
         first = self._hits(1)[0]
         chunks = [f"chunk frame {first}-{first + 9} by {step_us}us"]
         if size <= 256:
-            yield Trial("chunked", "bytes come one at a time", chunks)
+            yield Trial("chunked", "bytes arrive one at a time", chunks)
         split_us = max(200, round(0.3e6 * self.facts.row_s))
         splits = self._at_each(f"split frame {{frame}} after {{at}} by {split_us}us", gap=2)
-        yield Trial("split", "frames come in two pieces", [s for s in splits if " after 0 " not in s])
+        yield Trial("split", "frames arrive in two pieces", [s for s in splits if " after 0 " not in s])
         if not self.facts.asks:
-            yield Trial("merged", "frames come together with the next", [f"merge frame {n}" for n in self._hits(6, 5)])
+            yield Trial(
+                "merged", "frames arrive together with the next", [f"merge frame {n}" for n in self._hits(6, 5)]
+            )
             late_ms = max(1, round(2500 * self.facts.row_s))
             late = [f"late frame {n} by {late_ms}ms" for n in self._hits(4, 8)]
-            yield Trial("late", "the line stands for some periods", late)
-            about = "bytes of a serial line keep their order: nothing comes again or out of turn"
+            yield Trial("late", "frames are delayed by some periods", late)
+            about = "a stream keeps the order of its bytes: no frame arrives twice or out of order"
             yield Trial("reordered", "frames overtake one another", skipped=about)
 
     def _answers(self):
@@ -227,34 +231,34 @@ class Plan:
             return
         hits = self._hits(4, 6)
         late = [f"late frame {hits[0]} by 150ms", f"late frame {hits[1]} by 700ms"]
-        yield Trial("late answer", "an answer comes when the next question has been asked", late, takes_s=2.5)
+        yield Trial("late answer", "an answer arrives after the next question", late, takes_s=2.5)
         forged = forged_replies.forged_values(facts.frames[-4 * max(1, facts.frames_per_row) :], facts.wire)
         for reply in forged:
             yield Trial(reply.name, reply.why, [fault for n in self._hits(3, 5) for fault in reply.faults(n)])
         foreign = [reply for reply in facts.replies if reply][:6]
         if foreign:
             faults = [f"replace frame {n} hex={data}" for n, data in zip(self._hits(len(foreign), 5), foreign)]
-            yield Trial("another answer", "the answer to another command comes", faults)
+            yield Trial("another answer", "the answer to another command arrives", faults)
         elif not forged:
             about = "no other answer of this device is known"
-            yield Trial("another answer", "the answer to another command comes", skipped=about)
+            yield Trial("another answer", "the answer to another command arrives", skipped=about)
 
     def _requests(self):
         """Yield the trials with the driver's own requests."""
         facts = self.facts
         if not facts.talks:
             about = "the driver sends nothing while it reads"
-            yield Trial("requests damaged", "what the driver sends does not arrive", skipped=about)
+            yield Trial("requests damaged", "requests of the driver do not arrive", skipped=about)
             return
         size = min(24, max((size_of(frame) for frame in facts.requests), default=8))
         hits = self._hits(size + 4, 3)
         faults = [f"flip frame {n} byte {k} from_driver" for k, n in enumerate(hits[:size])]
         if facts.wire == "serial":
-            yield Trial("requests damaged", "a bit of what the driver sends is wrong", faults)
+            yield Trial("requests damaged", "one bit of a request is flipped", faults)
         else:
-            about = f"{facts.wire} has a sum of its own: what it spoils does not arrive"
-            yield Trial("requests damaged", "a bit of what the driver sends is wrong", skipped=about)
-        yield Trial("requests lost", "what it sends is lost", [f"drop frame {n} from_driver" for n in hits[:4]])
+            about = f"{facts.wire} has a checksum of its own: damaged frames do not arrive"
+            yield Trial("requests damaged", "one bit of a request is flipped", skipped=about)
+        yield Trial("requests lost", "requests are lost", [f"drop frame {n} from_driver" for n in hits[:4]])
 
     def _bus(self):
         """Yield the trials with a bus or with datagrams."""
@@ -262,54 +266,54 @@ class Plan:
         if facts.wire == "can":
             foreign = _neighbours(facts.identifiers, self.random)
             loads = [f"load 3% id={ident:#x}" for ident in foreign]
-            yield Trial("foreign frames", "other nodes use identifiers one bit away", loads, "traffic", 0.6)
+            yield Trial("foreign frames", "other nodes use identifiers that differ in one bit", loads, "traffic", 0.6)
             yield Trial("busy bus", "other nodes take a third of the bus", ["load 33%"], "traffic", 0.5)
             errors = [f"error frame {n}" for n in self._hits(6, 4)]
-            yield Trial("error frames", "frames are broken and sent again", errors)
+            yield Trial("error frames", "frames are destroyed and sent again", errors)
             yield Trial("bus off", "the device leaves the bus", ["busoff"], "hang", HANG_S)
         if facts.wire in ("can", "udp") and not facts.asks:
-            yield Trial("reordered", "frames overtake the next", [f"reorder frame {n}" for n in self._hits(6, 5)])
-            yield Trial("old frame", "an old frame comes again", [f"stray frame {n}" for n in self._hits(6, 5)])
+            yield Trial(
+                "reordered", "frames arrive after the next one", [f"reorder frame {n}" for n in self._hits(6, 5)]
+            )
+            yield Trial("old frame", "an old frame arrives again", [f"stray frame {n}" for n in self._hits(6, 5)])
 
     # -- the port and the device ---------------------------------------------------------------------------------------
 
     def _outages(self):
         facts = self.facts
-        yield Trial("slow reader", "the driver's process stands still", action="stop", seconds=STOP_S)
+        yield Trial("slow reader", "the driver's process is stopped", action="stop", seconds=STOP_S)
         if facts.wire != "can":
-            yield Trial("silence", "nothing passes, the port stays", ["silence"], "hang", HANG_S)
+            yield Trial("silence", "no data pass, and the port stays", ["silence"], "hang", HANG_S)
         yield Trial("hang", "the device neither samples nor answers", action="hang", seconds=HANG_S)
         if facts.wire in ("serial", "tcp", "websocket"):
-            about = "the port goes, and comes back; once more when the driver is well again"
+            about = "the port disappears and comes back, and again once the driver has recovered"
             yield Trial("unplug", about, ["unplug"], "unplug", UNPLUG_S, times=2, takes_s=3.6)
         else:
-            about = "a bus does not go away" if facts.wire == "can" else f"there is no plug on {facts.wire}"
-            yield Trial("unplug", "the port goes, and comes back", skipped=about)
+            about = "a bus does not go away" if facts.wire == "can" else f"{facts.wire} has no plug"
+            yield Trial("unplug", "the port disappears and comes back", skipped=about)
         if facts.wire in ("tcp", "websocket"):
-            yield Trial("half open", "nobody is at the other end", ["halfopen"], "halfopen", HANG_S)
+            yield Trial("half open", "the other end does not answer", ["halfopen"], "halfopen", HANG_S)
         if facts.wire == "serial" and not facts.usb:
             yield Trial("wrong baud", "the device runs at another speed for a while", action="baud", seconds=0.5)
         else:
-            about = "USB: its speed means nothing" if facts.usb else f"{facts.wire} has none"
+            about = "the speed of a USB port has no effect" if facts.usb else f"{facts.wire} has no line speed"
             yield Trial("wrong baud", "the device runs at another speed for a while", skipped=about)
 
     def _device(self):
         facts = self.facts
-        about = "the device restarts, with what it says then; once more when the driver is well again"
+        about = "the device restarts with its start-up messages, and again once the driver has recovered"
         yield Trial("reset", about, action="reset", seconds=0.3, times=2, takes_s=1.6)
         for each in facts.rollovers:
             about = "" if each.state else "the device declares nothing that sets it"
             yield Trial(
-                f"{each.name} wraps", f"its {each.bits} bits are full", action="wrap", preset=each.name,
+                f"{each.name} wraps", f"its {each.bits} bits roll over", action="wrap", preset=each.name,
                 seconds=10.0 + 40 * facts.row_s, takes_s=4.0, skipped=about,
             )  # fmt: skip
         if not facts.rollovers:
-            yield Trial("counter wraps", "a counter is full", skipped="the device declares none that can be set")
-        yield Trial(
-            "saturated", "forces are beyond what the channels show", action="saturate", seconds=30 * facts.row_s
-        )
-        about = "" if facts.taxels > 1 else "it has one taxel"
-        yield Trial("dead taxel", "one feels nothing", action="dead", seconds=30 * facts.row_s, skipped=about)
+            yield Trial("counter wraps", "a counter rolls over", skipped="the device declares none that can be set")
+        yield Trial("saturated", "forces exceed the range of the channels", action="saturate", seconds=30 * facts.row_s)
+        about = "" if facts.taxels > 1 else "the device has one taxel"
+        yield Trial("dead taxel", "one taxel measures no force", action="dead", seconds=30 * facts.row_s, skipped=about)
         if facts.asks:
             about = "the driver sets the pace"
         else:
@@ -317,10 +321,12 @@ class Plan:
         slow, fast = 0.5 / facts.period_s, min(1000.0, max(500.0, 2 / facts.period_s))
         yield Trial("half the rate", "the device samples less often", action="rate", rate_hz=slow, seconds=0.5,
                     skipped=about)  # fmt: skip
-        yield Trial("high rate", "more readings a second; memory is watched", action="rate", rate_hz=fast, seconds=2.5,
-                    skipped=about)  # fmt: skip
+        yield Trial("high rate", "more readings per second; memory is measured", action="rate", rate_hz=fast,
+                    seconds=2.5, skipped=about)  # fmt: skip
         if about:
-            yield Trial("memory", "it is watched for a while", action="rate", rate_hz=1 / facts.period_s, seconds=3.0)
+            yield Trial(
+                "memory", "memory is measured for some seconds", action="rate", rate_hz=1 / facts.period_s, seconds=3.0
+            )
 
 
 def _after(fault: str, word: str) -> list[str]:

@@ -133,12 +133,12 @@ def _hang(record: TrialRecord, columns: Columns, known: CleanRun) -> str:
     if known.asks and not any(frame.way == "rx" and record.on < frame.t < record.off for frame in record.frames):
         return "the driver asked for nothing meanwhile"
     quiet = _longest_gap([frame.t for frame in record.frames if frame.way == "tx"], record)
-    return "" if quiet > MIN_OUTAGE_SHARE else "frames went on"
+    return "" if quiet > MIN_OUTAGE_SHARE else "the device went on sending frames"
 
 
 def _stopped(record: TrialRecord, columns: Columns, known: CleanRun) -> str:
     quiet = _longest_gap([printed.t for printed in record.rows], record)
-    return "" if quiet > MIN_OUTAGE_SHARE else "the driver's process did not stand still"
+    return "" if quiet > MIN_OUTAGE_SHARE else "the driver's process was not stopped"
 
 
 def _longest_gap(times: Sequence[int], record: TrialRecord) -> float:
@@ -152,7 +152,7 @@ def _wrong_baud(record: TrialRecord, columns: Columns, known: CleanRun) -> str:
     during = [frame for frame in record.frames if record.on < frame.t < record.off]
     usual = {(frame.way, len(frame.data)) for frame in record.frames if frame.t < record.on}
     misheard = [frame for frame in during if (frame.way, len(frame.data)) not in usual]
-    return "" if misheard or not during else "what passed was heard as before"
+    return "" if misheard or not during else "frames arrived as before"
 
 
 # -- the device --------------------------------------------------------------------------------------------------------
@@ -165,7 +165,9 @@ def _reset(record: TrialRecord, columns: Columns, known: CleanRun) -> str:
 
 
 def _wrap(record: TrialRecord, columns: Columns, known: CleanRun) -> str:
-    return "" if _changes(record, "wrap") else f"the {record.trial.get('preset')} was not full while the driver read"
+    return (
+        "" if _changes(record, "wrap") else f"the {record.trial.get('preset')} did not roll over while the driver read"
+    )
 
 
 def _saturated(record: TrialRecord, columns: Columns, known: CleanRun) -> str:
@@ -187,7 +189,7 @@ def _dead(record: TrialRecord, columns: Columns, known: CleanRun) -> str:
         stopped = (moves > 0) & (during.std(axis=0) < STOPPED_SHARE * moves)
         if stopped.any() and not stopped[moves > 0].all():
             return ""
-    return "no channel stood still while others moved"
+    return "no channel stopped while others changed"
 
 
 def _afterwards(record: TrialRecord) -> np.ndarray:

@@ -94,7 +94,7 @@ class RolloverCounter:
             self.set(self.value + min(left, self.size // MAX_JUMP_DIVISOR))
             start = self.value
             counts = self._passes(lambda start=start: (self.value - start) % self.size >= NUMBERS_PER_JUMP)
-        return "" if counts else f"the {self.name} stands still while the driver reads"
+        return "" if counts else f"the {self.name} does not advance while the driver reads"
 
     def _passes(self, reached: Callable[[], bool], seconds: float = 0.0) -> bool:
         """Wait until a condition on the number holds, and return whether it came in time."""

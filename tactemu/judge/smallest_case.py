@@ -180,11 +180,11 @@ def trial_of(case: dict[str, Any]) -> Trial:
 def in_words(case: dict[str, Any]) -> str:
     """Return a case as about ten lines of text, for an issue with the driver's maintainers."""
     lines = [f"Sensor: {case['device']} (emulated by tactemu). Driver: {' '.join(case['command'])}"]
-    lines += [f"What goes wrong on the wire: {'; '.join(case['faults'])} (frames counted from 1, bytes from 0)"]
+    lines += [f"Faults on the wire: {'; '.join(case['faults'])} (frames counted from 1, bytes from 0)"]
     for each in case["bytes"][:2]:
         sent, *arrived = _around(each["before"], each["after"])
         lines += [f"  sent:    {sent}", f"  arrived: {' + '.join(arrived) or 'nothing'}"]
-    lines += [f"What the driver does: {case['verdict']}"]
+    lines += [f"Verdict: {case['verdict']}"]
     if case["row"]:
         names = case["odd"] or list(case["row"])
         shown = [name for name in names if name in case["row"]][:4]

@@ -224,7 +224,7 @@ class Judge(DriverSession):
         record = self._observed(on - round(BEFORE_S * 1e9))
         record.name, record.on = "clean", on
         record.off = record.end = time.monotonic_ns()
-        record.trial = {"name": "clean", "action": "clean", "why": "nothing is wrong", "recovers": False}
+        record.trial = {"name": "clean", "action": "clean", "why": "no fault", "recovers": False}
         return record
 
     def _unjudgeable(self, why: str) -> Outcome:
@@ -340,7 +340,7 @@ class Judge(DriverSession):
             if trouble := self.start():
                 return trouble, ""
             if not self._recovers(time.monotonic_ns(), 2.0 + slack_s):
-                trouble = "died: does not read well after a new start"
+                trouble = "died: prints no right rows after a new start"
                 continue
             why = counter.bring_near(slack_s, 2.0 + 2 * slack_s)
             if not why and (not counter.jumps or self._recovers(time.monotonic_ns(), slack_s)):

@@ -94,7 +94,7 @@ def _otherwise(out: Outcome, known: CleanRun) -> str:
         return "noticed"
     if out.name == "clean" and known.keeps and not known.asks and out.sent < MIN_IN_TIME_SHARE * out.right:
         return "right; this machine was too busy to tell whether readings were lost"
-    return "right" if not out.lost else f"right; {out.lost} readings beside those hit never came"
+    return "right" if not out.lost else f"right; {out.lost} readings besides those hit were lost"
 
 
 class _FindingRules:
@@ -134,14 +134,14 @@ class _FindingRules:
         if out.wrong:
             odd = Counter(name for bad in out.bad if not bad["old"] for name in bad["odd"])
             which = f", such as {', '.join(name for name, _ in odd.most_common(3))}" if odd else ""
-            yield Finding("wrong", f"{out.wrong} of {out.rows} rows are nothing that was sent{which}")
+            yield Finding("wrong", f"{out.wrong} of {out.rows} rows match no sample that was sent{which}")
 
     def _stale(self):
         out = self.out
         asks = self.known.asks and not self._outage
         again = out.injected if asks and self.record.name in OLD_ANSWER_TRIALS else 0
         if out.stale >= 2 + again:
-            what = "was handed out before, and asked for since" if asks else "repeats an old one while nothing comes"
+            what = "was handed out before, and asked for since" if asks else "repeats an old one while nothing is sent"
             yield Finding("stale", f"{out.stale} rows: each {what}")
         if asks and out.behind > 5 + 2 * again and out.behind > 0.3 * out.rows:
             yield Finding("stale", f"{out.behind} rows: each is the answer to an earlier question")
@@ -153,7 +153,7 @@ class _FindingRules:
             return
         if out.recovered_s is None and exit is None and self.trial.get("recovers", True):
             waited = (self.record.end - self.record.off) / 1e9
-            yield Finding("lost sync", f"no {SETTLED} right rows in a row within {waited:.1f} s after it was over")
+            yield Finding("lost sync", f"no {SETTLED} consecutive right rows within {waited:.1f} s after the fault")
 
     def _waits(self):
         out = self.out
@@ -163,7 +163,7 @@ class _FindingRules:
         if out.quiet_s > BLOCKING_SHARE * lasted:
             spins = out.cpu > SPINNING_CPU_SHARE
             words = f"takes {out.cpu:.0%} of a core" if spins else "waits"
-            yield Finding("spins" if spins else "blocks", f"{words} for ever while nothing comes, without a word")
+            yield Finding("spins" if spins else "blocks", f"{words} during the outage without any message")
 
     @cached_property
     def _behind(self) -> tuple[int, int] | None:
@@ -203,7 +203,7 @@ class _FindingRules:
         allowed = out.injected if self.record.name in ("doubled", *OUT_OF_ORDER_TRIALS) and not is_numbered else 0
         if odd > allowed + 1 and not self._outage and self.action not in ("reset", "wrap", "saturate"):
             words = (
-                "older than those before them, as their numbers say"
+                "older than those before them, by their numbers"
                 if is_numbered
                 else "readings that were handed out before"
             )
@@ -215,7 +215,7 @@ class _FindingRules:
         if not (self.known.keeps and plain) or self.known.asks or out.recovered_s is None:
             return
         if out.lost > 1 + COLLATERAL_PER_HIT * out.injected and out.lost > COLLATERAL_SHARE * max(1, out.sent):
-            yield Finding("collateral", f"{out.lost} good readings lost beside the {out.injected} that were hit")
+            yield Finding("collateral", f"{out.lost} good readings lost besides the {out.injected} that were hit")
 
     def _keeps_up(self):
         out = self.out

@@ -1,6 +1,6 @@
-"""``python -m tests.judge.cards``: ten published drivers, judged by ``tactemu judge``, and the page of it.
+"""Report cards of ten published drivers by ``tactemu judge``, and their page: ``python -m tests.judge.cards``.
 
-``--driver NAME`` judges only one (repeatable), ``--page FILE`` writes the page from all that were judged so far.
+``--driver NAME`` judges only one (repeatable), ``--page FILE`` writes the page from all reports so far.
 """
 
 from __future__ import annotations
@@ -33,20 +33,22 @@ class Card:
     device: str
     port: str = ""
     wrong_baud: int | None = None
-    """Another rate than the device's; ``None``: USB, TCP and CAN do not care."""
+    """A line speed other than the device's; ``None`` for USB, TCP and CAN, where it has no effect."""
     notes: Sequence[str] = ()
-    """What its code says to the verdicts."""
+    """Explanations of the verdicts by the driver's code."""
 
     def options(self) -> list[str]:
-        """Of ``tactemu judge``."""
+        """Return the options of ``tactemu judge``."""
         return ["--port", self.port] if self.port else []
 
 
-MODBUS = "An RTU answer has no number: one that comes late or unasked is taken for the answer to the next request."
+MODBUS = (
+    "An RTU answer has no number: one that arrives late or unrequested is taken for the answer to the next request."
+)
 MAGNETIC = (
-    "No checksum: 82 bytes are a frame if they end in `0D 0A`. A flipped bit is a wrong field, and one in an exponent "
-    "an absurd one; a frame that is too short or too long costs itself and, as a rule, the next.",
-    "No time-out: it waits for ever, in a loop that takes a whole core. A pulled cable raises at once.",
+    "No checksum: 82 bytes are a frame if they end in `0D 0A`. A flipped bit gives a wrong field, and one in an "
+    "exponent an absurd one; a frame that is too short or too long is lost and, as a rule, so is the next.",
+    "No timeout: it waits forever, in a loop that takes a whole core. Unplugging raises an exception at once.",
 )
 CARDS = {
     "anyskin": Card(device="anyskin", notes=MAGNETIC),
@@ -54,53 +56,53 @@ CARDS = {
     "pyrobotiqtactile": Card(
         device="robotiq_tsf85",
         notes=(
-            "The checksum in the header is used by nobody: flipped bits become pressures.",
-            "`read_frame()` returns on any bytes at all, so that every other reading is the one before; when its "
-            "time-out passes it returns the last reading once more and raises nothing.",
-            "A sensor that restarts has forgotten to stream. The driver has asked once and does not ask again.",
+            "The driver ignores the checksum in the header: flipped bits become pressures.",
+            "`read_frame()` returns on any bytes at all, so that every other reading repeats the previous one; after "
+            "its timeout it returns the last reading once more and raises nothing.",
+            "A restarted sensor no longer streams. The driver requests the stream once and not again.",
         ),
     ),
     "flexitac": Card(
         device="flexitac", wrong_baud=1_000_000,
         notes=(
             "It waits for 1024 bytes and takes one image of 386 from them: it falls behind, and then drops images "
-            "itself, faults or not. `read_latest()` does not.",
-            "No checksum, no length: an image that lacks bytes is filled up with the next one.",
+            "itself, also without faults. `read_latest()` does not.",
+            "No checksum, no length: an image that lacks bytes is filled up from the next one.",
         ),
     ),
     "optoforce": Card(
         device="optoforce",
         notes=(
-            "Every fault shows: in `valid_checksum`, which the driver leaves to its user, and in `count`, where lost, "
-            "repeated and old packets show.",
-            "No time-out: `read()` waits for ever.",
+            "Every fault is visible: in `valid_checksum`, which the user must check, and in `count`, which shows lost, "
+            "repeated and old packets.",
+            "No timeout: `read()` waits forever.",
         ),
     ),
     "ability-hand": Card(
         device="ability_hand", wrong_baud=921_600,
         notes=(
-            "When the port goes, its read thread logs the exception and goes on with the dead handle, for ever. "
-            "Nothing is raised: the hand's last state stays.",
+            "When the port disappears, its read thread logs the exception and continues forever with the dead handle. "
+            "Nothing is raised: the hand's last state remains.",
         ),
     ),
     "pymodbus": Card(
         device="inspire_rh56dftp", wrong_baud=57_600,
         notes=(
-            "The CRC lets no wrong register through; each bad or missing answer is one exception, after the time-out.",
+            "The CRC stops every wrong register; each bad or missing answer is one exception, after the timeout.",
             MODBUS,
         ),
     ),
     "modbus_tk": Card(device="inspire_rh56dftp", wrong_baud=57_600, notes=(MODBUS,)),
     "plusml-rh56dftp": Card(
         device="inspire_rh56dftp", port="tcp:127.0.0.1:0",
-        notes=("A lost answer raises nothing: the driver waits 3 s, which cannot be set, and asks up to three times.",),
+        notes=("A lost answer raises nothing: the driver waits 3 s (fixed), and asks up to three times.",),
     ),
     "linkerbot": Card(
         device="linker_hand_l6",
         notes=(
-            "A row says which row it is but not of which sample: one that is late, repeated or old can end up in "
-            "another matrix, which then mixes two moments.",
-            "A lost row costs the whole hand's reading, after the time-out (here 0.5 s): one `TimeoutError` each.",
+            "A row carries its row number but no sample number: one that is late, repeated or old can end up in "
+            "another matrix, which then mixes two samples.",
+            "A lost row loses the reading of the whole hand, after the timeout (0.5 s here): one `TimeoutError` each.",
         ),
     ),
 }  # fmt: skip
@@ -108,21 +110,21 @@ CARDS = {
 INTRO = """\
 # Drivers under faults
 
-How ten published drivers of tactile skins cope with what goes wrong on a wire: the report cards that
-[`tactemu judge`](judge.md) gives them. Each driver is unmodified and runs in a process of its own, in a loop that
-prints each reading and each exception, and opens the port again when the driver says that it is gone (`{script}`).
+These are the report cards of [`tactemu judge`](judge.md) for ten published drivers of tactile skins: what each driver
+does under faults of the wire and the device. Each driver is unmodified and runs in a process of its own (`{script}`),
+in a loop that prints each reading and each exception, and that opens the port again when the driver reports it lost.
 
-This page is written by the run that it describes; verdicts and bytes are the judge's, the notes under a driver's name
-say what its code does:
+The run that this page describes writes the page: verdicts and bytes come from the judge, and the notes under a driver's
+name explain them by its code. You repeat it with:
 
 ```sh
-python -m tests.judge.cards --page {page}    # all of it, about twenty minutes
-python -m tests.judge.cards --driver optoforce                      # one of it
+python -m tests.judge.cards --page {page}    # all drivers, about twenty minutes
+python -m tests.judge.cards --driver optoforce                      # one driver
 ```
 
-Run on {machine}. What the words mean: [verdicts](judge.md#how-it-is-judged). Bold ones fail a run. *Noticed*: the
-driver raised or said something new, or marked the reading; every reading that it handed out as good was right. An empty
-cell: the trial makes no sense there, for the reason that stands below.
+The run was on {machine}. [Verdicts](judge.md#how-it-is-judged) explains the words; bold ones fail a run. *Noticed*
+means that the driver raised or printed something new, or marked the reading, and that every reading which it handed out
+as good was right. An empty cell means that the trial does not apply, for the reason given below the driver's table.
 
 ## At a glance
 
@@ -130,7 +132,7 @@ cell: the trial makes no sense there, for the reason that stands below.
 
 
 def judge(name: str) -> None:
-    """Judge one driver; its report is kept in :data:`FOLDER`."""
+    """Judge one driver, and write its report to :data:`FOLDER`."""
     FOLDER.mkdir(parents=True, exist_ok=True)
     card = CARDS[name]
     command = [sys.executable, "-m", "tactemu", "judge", card.device, *card.options(), "--json", str(report_of(name))]
@@ -138,12 +140,12 @@ def judge(name: str) -> None:
 
 
 def report_of(name: str) -> Path:
-    """Where a driver's report is kept."""
+    """Return the path of a driver's report."""
     return FOLDER / f"{name}.json"
 
 
 def word(trial: Mapping[str, Any]) -> str:
-    """The worst that happened, in a word or two."""
+    """Return the worst finding of a trial, or its verdict, in a word or two."""
     if trial["skipped"]:
         return ""
     if trial["findings"] and trial["confirmed"] is not False:
@@ -153,7 +155,7 @@ def word(trial: Mapping[str, Any]) -> str:
 
 
 def page(reports: Mapping[str, Mapping[str, Any]]) -> str:
-    """The whole page."""
+    """Return the page with all report cards."""
     machine = f"{platform.system()} {platform.machine()}, Python {platform.python_version()}"
     trials = list(dict.fromkeys(trial["name"] for report in reports.values() for trial in report["trials"]))
     cells = {name: {trial["name"]: word(trial) for trial in report["trials"]} for name, report in reports.items()}
@@ -167,7 +169,7 @@ def page(reports: Mapping[str, Mapping[str, Any]]) -> str:
 
 
 def driver(name: str, report: Mapping[str, Any]) -> str:
-    """A driver's part of the page."""
+    """Return the section of a driver."""
     card = CARDS[name]
     notes = "".join(
         f"{fill(f'* {note}', 120, subsequent_indent='  ', break_on_hyphens=False)}\n" for note in card.notes
@@ -184,25 +186,25 @@ def driver(name: str, report: Mapping[str, Any]) -> str:
 
 
 def cell(text: str) -> str:
-    """A verdict, as it goes into a table: without the places of this machine."""
+    """Return a verdict as the cell of a table, without paths of this machine."""
     return text.replace("|", "\\|").replace(f"{ROOT}/", "")[:300]
 
 
 def case(found: Mapping[str, Any]) -> str:
-    """The smallest case in words, without the command's place on this machine."""
+    """Return a smallest case as text, without paths of this machine."""
     return smallest_case.in_words({**found, "command": ["python", *found["command"][1:]]}).replace(f"{ROOT}/", "")
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """As Markdown."""
+    """Return a table in Markdown."""
     return "".join(f"| {' | '.join(row)} |\n" for row in (head, ["---"] * len(head), *rows))
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m tests.judge.cards", description=__doc__)
-    parser.add_argument("--driver", action="append", choices=CARDS, help="only this one; repeatable")
+    parser.add_argument("--driver", action="append", choices=CARDS, help="judge only this driver; repeatable")
     parser.add_argument("--page", type=Path, help=f"write the page from all reports, such as {PAGE}")
-    parser.add_argument("--no-run", action="store_true", help="only write the page")
+    parser.add_argument("--no-run", action="store_true", help="judge no driver, only write the page")
     options = parser.parse_args()
     for name in [] if options.no_run else options.driver or CARDS:
         judge(name)

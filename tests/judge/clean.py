@@ -1,8 +1,8 @@
-"""``python -m tests.judge.clean``: judge drivers without mistakes on a busy machine; none may be accused.
+"""Judges of correct drivers on a busy machine, of which none may fail: ``python -m tests.judge.clean``.
 
-Each plan is a whole judge, with another seed, of the clean driver of a kind of line: serial stream, polled serial,
-Modbus RTU, CAN and UDP in turn. Meanwhile 4 to 10 busy processes, another number for each plan, take the processor;
-they end with this program. The command prints a table, and fails when a driver is accused of what fails a run.
+Each plan is a complete run of the judge, with a new seed, on the correct driver of a kind of line: serial stream,
+polled serial, Modbus RTU, CAN and UDP in turn. Meanwhile 4 to 10 busy processes, another number for each plan, take
+processor time; they end with this program. The command prints a table, and fails if the judge fails a driver.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from pathlib import Path
 from tests.judge.planted import DRIVERS, end_on_signals, judge_words, run
 
 LINES = ("stream", "polled", "modbus", "can", "udp")
-LOADS = range(4, 11)
+BUSY_PROCESSES = range(4, 11)
 """Numbers of busy processes, in turn."""
 PLAN_TIMEOUT_S = 1200.0
 """Longest time for a whole plan on a busy machine."""
@@ -31,7 +31,7 @@ BUSY = f"import os\nwhile os.getppid() == {os.getpid()}:\n    for _ in range(100
 
 
 @contextlib.contextmanager
-def load(processes: int) -> Iterator[None]:
+def busy_processes(processes: int) -> Iterator[None]:
     """Keep some processes busy inside the block."""
     busy = [subprocess.Popen([sys.executable, "-c", BUSY]) for _ in range(processes)]
     try:
@@ -45,7 +45,7 @@ def load(processes: int) -> Iterator[None]:
 
 @dataclass(frozen=True)
 class Plan:
-    """The result of one whole judge."""
+    """The result of one complete run of the judge."""
 
     line: str
     seed: int
@@ -59,9 +59,9 @@ class Plan:
 
 
 def judge_record(line: str, seed: int, processes: int) -> Plan:
-    """Judge the clean driver of a line by a whole plan under a load."""
+    """Judge the correct driver of a line by a complete plan, beside some busy processes."""
     began = time.monotonic()
-    with tempfile.TemporaryDirectory() as folder, load(processes):
+    with tempfile.TemporaryDirectory() as folder, busy_processes(processes):
         report = Path(folder) / "report.json"
         last = run(judge_words(DRIVERS[line], "clean", report, f"--seed={seed}"), PLAN_TIMEOUT_S)
         average = os.getloadavg()[0]
@@ -93,7 +93,7 @@ def show(plans: list[Plan], total: int) -> bool:
 
 
 def main() -> int:
-    """Judge as many clean drivers as the command line says."""
+    """Judge as many correct drivers as the command line asks for."""
     parser = argparse.ArgumentParser(prog="python -m tests.judge.clean", description=__doc__)
     parser.add_argument("--plans", type=int, default=100, help="how many plans in all (default 100)")
     parser.add_argument("--load", type=int, help="busy processes (default: 4 to 10, in turn)")
@@ -104,7 +104,7 @@ def main() -> int:
     try:
         for number in range(given.plans):
             line, seed = LINES[number % len(LINES)], given.seed + number // len(LINES)
-            processes = LOADS[number % len(LOADS)] if given.load is None else given.load
+            processes = BUSY_PROCESSES[number % len(BUSY_PROCESSES)] if given.load is None else given.load
             plans.append(plan := judge_record(line, seed, processes))
             found = "; ".join(plan.accused) or "not accused"
             place = f"{number + 1:3}/{given.plans} {line:8} seed {seed:3}, {processes:2} busy processes"

@@ -134,7 +134,7 @@ class Row:
 
     @property
     def name(self) -> str:
-        """Return the driver and the mistake."""
+        """The driver and the mistake."""
         return f"{self.driver} {self.variant}"
 
     def is_chosen(self, words: Sequence[str]) -> bool:
@@ -169,7 +169,7 @@ def judge_words(driver: Driver, variant: str, report: Path, *more: str) -> list[
     return ["judge", driver.device, *driver.options, *options, "--", *driver.command(variant)]
 
 
-def be_judge(words: Sequence[str], stderr: str) -> None:
+def run_judge(words: Sequence[str], stderr: str) -> None:
     """Run the command line in this process, with stderr in a file."""
     file = os.open(stderr, os.O_WRONLY | os.O_CREAT)
     for number, of in ((0, os.open(os.devnull, os.O_RDONLY)), (1, os.open(os.devnull, os.O_WRONLY)), (2, file)):
@@ -182,7 +182,7 @@ def be_judge(words: Sequence[str], stderr: str) -> None:
 def run(words: Sequence[str], timeout_s: float) -> str:
     """Run a judge; return the end of what it writes on stderr. An interrupt ends the judge, too."""
     with tempfile.NamedTemporaryFile("r") as stderr:
-        process = CONTEXT.Process(target=be_judge, args=(words, stderr.name))
+        process = CONTEXT.Process(target=run_judge, args=(words, stderr.name))
         process.start()
         try:
             process.join(timeout_s)
@@ -209,17 +209,17 @@ class Result:
     found: tuple[tuple[str, str], ...]
     """Kind and trial of each finding that came again."""
     about: str
-    """What the judge says: verdicts of the trials, or the end of its output."""
+    """The verdicts of the trials, or the end of the judge's output."""
     seconds: float
 
     @property
     def is_named(self) -> bool:
-        """Return True if a finding is of the expected kind."""
+        """True if a finding is of the expected kind."""
         return any(kind in self.row.kinds for kind, _ in self.found)
 
     @property
     def got(self) -> str:
-        """Return the kinds that were found."""
+        """The kinds that were found."""
         return ", ".join(dict.fromkeys(kind for kind, _ in self.found)) or "nothing"
 
 
@@ -243,7 +243,7 @@ def judge_record(row: Row, more: Sequence[str] = ()) -> Result:
 
 
 def end_on_signals() -> None:
-    """Have SIGTERM end the program as Ctrl-C does, also where the shell has it ignore that."""
+    """Make SIGTERM end the program as Ctrl-C does, also if the shell has told it to ignore Ctrl-C."""
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.default_int_handler)
 

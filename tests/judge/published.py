@@ -1,7 +1,7 @@
-"""``published.py NAME PORT [BAUD]``: a published driver at work, unmodified, as a user's program would have it.
+"""Program that runs a published driver, unmodified, as a user's program would: ``published.py NAME PORT [BAUD]``.
 
-Each reading is printed as a line of JSON, each exception said on stderr. When the driver says that the connection is
-lost, or fails five times in a row, it is closed and opened anew; it is never helped otherwise.
+Each reading is printed as a line of JSON, each exception on stderr. When the driver reports that the connection is
+lost, or fails five times in a row, it is closed and opened anew; it gets no other help.
 """
 
 import contextlib
@@ -17,7 +17,7 @@ from urllib.parse import urlsplit
 
 OUT = sys.stdout
 PAUSE_S = 0.02
-"""Before a port that is gone is opened again."""
+"""Pause before a lost port is opened again [s]."""
 
 
 class AnySkin:
@@ -76,7 +76,7 @@ class AbilityHand:
             update_vel = update_cur = update_hot_cold = update_pos
 
         self.driver = AHSerialClient(port=port, baud_rate=baud or 460800, rate_hz=100, auto_start_threads=False)
-        logging.getLogger().handlers[:] = [logging.StreamHandler()]  # what it says, as it says it
+        logging.getLogger().handlers[:] = [logging.StreamHandler()]  # its own messages, unformatted
         self.driver.hand._first_fsr = False  # report what the hand sends, not the change since the first frame
         self.driver.hand.add_observer(Log())
         self.driver.start_threads()
@@ -184,7 +184,7 @@ class LinkerHand:
 
 
 class PaxiniCamera:
-    """Of LeRobot: a fingertip as an image, one pixel for each taxel, read thirty times a second."""
+    """The camera of LeRobot: a fingertip as an image, one pixel for each taxel, read thirty times a second."""
 
     def __init__(self, port, baud):
         from lerobot_camera_paxini import PaxiniCamera as Camera
@@ -212,13 +212,13 @@ READERS = {
 
 
 def lost(error):
-    """Whether the driver says that the connection is gone, rather than that an answer is missing or bad."""
+    """Return True if an exception reports a lost connection, rather than a missing or bad answer."""
     return type(error).__name__ == "ConnectionException" or (
         isinstance(error, OSError) and not isinstance(error, TimeoutError)
     )
 
 
-def endure(kind, port, baud):
+def run_driver(kind, port, baud):
     driver, failures = None, 0
     while True:
         try:
@@ -241,6 +241,6 @@ def endure(kind, port, baud):
 if __name__ == "__main__":
     folder = Path(tempfile.gettempdir()) / f"tactemu-published-{os.getuid()}"
     folder.mkdir(exist_ok=True)
-    os.chdir(folder)  # one of them writes a configuration and a log where it is started
-    sys.stdout = sys.stderr  # drivers print
-    endure(READERS[sys.argv[1]], sys.argv[2], int(sys.argv[3]) if len(sys.argv) > 3 else None)
+    os.chdir(folder)  # one driver writes a configuration and a log to its working folder
+    sys.stdout = sys.stderr  # drivers print their own messages
+    run_driver(READERS[sys.argv[1]], sys.argv[2], int(sys.argv[3]) if len(sys.argv) > 3 else None)

@@ -1,4 +1,4 @@
-"""Columns: what is learned of rows whose making is known, and what is not guessed."""
+"""Tests of column learning on rows of known origin, and of what it must not guess."""
 
 import numpy as np
 import pytest
@@ -35,7 +35,10 @@ def frames(taken):
 
 
 def learned(make, *, taken=None, late=0.1, every=1, channels=CHANNELS):
-    """Of rows made by ``make`` of the counts; a row each ``every`` samples, ``late`` periods after its sample."""
+    """Return the columns learned from rows that ``make`` computes from the counts.
+
+    There is a row every ``every`` samples, ``late`` periods after its sample.
+    """
     taken = taken or samples()
     lateness = late if callable(late) else lambda k: late
     rows = [
@@ -154,7 +157,7 @@ def test_a_channel_of_12_bits_of_which_11_are_read():
 
 @pytest.mark.parametrize("seed", range(4))
 def test_rows_that_came_late_are_no_mistake_of_the_driver(seed):
-    """Where some rows are of the sample before, a mistake that makes no difference to the counts must not win."""
+    """Check that a mistake without effect on the counts does not win if some rows are of the previous sample."""
     random = np.random.default_rng(seed)
     taken = [Sample(s.t, s.number, np.mod(s.counts, 4096.0)) for s in samples(9, 100_000, seed)]
     older = random.random(N) < 0.06
@@ -197,7 +200,7 @@ def test_two_channels_that_are_one_are_both_named():
 
 
 def test_many_small_numbers():
-    """96 channels of 8 bits: neighbours are alike, a column by itself names nothing."""
+    """Check 96 channels of 8 bits, where a column alone identifies no sample."""
     random = np.random.default_rng(2)
     taken = [Sample(k * PERIOD, k, random.integers(20, 256, 96).astype(float)) for k in range(N)]
     order = random.permutation(96)
@@ -222,7 +225,7 @@ SIX = ("fx", "fy", "fz", "tx", "ty", "tz")
 
 
 def wrench_of(make=lambda six: six, names=SIX, taken=None):
-    """What is learned of a wrench's six columns in newtons and newton metres, changed by ``make``."""
+    """Return the columns learned from a wrench's six columns in N and Nm, changed by ``make``."""
     scales = np.array([50.0] * 3 + [1500.0] * 3)
     taken = taken or samples(6)
     return learned(lambda x, k: dict(zip(names, make(list(x / scales)))), taken=taken, channels=WRENCH)
@@ -261,7 +264,7 @@ def test_a_wrench_whose_components_are_exchanged_or_mirrored():
 
 
 def test_of_channels_that_are_one_the_name_of_the_column_decides():
-    """A force on one point of contact moves Fx and My together."""
+    """Check equal channels: a force on one point of contact changes Fx and My together."""
     taken = [Sample(s.t, s.number, s.counts[[0, 1, 2, 1, 0, 5]] * [1, 1, 1, -1, 1, 1]) for s in samples(6)]
     columns = wrench_of(taken=taken)
     assert [column.channel for column in columns.values] == list(range(6)) and misnamed(columns) == []

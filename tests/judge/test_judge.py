@@ -1,6 +1,6 @@
-"""Drivers judged live by the whole command, and those with which there is nothing to judge.
+"""Tests of the complete command on live drivers, and on programs that cannot be judged.
 
-Every mistake in every kind of line is :mod:`tests.judge.planted`, drivers without mistakes :mod:`tests.judge.clean`.
+:mod:`tests.judge.planted` has every mistake on every kind of line, :mod:`tests.judge.clean` the correct drivers.
 """
 
 import contextlib
@@ -28,7 +28,7 @@ def ended(command):
 
 
 def test_a_sum_that_nobody_checks_with_report_case_and_replay(tmp_path):
-    """The whole command: exit codes, files, the smallest case, and the case alone."""
+    """Check the complete command: exit code, files, and the smallest case."""
     command = ["--", *NO_SUM]
     files = {name: tmp_path / f"r.{name}" for name in ("html", "junit", "json")}
     arguments = [f"--{name}={path}" for name, path in files.items()]
@@ -101,7 +101,7 @@ BAD = {
 
 
 def terminals():
-    """How many ends of pseudo terminals this process holds."""
+    """Return the number of ends of pseudo terminals that this process holds."""
     held = 0
     for fd in os.listdir("/proc/self/fd"):
         with contextlib.suppress(OSError):
@@ -111,7 +111,7 @@ def terminals():
 
 @pytest.mark.parametrize("case", BAD)
 def test_with_what_is_no_driver_there_is_a_word_and_nothing_left(case):
-    """In bounded time, and no process, port or thread stays behind."""
+    """Check that it ends in bounded time, and leaves no process, port or thread behind."""
     script, verdict, last = BAD[case]
     before = terminals()
     with Judge(

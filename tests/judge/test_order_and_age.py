@@ -1,4 +1,4 @@
-"""Rows that are out of order or one answer old, and a port that goes twice."""
+"""Tests of rows that are out of order or one answer old, and of a port that disappears twice."""
 
 import pytest
 
@@ -13,7 +13,7 @@ def kinds(record):
 
 
 def out_of_turn(name, rows, **known):
-    """Six frames come out of turn, and so do rows."""
+    """Return a record in which six frames, and rows, come out of order."""
     record = record_of(usual(without=range(110, 116)) + rows, name=name, known=known)
     record.injected_faults = [InjectedFault(k * PERIOD, name, name, None, "", ()) for k in range(110, 116)]
     return record
@@ -30,7 +30,7 @@ def test_a_driver_leaves_out_old_frames_that_carry_a_number(name):
 
 
 def asking(behind, each=4, lag=0, **more):
-    """Questions each 40 ms in the clean run; a row is the answer to the question ``behind`` before."""
+    """Return a clean record with questions every 40 ms; a row answers the question ``behind`` before it."""
     rows = [(k + 0.2, row(k - behind * each - lag)) for k in range(2 * each, 200, each)]
     known = {"row_ms": 10.0 * each, "ask_ms": 2.0, "behind": behind * each}
     record = record_of(
@@ -64,7 +64,7 @@ def test_some_answers_that_are_old_do_not_make_a_driver_always_late():
 
 
 def unplugged(times, last, notes=(), exit=None):
-    """A port that goes at 100 and at 160; rows until ``last``, but none while it is away."""
+    """Return a record with outages of the port at 100 and 160; rows go on until ``last``, except during them."""
     away = [k for start in (100, 160)[:times] for k in range(start, start + 20)]
     record = record_of(usual(last=last, without=away), name="unplug", action="unplug", off=120 if times == 1 else 180,
                 end=300, notes=notes, exit=exit, silent=set(away))  # fmt: skip

@@ -1,4 +1,4 @@
-"""The plan: what makes sense for a line, a device and a driver; exact faults that parse and hit what they name."""
+"""Tests of the plan: trials that fit the line, device and driver, and exact faults that parse and hit their target."""
 
 from dataclasses import replace
 
@@ -73,7 +73,7 @@ def test_same_seed_same_plan():
 
 
 def spoilt(frame, texts):
-    """What becomes of a frame under exact faults of one frame."""
+    """Return a frame after exact faults of one frame."""
     rng = np.random.default_rng(0)
     for text in texts:
         fault = parse(text)

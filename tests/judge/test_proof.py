@@ -1,4 +1,4 @@
-"""A trial of which nothing shows that its event happened is not tried, whatever the driver did."""
+"""Tests of proofs: without proof of its event a trial counts as not tried, whatever the driver did."""
 
 import struct
 
@@ -10,7 +10,7 @@ from tests.judge.trial_records import PERIOD, counts, record_of, row, usual
 
 
 def trial(action, name=None, **more):
-    """A driver that reads on, whatever is done from 100 to 150."""
+    """Return a record of a driver that reads on, whatever happens from 100 to 150."""
     return record_of(name=name or action, action=action, **more)
 
 
@@ -22,7 +22,7 @@ def changed(record, fault, at=101, kind="", **more):
 
 
 def sampled(record, during):
-    """Other counts of the samples while the event lasts."""
+    """Change the counts of the samples during the event."""
     record.samples = [s._replace(counts=during(s.number)) if 100 < s.number <= 150 else s for s in record.samples]
     values = [dict(zip(("fx", "fy", "fz"), (0.5 * sample.counts).tolist())) for sample in record.samples]
     record.rows = [printed._replace(row={**printed.row, **value}) for printed, value in zip(record.rows, values)]
@@ -30,12 +30,12 @@ def sampled(record, during):
 
 
 def wire(number):
-    """A frame with a head, a number, three values and a flag."""
+    """Return a frame with a head, a number, three values and a flag."""
     return b"\xaa\x55" + struct.pack(">H3hB", number, *counts(number).astype(int), 0)
 
 
 def flipped(place):
-    """Each of four frames has a bit flipped at this place, and none becomes a row."""
+    """Return a record in which four frames have a bit flipped at a byte position, and none becomes a row."""
     hit = (110, 115, 120, 125)
     record = record_of(usual(without=hit))
     record.frames = [frame._replace(data=wire(frame.sample).hex()) for frame in record.frames]
@@ -48,7 +48,7 @@ def flipped(place):
 
 
 def asked(record, silent, *at):
-    """Questions each 40 ms, answered at once, but for a time in which there are only those at given times."""
+    """Add questions every 40 ms with immediate answers; in ``silent`` only the questions at given times."""
     record.known["asks"] = True
     record.frames = [
         ReceivedFrame(k * PERIOD + 1000 * j, way, "00", k, True)
@@ -61,7 +61,7 @@ def asked(record, silent, *at):
 
 
 def late(*at):
-    """An answer that is 150 ms late, and questions before it comes."""
+    """Return a record with an answer that is 150 ms late, and questions before it."""
     record = record_of([(k + 1.0, row(k)) for k in range(0, 200, 4)], name="late answer", notes=[(119, "time out")])
     return changed(asked(record, range(101, 117), *at), "late frame 3 by 150ms", kind="late")
 
@@ -81,7 +81,7 @@ def at_half_rate(first):
 
 
 EVENTS = {
-    # what happens, what would not be it, why not
+    # a record with the event, a record without it, the reason given for the latter
     "flip": (flipped(5), flipped(0), "no flip hit a byte of a value"),
     "flip, low byte": (flipped(9), flipped(10), "no flip hit a byte of a value"),
     "faults": (
@@ -92,7 +92,7 @@ EVENTS = {
         changed(record_of(trial={"faults": ["drop frame 3"]}), "drop"),
         changed(record_of(trial={"faults": ["drop frame 3"]}), "drop", 90), "none of its faults hit anything",
     ),
-    "hang": (hanging(silent=range(101, 150)), hanging(), "frames went on"),
+    "hang": (hanging(silent=range(101, 150)), hanging(), "the device went on sending frames"),
     "hang of what is asked": (
         asked(hanging(), range(100, 150), 120), asked(hanging(), range(100, 150)),
         "the driver asked for nothing meanwhile",
@@ -101,19 +101,19 @@ EVENTS = {
     "stop": (
         record_of([*usual(last=100), *[(151 + k / 100, row(k)) for k in range(100, 151)], *usual(152)],
                   name="slow reader", action="stop"),
-        trial("stop", "slow reader"), "did not stand still",
+        trial("stop", "slow reader"), "was not stopped",
     ),
     "reset": (changed(trial("reset"), "reset", 99), trial("reset"), "the device did not restart"),
     "wrap": (
         changed(trial("wrap", trial={"preset": "sequence"}), "wrap"), trial("wrap", trial={"preset": "sequence"}),
-        "the sequence was not full while the driver read",
+        "the sequence did not roll over while the driver read",
     ),
     "saturated": (
         sampled(trial("saturate"), lambda k: counts(k) if k % 3 else counts(k) * [1, 0, 1] + [0, 4000, 0]),
         sampled(trial("saturate"), lambda k: counts(k) * 1.5), "no channel came to an end of its range",
     ),
     "dead": (
-        sampled(trial("dead"), lambda k: counts(k) * [1, 0, 1]), trial("dead"), "no channel stood still",
+        sampled(trial("dead"), lambda k: counts(k) * [1, 0, 1]), trial("dead"), "no channel stopped",
     ),
     "rate": (at_half_rate(100), at_half_rate(300), "100 readings a second were taken, 100 otherwise"),
 }  # fmt: skip

@@ -1,4 +1,4 @@
-"""Between an emulated sensor, as the real port, and its driver: bytes equal both ways, faults, truth, a recording."""
+"""Tests of the proxy between an emulated sensor and its driver: equal bytes, faults, truth and a recording."""
 
 import contextlib
 import os
@@ -56,7 +56,7 @@ def test_a_stream_is_cut_whatever_the_pieces():
 
 @contextlib.contextmanager
 def proxied(tmp_path, **more):
-    """A pty as the real port, its far end, and the proxy's port for the driver."""
+    """Yield a proxy on a pty as the real port, the pty's far end, and the driver's end of the proxy's port."""
     sensor, real = os.openpty()
     tty.setraw(real)
     side = RealSerial(os.ttyname(real), 115200)
@@ -146,7 +146,7 @@ def test_a_port_that_is_not_there():
 
 @pytest.mark.idle
 def test_less_than_a_millisecond_is_added(tmp_path):
-    """By the command, in a process of its own: from the sensor's write to the driver's read."""
+    """Check the time from the sensor's write to the driver's read, with the command in its own process."""
     sensor, real = os.openpty()
     tty.setraw(real)
     command = [sys.executable, "-m", "tactemu", "proxy", os.ttyname(real), "--device", "optoforce"]

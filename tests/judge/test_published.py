@@ -1,6 +1,6 @@
-"""Published drivers, judged: what ``docs/drivers-under-faults.md`` says of them, found again.
+"""Tests that the judge's findings on published drivers are those of ``docs/drivers-under-faults.md``.
 
-Three of them in every run, with the trials that tell the most; all ten, with all trials, each night.
+Three drivers are judged in every run, by the most valuable trials; all ten, by all trials, each night.
 """
 
 import importlib.metadata
@@ -16,9 +16,9 @@ from tests.judge.cards import CARDS, SCRIPT
 pytestmark = [pytest.mark.driver, pytest.mark.realtime, pytest.mark.timeout(900)]
 
 NONE = ()
-"""No finding that fails."""
+"""No finding that fails a run."""
 SHORT = {
-    # by driver: by trial the findings of which one is enough
+    # for each driver and trial the findings, of which one is enough
     "optoforce": {"flipped": NONE, "one cut": NONE, "hang": ("blocks",)},
     "anyskin": {"flipped": ("wrong",), "unplug": NONE},
     "pymodbus": {"exception": NONE},
@@ -38,7 +38,7 @@ WHOLE = {
 
 
 def card_of(name, only=()):
-    """The outcomes by trial of one driver's card."""
+    """Return the outcomes of one driver's card, by trial."""
     try:
         importlib.metadata.version(name)
     except importlib.metadata.PackageNotFoundError:
@@ -72,7 +72,7 @@ def test_its_whole_card_is_as_the_page_says(name):
 
 @pytest.mark.nightly
 def test_a_camera_of_lerobot_hands_out_its_last_picture_after_unplugging():
-    """Its thread logs the exception and ends; what reads goes on reading."""
+    """Check a stale picture: the camera's thread logs the exception and ends, and its reader goes on."""
     shim = Path(__file__).parents[1] / "drivers" / "scripts" / "lerobot"
     python = [python_with("lerobot_record"), str(SCRIPT), "lerobot-camera-paxini", "{port}"]
     options = JudgeOptions(only=["flipped", "unplug"], start_s=60.0)

@@ -1,4 +1,4 @@
-"""Findings come again or do not count; the budget is a deadline; what our own side is late by accuses nobody."""
+"""Tests of the confirmation of findings, of the budget as a deadline, and of our own delays, which blame no driver."""
 
 import os
 import time
@@ -25,7 +25,7 @@ def outcome_with(*kinds):
 
 
 def judge_that_sees(monkeypatch, *outcomes, **options):
-    """A judge whose looks at the driver without faults end so, one after the other; with how many were taken."""
+    """Return a judge whose runs without faults have the given outcomes in turn, and the list of those left."""
     judge, left = Judge("optoforce", ["driver"], JudgeOptions(**options)), list(outcomes)
 
     def look():
@@ -132,11 +132,11 @@ def test_a_budget_learns_how_slow_trials_are():
     assert not Budget(None).lacks(1e9)
 
 
-# -- what is our own ---------------------------------------------------------------------------------------------------
+# -- our own delays ----------------------------------------------------------------------------------------------------
 
 
 def test_how_late_our_own_side_was_is_known_of_drivers_that_ask_too():
-    """Answers carry no time of a sample: the thread that reads rows, and the driver's wait for a processor, tell."""
+    """Check the delay without sample times: by the thread that reads rows and the driver's wait for a processor."""
     quiet = record_of(on=0, off=100, end=100)
     quiet.frames = [frame._replace(answer=True) for frame in quiet.frames]
     looks = [SchedulingDelay(k * PERIOD, 100_000, 50_000 * k) for k in range(0, 100, 5)]

@@ -1,4 +1,4 @@
-"""Reports: a page, JUnit, JSON, a baseline, a case for the driver's maintainers."""
+"""Tests of reports: HTML, JUnit, JSON, the baseline, and a case for the driver's maintainers."""
 
 import json
 import re
@@ -89,7 +89,7 @@ def test_what_does_not_come_again_does_not_fail(report):
 
 @pytest.mark.parametrize("kind", list(ABOUT))
 def test_each_kind_of_finding_that_may_fail_a_run_has_a_smallest_case(kind):
-    """Also those that fail none by default: with ``--fail-on all`` the case is looked for."""
+    """Check also the kinds that fail no run by default: with ``--fail-on all`` there is a search for them."""
     trial = Trial("flipped", "why", ["flip frame 10 byte 3 bit 1", "flip frame 20 byte 4 bit 2"])
     record = record_of(hit=[110])
     outcome = Outcome("flipped", findings=[Finding(kind, "so")])

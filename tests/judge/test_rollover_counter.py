@@ -1,4 +1,4 @@
-"""A counter is brought near its end also where a driver has set it back; what is no wrap is not taken for one."""
+"""Tests of rollover counters: one that a driver has set back comes near its rollover; a reset is no rollover."""
 
 import threading
 import time
@@ -13,7 +13,7 @@ SPEED = 500.0
 
 
 class Counting:
-    """A device whose counter goes on by itself, or does not."""
+    """A device whose counter advances at a speed, which may be 0."""
 
     def __init__(self, bits, speed=SPEED, value=0):
         self.rollovers = (Rollover(name="sequence", bits=bits, state="sequence"),)
@@ -57,7 +57,7 @@ def test_a_counter_that_is_near_its_end_is_left_alone():
 
 
 def test_a_counter_that_stands_still_is_said():
-    assert "stands still" in counter_of(Counting(32, speed=0.0)).bring_near(0.2, 0.4)
+    assert "does not advance" in counter_of(Counting(32, speed=0.0)).bring_near(0.2, 0.4)
 
 
 def test_a_counter_that_is_set_back_has_not_been_full():

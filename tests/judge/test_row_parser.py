@@ -1,4 +1,4 @@
-"""Lines that drivers print, as rows of numbers."""
+"""Tests of the parsing of printed lines as rows of numbers."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""`tactemu judge --success`: how often a task succeeds, by the strength of what goes wrong."""
+"""Tests of `tactemu judge --success`: the success rate of a task by the strength of a fault."""
 
 import json
 from typing import Any
@@ -65,7 +65,7 @@ def test_a_script_that_is_none_is_said(script, message, tmp_path):
 
 
 def test_a_task_that_wants_thirty_sound_packets_in_a_row(tmp_path, monkeypatch, capsys):
-    """It has them without a fault and with a few wrong bits, and not when two thirds of them are wrong."""
+    """Check that the task succeeds without a fault and with few wrong bits, and not if 60 % of the frames are wrong."""
     monkeypatch.setattr("tactemu.judge.success.STRENGTHS", {"flip": ("frames with a wrong bit [%]", (1, 60))})
     script, task, done = (tmp_path / name for name in ("success.py", "task.py", "done"))
     script.write_text(SUCCESS.format(done=str(done)))

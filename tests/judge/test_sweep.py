@@ -1,4 +1,4 @@
-"""Many runs: plans, the journal, what is lost and run again; here and by two workers of Dask."""
+"""Tests of sweeps: plans, the journal, lost runs that are repeated, and two workers of Dask."""
 
 import json
 import os

@@ -1,4 +1,4 @@
-"""What a recorded trial says: stories whose end is known, also after they were written and read."""
+"""Tests of verdicts on records with known outcomes, also after they were written and read."""
 
 import pytest
 
@@ -101,7 +101,7 @@ def test_a_story(story, tmp_path):
 
 
 def test_a_driver_that_asks_may_repeat_but_not_answer_with_what_it_had():
-    """Asked every 40 ms, sampled every 10: the same row twice within a period is right, after the next question not."""
+    """Check repeated rows: asked every 40 ms, sampled every 10, a row may repeat until the next question."""
     asked = [(k + 1.0, row(k)) for k in range(0, 200, 4)]
     requests = {"asks": True, "known": {"row_ms": 40.0, "ask_ms": 9.0, "behind": 0}}
     right = record_of(asked, name="dropped", **requests)
@@ -126,7 +126,7 @@ def test_a_driver_that_asks_may_repeat_but_not_answer_with_what_it_had():
 
 
 def test_of_a_wide_row_what_is_odd_is_kept():
-    """Beyond the first 64 columns, too."""
+    """Check that differing columns are kept, also beyond the first 64."""
     wide = record_of([*usual(without=[110]), (110.1, row(110, fz=7777.0))])
     wide.rows = [printed._replace(row={f"c{k}": 1.0 for k in range(100)} | dict(printed.row)) for printed in wide.rows]
     (bad,) = judge_record(wide).bad

@@ -1,4 +1,4 @@
-"""Tapes whose story is known: samples at 100 Hz, a driver that hands them out, and what is done to both."""
+"""Trial records with known outcomes: samples at 100 Hz, a driver that hands them out, and faults on both sides."""
 
 from dataclasses import asdict
 
@@ -26,7 +26,10 @@ def row(number, **more):
 
 
 def record_of(rows=None, *, name="flipped", action="", on=100, off=150, end=200, asks=False, notes=(), **more):
-    """Samples 0 to 299, each 10 ms; ``rows`` are ``(time in periods, row)``, by default each sample 1 ms later."""
+    """Return a record of samples 0 to 299, 10 ms apart; ``rows`` are ``(time in periods, row)``.
+
+    By default there is a row 1 ms after each sample.
+    """
     known = CleanRun(asks=asks, p50_ms=1.0, p99_ms=2.0, **more.pop("known", {}))
     record = TrialRecord(
         name, {"name": name, "action": action} | more.pop("trial", {}), asdict(known), COLUMNS.as_dict(),

@@ -143,7 +143,7 @@ def test_the_steps_of_the_action(wheel, driver, tmp_path):
         "COMMAND": "python -m pip install --quiet pytest\npython -m pytest -p no:cacheprovider",
         "PATH": f"{tmp_path}/venv/bin:/usr/bin:/bin",
     }  # fmt: skip
-    for name in ("Install tactemu", "Say what this machine can do", "Run the tests"):
+    for name in ("Install tactemu", "Print the capabilities of this machine", "Run the tests"):
         done = run_step(name, driver, **inputs)
         assert name == "Run the tests" or done.returncode == 0, done.stdout + done.stderr
     assert done.returncode == 1, "a test failed, and so does the step"

@@ -8,11 +8,11 @@ from planted_defects import Defect, hand_out, say
 
 START = can.Message(arbitration_id=0x201, data=[7, 0], is_extended_id=False)
 CARELESS = ("mixed", "oldrow")
-"""Variants that do not look where a scan begins."""
+"""Variants that ignore the begin of a scan."""
 
 
 class Driver:
-    """Collects the frames of a scan."""
+    """A driver that collects the frames of a scan."""
 
     def __init__(self, variant, port):
         interface, _, channel = port.partition(":")
@@ -23,7 +23,7 @@ class Driver:
         self.outages, self.is_quiet = 0, False
 
     def nothing(self):
-        """Say that nothing comes, and start the board once more: it may have restarted."""
+        """Report that no frame comes, and start the board again, as it may have restarted."""
         variant = self.variant
         if variant == "stale" and self.old:
             hand_out(**self.old)
@@ -50,7 +50,7 @@ class Driver:
         return True
 
     def take(self, message):
-        """Put a frame into the scan, and hand out the scan when it is whole."""
+        """Put a frame into the scan, and hand out the scan once it is complete."""
         variant, taxel = self.variant, message.arbitration_id & 0x0F
         careful = variant not in CARELESS
         if taxel == 0 and careful:
@@ -58,13 +58,13 @@ class Driver:
                 say("a scan is not whole")
             self.rows, self.begun = {}, message.timestamp
         if careful and message.timestamp - self.begun > 0.006:
-            return  # rows have no number: those of the next scan come a period later
+            return  # rows have no number, but those of the next scan come a period later
         values = struct.unpack(">3H", bytes(message.data).ljust(8, b"\0")[1:7])
         if variant == "bytes" and taxel == 5:
             values = (values[0], (values[1] & 0xFF) << 8 | values[1] >> 8, values[2])
         if careful and variant != "foreign" and self.rows.get(taxel, values) != values:
             say("two of one taxel in a scan")
-            self.begun = 0.0  # nobody can tell which is which: wait for the next
+            self.begun = 0.0  # the frames cannot be told apart: wait for the next scan
         self.rows[taxel] = values
         self.got += 1
         whole = len(self.rows) == 16 and taxel == 15 and self.begun > 0

@@ -1,4 +1,4 @@
-"""``over_can_asked.py VARIANT PORT``: drivers of ati_netcanoem, which tells six strain gauges when it is asked."""
+"""``over_can_asked.py VARIANT PORT``: drivers of ati_netcanoem, which sends six strain gauges on request."""
 
 import struct
 import sys
@@ -29,7 +29,7 @@ def main(variant, port):
     defect, old = Defect(variant, limit=5_000), None
     while True:
         while variant not in ("behind_question", "deaf") and bus.recv(0.0):
-            pass  # what was on its way before the question
+            pass  # drop the frames sent before the question
         bus.send(ASK)
         found = parts(bus, variant)
         if found is None:

@@ -13,7 +13,7 @@ IN_UNITS = ("ten", "thousand", "kilogram", "percent", "units")
 
 
 def start(bus):
-    """Have all fingers send every 10 ms."""
+    """Make all fingers send every 10 ms."""
     for board in BOARDS:
         data = [3, 0x74, 1, 1, 1]
         bus.send(can.Message(arbitration_id=board, data=data, is_extended_id=False, is_fd=True, bitrate_switch=True))
@@ -34,7 +34,7 @@ def main(variant, interface, channel):
             continue
         if board == BOARDS[0]:
             row, began = {}, message.timestamp
-        elif BOARDS[len(row)] != board or message.timestamp - began > SCAN_S:  # in turn, and soon one after the other
+        elif BOARDS[len(row)] != board or message.timestamp - began > SCAN_S:  # in order, and close together
             row = {}
             continue
         normal, tangential = struct.unpack_from("<f4xf", bytes(message.data), 16)

@@ -17,7 +17,7 @@ NAMES = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 IN_UNITS = ("ten", "thousand", "kilogram", "percent", "units")
 
 GONE = (OSError, termios.error)
-"""Exceptions by which pyserial tells that a port is gone."""
+"""Exceptions that pyserial raises for a lost port."""
 
 
 def crc_modbus(data):
@@ -30,13 +30,13 @@ def crc_modbus(data):
 
 
 def quiet(line):
-    """Drop what is still coming: it belongs to the question that failed."""
+    """Drop the data that still arrive: they belong to the failed question."""
     while line.read(1):
         line.reset_input_buffer()
 
 
 def open_again(port, baud):
-    """Return the port once it is there again."""
+    """Return the port once it can be opened again."""
     while True:
         try:
             return serial.Serial(port, baud, timeout=0.15)
@@ -45,7 +45,7 @@ def open_again(port, baud):
 
 
 class Driver:
-    """Asks for the registers, again and again."""
+    """A driver that asks for the registers in a loop."""
 
     def __init__(self, variant, port, model):
         self.variant, self.model = variant, model
@@ -57,7 +57,7 @@ class Driver:
         self.old, self.unplugged = None, 0
 
     def answer(self):
-        """Ask, and return what comes and whether that is good."""
+        """Ask, and return the answer and True if it is good."""
         variant, line = self.variant, self.line
         if variant != "noresync":
             line.reset_input_buffer()
@@ -67,14 +67,14 @@ class Driver:
         else:
             answer = line.read(3)
             while variant == "deaf" and len(answer) < 3:
-                answer += line.read(3 - len(answer))  # it waits for the answer, for ever
+                answer += line.read(3 - len(answer))  # it waits for the answer forever
             if len(answer) == 3:
                 answer += line.read(2 if answer[1] & 0x80 else answer[2] + 2)
         good = len(answer) >= 5 and (answer[-2:] == crc_modbus(answer[:-2]) or variant == "nocrc")
         return answer, good and (answer[0] == self.unit or variant == "unit")
 
     def read(self):
-        """Ask once, and hand out what comes."""
+        """Ask once, and hand out the answer."""
         variant, size = self.variant, 2 * self.count
         answer, good = self.answer()
         if good and answer[1] == self.function | 0x80:

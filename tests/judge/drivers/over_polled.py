@@ -1,4 +1,4 @@
-"""``over_polled.py VARIANT PORT``: drivers of weiss_wts, asked by messages with an id, a length and a CRC."""
+"""``over_polled.py VARIANT PORT``: drivers of weiss_wts, polled by messages with an id, a length and a CRC."""
 
 import struct
 import sys
@@ -9,11 +9,11 @@ import serial
 from planted_defects import Defect, hand_out, say
 
 GONE = (OSError, termios.error)
-"""Exceptions by which pyserial tells that a port is gone."""
+"""Exceptions that pyserial raises for a lost port."""
 
 
 def quiet(line, wait=True):
-    """Drop what is still coming: it belongs to the question that failed."""
+    """Drop the data that still arrive: they belong to the failed question."""
     while wait and line.read(1):
         line.reset_input_buffer()
 
@@ -36,7 +36,7 @@ def crc16(data):
 
 
 def open_again(port):
-    """Return the port once it is there again."""
+    """Return the port once it can be opened again."""
     while True:
         try:
             return serial.Serial(port, 115200, timeout=0.15)
@@ -45,7 +45,7 @@ def open_again(port):
 
 
 class Driver:
-    """Asks for a frame, again and again."""
+    """A driver that asks for frames in a loop."""
 
     def __init__(self, variant, port):
         self.variant, self.port, self.line = variant, port, serial.Serial(port, 115200, timeout=0.15)
@@ -65,7 +65,7 @@ class Driver:
             return answer[6:-2] if sound and crc16(answer[:-2]) == int.from_bytes(answer[-2:], "little") else None
         head = line.read(6)
         while variant == "deaf" and len(head) < 6:
-            head += line.read(6 - len(head))  # it waits for the answer, for ever
+            head += line.read(6 - len(head))  # it waits for the answer forever
         if len(head) < 6:
             return None
         size = int.from_bytes(head[4:6], "little")
@@ -79,11 +79,11 @@ class Driver:
         if variant != "anyreply" and (head[3] != 0x20 or payload[:2] != b"\0\0"):
             return None
         if variant not in ("late", "deaf", "anyreply") and time.monotonic() - asked < 0.0005:
-            return None  # no controller answers so soon: this one was on its way before the question
+            return None  # no controller answers so soon: this answer was sent before the question
         return payload
 
     def failed(self):
-        """Say that there was no good answer, and come to rest."""
+        """Report that there was no good answer, and drop what still arrives."""
         variant = self.variant
         if variant in ("late", "deaf", "timeout"):
             time.sleep(0.005)
@@ -96,7 +96,7 @@ class Driver:
             quiet(self.line, variant not in ("late", "deaf", "noresync"))
 
     def read(self):
-        """Ask once, and hand out what comes."""
+        """Ask once, and hand out the answer."""
         payload = self.ask()
         if payload is None:
             return self.failed()

@@ -1,4 +1,4 @@
-"""``over_resultant.py VARIANT PORT``: drivers of paxini_px6ax, which tells a resultant beside its 31 taxels."""
+"""``over_resultant.py VARIANT PORT``: drivers of paxini_px6ax, which sends a resultant beside its 31 taxels."""
 
 import struct
 import sys

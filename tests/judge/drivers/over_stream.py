@@ -1,4 +1,4 @@
-"""``over_stream.py VARIANT PORT [AXES]``: drivers of optoforce, a stream of packets with a counter and a sum."""
+"""``over_stream.py VARIANT PORT [AXES]``: drivers of optoforce, a stream of packets with a counter and a checksum."""
 
 import struct
 import sys
@@ -12,11 +12,11 @@ NAMES = ("fx", "fy", "fz", "tx", "ty", "tz")
 PER_UNIT = (26.416666666666668, 28.803333333333335, 3.0245, 1000.0, 1000.0, 1000.0)
 IN_UNITS = ("ten", "thousand", "kilogram", "percent", "units")
 GONE = (OSError, termios.error)
-"""Exceptions by which pyserial tells that a port is gone."""
+"""Exceptions that pyserial raises for a lost port."""
 
 
 def open_again(port):
-    """Return the port once it is there again."""
+    """Return the port once it can be opened again."""
     while True:
         try:
             return serial.Serial(port, 1_000_000, timeout=0.4)
@@ -42,7 +42,7 @@ def main(variant, port, axes="3"):
             if variant == "second":
                 sys.exit(0)
             if variant == "stale" and old:
-                for _ in range(60):  # "it will come back": and until then the last reading is handed out
+                for _ in range(60):  # the defect: it hands out the last reading until the port is back
                     hand_out(**old)
                     time.sleep(0.01)
             say(f"port lost: {error}")

@@ -10,6 +10,7 @@ HEAD = bytes.fromhex("aa07080a")
 
 
 def main(_variant, *ports):
+    """Read one packet of each port in turn, and print them as one row."""
     lines = [serial.Serial(port, 1_000_000, timeout=1) for port in ports]
     while True:
         row = {}

@@ -1,4 +1,4 @@
-"""``over_udp.py VARIANT PORT [asked]``: drivers of ati_net_ft, which streams records or is asked for each."""
+"""``over_udp.py VARIANT PORT [asked]``: drivers of ati_net_ft, which streams records or sends each on request."""
 
 import contextlib
 import select
@@ -16,7 +16,7 @@ SIZE = 36
 
 
 class Driver:
-    """Reads records, and discards those that come twice or late."""
+    """A driver that reads records, and discards those that come twice or late."""
 
     def __init__(self, variant, port, asked=""):
         host, _, number = port.rpartition("//")[2].rpartition(":")
@@ -30,7 +30,7 @@ class Driver:
         self.line.send(ONE if self.asks else START)
 
     def nothing(self):
-        """Say that nothing comes, and ask anew: the box may have restarted."""
+        """Report that no record comes, and ask again, as the box may have restarted."""
         if self.variant in ("stale", "timeout") and self.old:
             hand_out(**self.old)
         else:
@@ -58,7 +58,7 @@ class Driver:
         return 0 < ahead < 1 << 31 or (variant == "doubled" and ahead == 0)
 
     def read(self):
-        """Take one datagram."""
+        """Decode one datagram."""
         try:
             record = self.line.recv(2048)
         except BlockingIOError:
@@ -76,7 +76,7 @@ class Driver:
             self.line.send(ONE)
 
     def discard(self):
-        """Discard what came beside the answer, such as a second copy of it: the next is of the next question."""
+        """Discard datagrams beside the answer, such as its second copy, before the next question."""
         with contextlib.suppress(ConnectionError):
             while select.select([self.line], [], [], 0)[0]:
                 self.line.recv(2048)

@@ -1,7 +1,7 @@
-"""Defect that any driver can make with values that it has received rightly.
+"""Defects that can be planted in any driver, in values that it has received correctly.
 
-The drivers beside this file are started as scripts, ``over_NAME.py VARIANT PORT ...``. The variant ``clean`` makes no
-mistake. Each driver prints one JSON line per reading on stdout, and what is wrong on stderr.
+The drivers beside this file are scripts, ``over_NAME.py VARIANT PORT ...``. The variant ``clean`` has no defect. Each
+driver prints one JSON line per reading on stdout, and error messages on stderr.
 """
 
 import json
@@ -19,22 +19,22 @@ def hand_out(**row):
 
 
 def say(text):
-    """Print what is wrong."""
+    """Print an error message."""
     print(text, file=sys.stderr, flush=True)
 
 
 def swapped_bytes(value, bits):
-    """Return an integer with its bytes turned round."""
+    """Return an integer with its bytes in reverse order."""
     signed = value < 0
     turned = int.from_bytes((value & (1 << bits) - 1).to_bytes(bits // 8, "big"), "little")
     return turned - (1 << bits) if signed and turned >> bits - 1 else turned
 
 
 class Defect:
-    """Make the mistake of the variant with each reading.
+    """The defect of a variant, applied to each reading.
 
     Args:
-        variant: name of the mistake; names that are none of ours are the driver's own business.
+        variant: name of the defect; the driver itself handles names that are not known here.
         bits: width of a value on the wire.
         kept_bits: width that is left by the variant ``mask``.
         limit: largest magnitude that the variant ``clip`` lets pass.
@@ -48,7 +48,7 @@ class Defect:
         self.queue, self.kept, self.count = deque(), [], 0
 
     def values(self, counts):
-        """Return the numbers as the driver reads them, from the counts on the wire."""
+        """Return the numbers that the defective driver decodes from the counts on the wire."""
         counts, variant = list(counts), self.variant
         self.first = self.first or counts
         if variant == "mask":
@@ -80,12 +80,12 @@ class Defect:
         return counts
 
     def in_unit(self, value, per_unit):
-        """Return counts in the unit that the device declares."""
+        """Return counts in the unit that the device declares, or in a wrong unit by the variant."""
         wrong = {"ten": 10.0, "thousand": 1000.0, "kilogram": 1 / 9.81, "percent": 1.03}
         return round(value / per_unit * wrong.get(self.variant, 1.0), 6)
 
     def hand_out(self, **row):
-        """Print a reading, unless the mistake is in when that is done."""
+        """Print a reading, with the delay, loss or repetition of the variant."""
         self.count += 1
         if self.variant == "hundredth" and self.count % 100 == 0:
             return
