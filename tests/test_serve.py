@@ -176,7 +176,7 @@ def memory_dev():
         ({"rate_hz": 0}, "rate must be"),
         ({"seed": "x"}, "seed: expected a whole number, got 'x'"),
         ({"faults": [3]}, "faults: expected a list of texts"),
-        ({"steer": "bal"}, "steer: no body 'bal'"),
+        ({"steer": "bal"}, "steer: there is no movable body 'bal'"),
     ],
 )
 def test_a_wrong_request_is_refused_in_words(wrong, says):
@@ -220,7 +220,7 @@ def test_a_body_of_a_scene_file_goes_its_own_way_until_it_is_taken_and_after_it_
         np.testing.assert_allclose(now["bodies"]["ball"]["position"], (now["t_s"] * 1e-3, 0, 0.05), atol=1e-5)
         felt = device.sample()
         assert felt is not None and not felt.ideal.any()
-    with pytest.raises(SceneError, match="steer: no body 'pad' that could move"):
+    with pytest.raises(SceneError, match="steer: there is no movable body 'pad'"):
         serve(path, steer=["pad"]).start()
 
 

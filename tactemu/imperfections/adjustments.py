@@ -49,7 +49,7 @@ class Adjustments(ABC):
         self.set("saturation_range", (low, high), envs_idx)
 
     def set_jitter(self, jitter, envs_idx=None) -> None:
-        """Further delay, uniform between 0 and ``jitter`` [s]: one number, or one for each environment named."""
+        """Set the further delay, uniform between 0 and ``jitter`` [s]: one number, or one per chosen environment."""
         self.set("jitter", jitter, envs_idx)
 
     def set_probe_gain(self, gain, envs_idx=None) -> None:

@@ -1,1 +1,1 @@
-"""Bodies, motion, skins and scene files: what is pressed into what."""
+"""Scenes: bodies, their motions, skins on them, and scene files."""

@@ -1,4 +1,4 @@
-"""From a scene file's tables to a :class:`~tactemu.scene.scene.Scene` with one sensor per skin."""
+"""Building of a :class:`~tactemu.scene.scene.Scene`, with one sensor per skin, from a scene file's tables."""
 
 from __future__ import annotations
 
@@ -39,13 +39,13 @@ def make_devices(loaded: LoadedScene) -> dict[str, Device]:
     """Return the device of each skin, by the skin's name.
 
     Raises:
-        DeviceError: no such device, or an option that it does not have.
+        DeviceError: there is no such device, or it does not have an option.
     """
     return {skin.title: _device_of(skin, _found(skin.device, loaded)) for skin in loaded.tables.skin}
 
 
 def _device_of(skin: SkinTable, name: str) -> Device:
-    """Return the device of a skin, which sees what its transducers give where that is no quantity of touch."""
+    """Return the device of a skin; its option ``sees``, if it has one, is the quantity that the transducers provide."""
     options = skin.device_options
     if skin.transducer and "sees" in declared(device_class(name)) and "sees" not in options:
         model = model_class(model_name(skin, make_device(name, options)))
@@ -58,7 +58,7 @@ def transducers_of(skin: SkinTable) -> list[Transducer]:
     """Return the transducers of a skin, checked.
 
     Raises:
-        SceneError: no such kind, or an option that it does not have or does not accept.
+        SceneError: there is no such kind, or the transducer does not have or accept an option.
     """
     return [
         make_transducer(f"skin {skin.title!r}: transducer {k}", table) for k, table in enumerate(skin.transducer, 1)
@@ -66,16 +66,16 @@ def transducers_of(skin: SkinTable) -> list[Transducer]:
 
 
 def _found(name: str, loaded: LoadedScene) -> str:
-    """Return a device file by a path relative to the scene file."""
+    """Return the name of a device, with the path of a device file made relative to the scene file's folder."""
     path = loaded.folder / name
     return str(path) if ".py:" in name and Path(str(path).rpartition(":")[0]).is_file() else name
 
 
 def make_device(name: str, options: dict[str, Any]) -> Device:
-    """Return a device by name with its options.
+    """Return a device, given its name and options.
 
     Raises:
-        DeviceError: no such device, or an option that it does not have or does not accept.
+        DeviceError: there is no such device, or it does not have or accept an option.
     """
     device = device_class(name)
     try:
@@ -92,8 +92,8 @@ def build_scene(
 ) -> tuple[Scene, dict[str, PlacedSkin]]:
     """Return the scene, and each skin that is on a link with its sensors, by the skin's name; nothing is compiled yet.
 
-    ``laws`` names the imperfections of each skin that will be switched while it runs; ``local_ns`` is what a skin's own
-    clock shows at a time of the scene.
+    ``laws`` names the imperfections of each skin that can be switched while it runs; ``local_ns`` returns the time of a
+    skin's own clock at a time of the scene.
 
     Raises:
         SceneError: a body or an option is wrong.
@@ -119,9 +119,9 @@ def build_scene(
             continue
         placed = []
         for part in parts_of(skin, device.layout):
-            link, unfelt = _body_of(scene, engine, part)
+            link, ignored = _body_of(scene, engine, part)
             wanted = (laws or {}).get(skin.title, ())
-            model = sensor_model(skin, device, wanted, part=part, unfelt=unfelt, friction=friction)
+            model = sensor_model(skin, device, wanted, part=part, ignored=ignored, friction=friction)
             sensor = scene.add_sensor(model, link=link, name=part.name, transducers=transducers_of(skin))
             if engine is not None:
                 engine.attach_sensor(sensor)
@@ -131,11 +131,10 @@ def build_scene(
 
 
 def read_engine(loaded: LoadedScene) -> BatchEngine | None:
-    """Return the engine of many environments that moves a scene, with its model, and no scene to move; ``None``: it
-    has none.
+    """Return the engine of many environments of a scene file with its model, for an empty scene; ``None`` if none.
 
     Raises:
-        SceneError: its model cannot be read.
+        SceneError: the model cannot be read.
     """
     from tactemu.scene.scene import Scene
 
@@ -155,7 +154,7 @@ def _motors(
 
 
 def _body_of(scene: Scene, engine: Engine | None, part: SkinPart) -> tuple[Body, tuple[int, ...]]:
-    """Return the body that carries a skin, and those that move with it and are not felt, by their places."""
+    """Return the body that carries a part of a skin, and the indices of the bodies that the skin ignores."""
     name = part.body
     if engine is None or any(body.name == name for body in scene.bodies if body not in engine.bodies):
         return scene.body(name), ()
@@ -173,7 +172,7 @@ def _shape(body: BodyTable, folder: Path) -> Shape | None:
 
 
 def model_name(skin: SkinTable, device: Device) -> str:
-    """Return the sensor model of a skin as a scene file names it: the one asked for, else the cheapest that will do."""
+    """Return the name of a skin's sensor model: the one that the file gives, else the cheapest that is suitable."""
     if skin.model_ or not skin.transducer:
         return skin.model_ or cheapest(device.contact[0])
     takes = [name for name in transducers_of(skin)[0].takes if name in TOUCH]
@@ -186,16 +185,16 @@ def sensor_model(
     laws: Sequence[str] = (),
     *,
     part: SkinPart | None = None,
-    unfelt: tuple[int, ...] = (),
+    ignored: tuple[int, ...] = (),
     friction: float | None = None,
 ) -> Any:
     """Return the sensor model of a skin: the device's taxels, placed on the link, with the skin's options.
 
-    ``laws`` are built although they are off, so that they can be switched on. ``part`` is of a skin on several bodies.
-    ``unfelt`` are bodies that it does not feel, and ``friction`` is the scene's, unless the options choose.
+    ``laws`` are built although they are off, so that they can be switched on. ``part`` is one part of a skin on several
+    bodies. The skin ignores the bodies ``ignored``, and has the scene's ``friction`` unless its options set one.
 
     Raises:
-        SceneError: no such model, or an option that it does not have or does not accept.
+        SceneError: there is no such model, or it does not have or accept an option.
     """
     from tactemu.sensors.sensor import SensorModel
 
@@ -214,12 +213,12 @@ def sensor_model(
             raise SceneError(f"{where}: {name} has no {option!r}{nearest(option, known)} (options: {', '.join(known)})")
     try:
         given = taxels(part or parts_of(skin, device.layout)[0], skin, model, known) | _arrays(skin.options)
-        if "forces_on_skin" in known:  # devices measure what acts on them (see firmware_protocols.device)
+        if "forces_on_skin" in known:  # devices measure forces on themselves (see firmware_protocols.device)
             given.setdefault("forces_on_skin", True)
         if friction is not None and "friction" in known:
             given.setdefault("friction", friction)
-        if unfelt:
-            given.setdefault("filter_link_idx", unfelt)
+        if ignored:
+            given.setdefault("filter_link_idx", ignored)
         if laws:
             given["adjustable"] = tuple(sorted({*given.get("adjustable", ()), *laws}))
         return model(**given)
@@ -233,21 +232,22 @@ def _check_senses(skin: SkinTable, name: str, model: Any, device: Device) -> Non
         kind = Chain(f"skin {skin.title!r}", transducers_of(skin), offers).output
         if device.contact != (kind.quantity,):
             raise SceneError(
-                f"skin {skin.title!r}: its transducers give {kind.quantity}; {device.name} "
+                f"skin {skin.title!r}: its transducers provide {kind.quantity}, but {device.name} "
                 f"senses {', '.join(device.contact)}"
             )
         return
     for quantity in device.contact:
         if quantity not in offers:
             raise SceneError(
-                f"skin {skin.title!r}: model: {name} gives {', '.join(model.layouts)} and not {quantity}, "
+                f"skin {skin.title!r}: model: {name} provides {', '.join(model.layouts)} and not {quantity}, "
                 f"which {device.name} senses (models that do: {', '.join(models_for(quantity))})"
             )
 
 
 def taxels(part: SkinPart, skin: SkinTable, model: type[SensorModel], known: list[str]) -> dict[str, Any]:
-    """Return positions, normals and radius of the taxels in the link's frame; a single grid keeps its ``(rows, cols,
-    3)``.
+    """Return the model's options for the taxels: positions, normals and radius in the link's frame.
+
+    Those of a single grid have shape ``(rows, cols, 3)``.
     """
     layout = part.layout
     turn = rotation.normalised(part.quaternion)
@@ -270,7 +270,7 @@ def taxels(part: SkinPart, skin: SkinTable, model: type[SensorModel], known: lis
 
 
 def _one_or_each(values: np.ndarray) -> Any:
-    """Return one number where all taxels have the same."""
+    """Return one number if it is the same for all taxels, else a tuple with one for each."""
     return float(values[0]) if len(values) and (values == values[0]).all() else tuple(values.tolist())
 
 

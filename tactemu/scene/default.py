@@ -1,4 +1,4 @@
-"""A scene for a device that brings none: its taxels on a pad, and a ball that presses the middle of each patch."""
+"""A scene for a device without one: its taxels on a pad, and a ball that presses the middle of each patch."""
 
 from __future__ import annotations
 
@@ -9,14 +9,15 @@ import numpy as np
 from firmware_protocols import Device, Layout
 
 IDLE_S = 2.0
-"""How long nothing touches a skin that has booted: drivers that calibrate when they open take that for rest."""
+"""Time after booting in which nothing touches the skin, so that drivers that calibrate when they open measure rest."""
 PERIOD_S = 2.0
-"""Length of one press of the default scene."""
+"""Duration of one press of the default scene."""
 
 
 def tables_for(name: str, device: type[Device], **device_options) -> dict[str, Any]:
-    """Return the tables of a default scene for ``device``, made from its layout; ``name`` is what a scene file calls
-    it.
+    """Return the tables of a default scene for ``device``, made from its layout.
+
+    ``name`` is the device's name in a scene file.
     """
     data = {"scene": {}, "body": [_pad()], "skin": [{"device": name, "link": "pad", "device_options": device_options}]}
     made = device(**device_options)
@@ -29,14 +30,12 @@ def tables_for(name: str, device: type[Device], **device_options) -> dict[str, A
 
 
 def _pad() -> dict[str, Any]:
-    """Return a link without a shape: taxels feel other bodies only."""
+    """Return a link without a shape, so that taxels touch other bodies only."""
     return {"name": "pad", "shape": "frame", "fixed": True}
 
 
 def _ball(name: str, layout: Layout, taxels: slice, pitch: float) -> dict[str, Any]:
-    """Return a ball over the taxel nearest to the patch's middle, on its normal, three pitches wide where it
-    presses.
-    """
+    """Return a ball over the taxel nearest to the patch's middle, on its normal, with a radius of three pitches."""
     positions, normals = layout.positions[taxels], layout.normals[taxels]
     middle = np.argmin(np.linalg.norm(positions - positions.mean(axis=0), axis=1))
     normal = normals[middle]

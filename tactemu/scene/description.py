@@ -1,4 +1,4 @@
-"""What is where, as plain data: what the truth log says of a scene, so that whoever opens it can draw it."""
+"""The description of a scene as plain data, which the truth log contains so that viewers can draw the scene."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ class SceneDescription:
     """The bodies and skins of a built scene, for :class:`tactemu.truth.Truth`.
 
     Args:
-        simulation: the scene; ``None`` where nothing is simulated.
-        devices: of each skin, by the skin's name.
-        skins: those that are on bodies.
+        simulation: the built scene; ``None`` if nothing is simulated.
+        devices: the device of each skin, by the skin's name.
+        skins: the skins that are on bodies.
     """
 
     def __init__(self, simulation: Simulation | None, devices: Mapping[str, Device], skins: Mapping[str, PlacedSkin]):
@@ -34,7 +34,7 @@ class SceneDescription:
         return self._simulation.world.poses() if self._simulation else np.zeros((0, 7))
 
     def description(self) -> dict[str, Any]:
-        """Return bodies with their shapes and where they start; skins with their senses, patches and taxels; SI."""
+        """Return bodies with their shapes and start poses, and skins with senses, patches and taxels, in SI units."""
         return {
             "bodies": self._bodies(),
             "skins": {name: self._skin(device, self._skins.get(name)) for name, device in self._devices.items()},
@@ -87,7 +87,7 @@ def _points(positions: np.ndarray, model: SensorModel) -> dict[str, Any]:
 
 
 def _part(placed: PlacedSensor) -> dict[str, Any]:
-    """Return taxels on one body, and its probes, in the frame that ``position`` and ``quaternion`` place on it."""
+    """Return the taxels of one body, and its probes, in the frame that ``position`` and ``quaternion`` place on it."""
     part, sensor = placed.part, placed.sensor
     described = {
         "name": part.name,
@@ -113,5 +113,5 @@ def _part(placed: PlacedSensor) -> dict[str, Any]:
 
 
 def _listed(values: np.ndarray) -> list:
-    """To a tenth of a micrometre: enough to draw, and short."""
+    """Return values as lists, rounded to a tenth of a micrometre: precise enough to draw, and short."""
     return np.round(np.asarray(values, float), 7).tolist()

@@ -1,4 +1,4 @@
-"""Engines that move bodies of a scene, by the kind that its file names: their interface, and where each is opened."""
+"""The engines that move bodies of a scene, by the kind that its file names, and their interface."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ if TYPE_CHECKING:
     from tactemu.sensors.sensor import Sensor
 
 OPENERS: dict[str, str] = {
-    # kind: "module:function", imported only when a scene asks for it
+    # kind: "module:function", imported only when a scene needs it
     "mujoco": "tactemu.engines.engine:open_engine",
     "mujoco-warp": "tactemu.engines.mujoco_warp_engine:open_engine",
     "newton": "tactemu.engines.newton_engine:open_engine",
 }
-"""Each function takes ``(scene, loaded, motors)``, adds the bodies of its model to the scene and returns the engine."""
+"""The function that opens each engine: given ``(scene, loaded, motors)``, it adds the model's bodies to the scene."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class JointMotors:
     joints: Mapping[str, str | JointTable]
     """Joint of the model by the name of the motor."""
     local_ns: Callable[[int], int]
-    """Return the device's own time at a time of the scene [ns]."""
+    """The function that returns the device's own time at a time of the scene [ns]."""
 
 
 class Engine(Protocol):
@@ -59,10 +59,10 @@ class Engine(Protocol):
         ...
 
     def attach_sensor(self, sensor: Sensor) -> None:
-        """Take note of a sensor on one of its bodies."""
+        """Register a sensor on one of its bodies."""
 
     def ignored_bodies(self, name: str) -> tuple[int, ...]:
-        """Return the indices of the scene's bodies that a skin on this geom or body does not touch."""
+        """Return the indices of the scene's bodies that a skin on this geom or body ignores."""
         ...
 
 
@@ -71,7 +71,7 @@ class FreeBodies(Protocol):
 
     @property
     def free_bodies(self) -> Mapping[str, int]:
-        """Index of each one's first number in a row of positions, by name."""
+        """The index of each free body's first number in a row of positions, by name."""
         ...
 
     def root(self, name: str) -> str:
@@ -100,7 +100,7 @@ def open_engine(scene: Scene, loaded: LoadedScene, motors: Sequence[JointMotors]
     """Open the engine that a scene file names, an :class:`Engine`, and add the bodies of its model to the scene.
 
     Raises:
-        SceneError: the engine or a library that it needs is not installed, or it cannot read its model.
+        SceneError: the engine or a library that it needs is not installed, or the engine cannot read its model.
     """
     kind = next(name for name, table in ENGINES.items() if isinstance(loaded.tables.engine, table))
     module, _, function = OPENERS[kind].partition(":")
@@ -112,12 +112,12 @@ def open_engine(scene: Scene, loaded: LoadedScene, motors: Sequence[JointMotors]
 
 
 def refuse_motors(kind: str, motors: Sequence[JointMotors]) -> None:
-    """Refuse motors for an engine that moves none.
+    """Check that no skin has motors for an engine that moves none.
 
     Raises:
         SceneError: a skin has joints.
     """
     if motors:
         raise SceneError(
-            f'skin {motors[0].skin!r}: joints: an engine of kind {kind!r} knows no motors; "mujoco" moves them'
+            f'skin {motors[0].skin!r}: joints: an engine of kind {kind!r} moves no motors; use kind "mujoco"'
         )

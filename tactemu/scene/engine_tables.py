@@ -1,4 +1,4 @@
-"""``[engine]`` of a scene file: which simulator moves the bodies, and its options."""
+"""The ``[engine]`` tables of a scene file: the simulator that moves the bodies, and its options."""
 
 from __future__ import annotations
 
@@ -10,56 +10,60 @@ from tactemu.scene.table import Real, Table, one_of
 
 
 class EngineTable(Table):
-    """``[engine]``: a simulator that moves bodies of its own, which skins feel and may sit on."""
+    """``[engine]``: a simulator that moves bodies of its own, which press on skins and may carry them."""
 
-    file: str = Field(description="its model, by a path relative to the scene file")
+    file: str = Field(description="path of the model, relative to the scene file")
     friction: Real | None = Field(
-        default=None, ge=0, le=10, description="of all on all, in the model and for skins that know friction"
+        default=None,
+        ge=0,
+        le=10,
+        description="coefficient of friction between all bodies, in the model and for skins that simulate friction",
     )
 
 
 class MujocoTable(EngineTable):
-    """MuJoCo, live: motors of devices may move its joints, and skins may feel its forces."""
+    """MuJoCo, live: motors of devices may move its joints, and skins may measure its contact forces."""
 
     kind: Literal["mujoco"] = "mujoco"
     felt: Literal["force", "overlap"] = Field(
         default="force",
-        description="skins are pressed in until they feel the model's force, or as deep as its geoms overlap",
+        description="skins are pressed in until they measure the model's force, or as deep as its geoms overlap",
     )
     on_late: Literal["slow", "drop"] = Field(
         default="slow",
-        description="slower than real time: the model falls behind the clock, or catches up and samples are dropped",
+        description="if MuJoCo is slower than real time: the model falls behind the clock, or catches up while samples "
+        "are dropped",
     )
     breaks: dict[str, Annotated[Real, Field(gt=0)]] = Field(
-        default={}, description="geoms that are gone once something presses them harder than this [N]"
+        default={}, description="geoms that disappear once a contact presses them harder than this [N]"
     )
 
 
 class BatchTable(EngineTable):
-    """What simulators of many environments have in common."""
+    """The keys that simulators of many environments have in common."""
 
     nconmax: Annotated[int, Strict()] | None = Field(
-        default=None, ge=1, le=10_000, description="contacts of an environment that there is room for"
+        default=None, ge=1, le=10_000, description="most contacts in an environment"
     )
     njmax: Annotated[int, Strict()] | None = Field(
-        default=None, ge=1, le=100_000, description="constraints of an environment that there is room for"
+        default=None, ge=1, le=100_000, description="most constraints in an environment"
     )
 
     @property
     def sizes(self) -> dict[str, int]:
-        """Room for contacts and constraints, as far as it is chosen."""
+        """The capacities for contacts and constraints that the file gives."""
         chosen = {"nconmax": self.nconmax, "njmax": self.njmax}
         return {name: size for name, size in chosen.items() if size is not None}
 
 
 class MujocoWarpTable(BatchTable):
-    """MuJoCo Warp: many environments on the scene's device; skins feel how deep geoms overlap."""
+    """MuJoCo Warp: many environments on the scene's device; skins measure how deep geoms overlap."""
 
     kind: Literal["mujoco-warp"] = "mujoco-warp"
 
 
 class NewtonTable(BatchTable):
-    """Newton with its MuJoCo solver: many environments on the scene's device; skins feel how deep shapes overlap."""
+    """Newton with its MuJoCo solver: many environments on the scene's device; skins measure how deep shapes overlap."""
 
     kind: Literal["newton"] = "newton"
 
@@ -69,7 +73,7 @@ ENGINES: dict[str, type[EngineTable]] = {
     "mujoco-warp": MujocoWarpTable,
     "newton": NewtonTable,
 }
-"""Table of each ``kind``."""
+"""The table of each ``kind`` of engine."""
 
 if TYPE_CHECKING:
     AnyEngine = EngineTable

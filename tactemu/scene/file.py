@@ -1,4 +1,4 @@
-"""Reading scene files: TOML text to checked tables, with errors that name file, key and the nearest valid name."""
+"""The reader of scene files: TOML text to checked tables, with errors that name file, key and nearest valid name."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from tactemu.scene.validation_errors import list_errors
 from tactemu.sensors.models import MODELS
 
 DEFAULTS = Path(__file__).parent / "defaults"
-"""Scenes of the devices that come with tactemu, by their names; the others' are made from their layouts."""
+"""The folder of the scenes of devices, by their names; the scenes of other devices are made from their layouts."""
 
 
 @dataclass(frozen=True)
@@ -31,33 +31,37 @@ class LoadedScene:
     """A checked scene file."""
 
     tables: SceneFile
+    """The checked tables."""
     motions: dict[str, Motion]
-    """By the name of the body."""
+    """The motions, by the name of the body."""
     source: str
     """The file, or the device whose default scene it is."""
     folder: Path
-    """What paths in the file are relative to."""
+    """The folder that paths in the file are relative to."""
     starts: Mapping[str, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
-    """Where bodies that an engine moves freely start in each environment
-    (:attr:`tactemu.engines.batch_engine.BatchEngine.starts`); default: as its model says."""
+    """Start poses, in each environment, of bodies that an engine moves freely
+    (:attr:`tactemu.engines.batch_engine.BatchEngine.starts`); default: those of its model."""
 
 
 def load(target: str | Path, device_options: Mapping[str, Any] | None = None, *, code: bool = True) -> LoadedScene:
     """Return the scene in the file ``target``, or the default scene of the device called ``target`` with its options.
 
-    Whoever builds a scene runs the Python files that it names. ``code=False`` refuses one that names any.
+    Building a scene runs the Python files that it names. ``code=False`` refuses a scene that names any.
 
     Raises:
-        SceneError: the file cannot be read or is wrong; every mistake is listed.
-        DeviceError: neither a file nor a device, or an option that the device does not take.
+        SceneError: the file cannot be read or has errors; the message lists every error.
+        DeviceError: ``target`` is neither a file nor a device, or the device does not take an option.
     """
     if not code and ".py:" in str(target):
-        raise SceneError(f"{target}: it is code, which would be run")
+        raise SceneError(f"{target}: this is Python code, which would be run; give a scene file without code")
     loaded = _load(str(target), device_options or {})
     for skin in () if code else loaded.tables.skin:
         for name in (skin.device, skin.model_ or ""):
             if ":" in name:
-                raise SceneError(f"{target}: skin {skin.title!r} names {name}, which is code and would be run")
+                raise SceneError(
+                    f"{target}: skin {skin.title!r} names {name}, Python code that would be run; "
+                    "give a scene file without code"
+                )
     return loaded
 
 
@@ -65,7 +69,7 @@ def _load(text: str, device_options: Mapping[str, Any]) -> LoadedScene:
     if text.endswith(".toml"):
         if device_options:
             named = ", ".join(device_options)
-            raise SceneError(f"{text}: a scene file gives its skins' `device_options` itself; leave out {named}")
+            raise SceneError(f"{text}: give the options {named} in the scene file, as `device_options` of its skins")
         path = Path(text)
         try:
             return parse(path.read_text(encoding="utf-8-sig"), source=text, folder=path.parent)
@@ -76,14 +80,15 @@ def _load(text: str, device_options: Mapping[str, Any]) -> LoadedScene:
 
 
 def default_scene(name: str, device_options: Mapping[str, Any] | None = None) -> LoadedScene:
-    """Return the scene that comes with a device, in ``defaults/`` or in the text of a class of the user's own, or
-    one made
-    for its layout, which it is too where options change the layout. A class that inherits a device does not inherit its
-    scene, which runs the device inherited.
+    """Return the default scene of a device.
+
+    It is the file in ``defaults/``, the ``scene`` text of your own class, or a scene made for the device's layout, also
+    if options change that layout. A class that inherits from a device does not inherit its scene, which would run the
+    parent device.
 
     Raises:
-        DeviceError: no such device, or an option that it does not take.
-        SceneError: the text of the class is no scene, or one of another device.
+        DeviceError: there is no such device, or it does not take an option.
+        SceneError: the text of the class is no scene, or the scene of another device.
     """
     device, source = device_class(name), f"default scene of {name}"
     if device_options:
@@ -118,10 +123,10 @@ def _with_options(name: str, device: type[firmware_protocols.Device], options: M
 
 
 def device_class(name: str) -> type[firmware_protocols.Device]:
-    """Return a device class by name or ``path/to/file.py:Class``.
+    """Return the class of a device, given its name or ``path/to/file.py:Class``.
 
     Raises:
-        DeviceError: there is none, or its file does not run.
+        DeviceError: there is no such device, or its file raises an error.
     """
     try:
         return firmware_protocols.device_class(name)
@@ -130,7 +135,7 @@ def device_class(name: str) -> type[firmware_protocols.Device]:
         if name.endswith(".py"):
             hint = f"; a device file is named with its class: {name}:CLASS"
         raise DeviceError(f"{error.args[0]}{hint}") from None
-    except Exception as error:  # a device file of the user's own may fail in any way
+    except Exception as error:  # a user's device file may raise anything
         if ".py:" not in name:
             raise
         raise DeviceError(f"{name}: the file raised {type(error).__name__}: {error}") from error
@@ -140,7 +145,7 @@ def parse(text: str, *, source: str = "scene", folder: Path | None = None) -> Lo
     """Return the scene that a TOML text describes.
 
     Raises:
-        SceneError: it is no TOML, or wrong; every mistake is listed.
+        SceneError: the text is no TOML, or has errors; the message lists every error.
     """
     try:
         data = tomllib.loads(text)
@@ -149,15 +154,15 @@ def parse(text: str, *, source: str = "scene", folder: Path | None = None) -> Lo
     except RecursionError:
         raise SceneError(f"{source}: not a scene: tables or lists are nested too deep") from None
     if not data:
-        raise SceneError(f"{source}: it is empty; `tactemu new FILE` writes a scene to start from")
+        raise SceneError(f"{source}: the file is empty; `tactemu new FILE` writes a scene to start from")
     return check(data, source=source, folder=folder)
 
 
 def check(data: dict[str, Any], *, source: str = "scene", folder: Path | None = None) -> LoadedScene:
-    """Return the scene in tables already read.
+    """Return the scene that tables already read describe.
 
     Raises:
-        SceneError: every mistake is listed.
+        SceneError: the tables have errors; the message lists every error.
     """
     try:
         tables = SceneFile.model_validate(data)
@@ -194,7 +199,7 @@ def _motions(tables: SceneFile, source: str) -> dict[str, Motion]:
             continue
         where = f"{source}: body {body.name!r}: motion"
         if body.fixed:
-            raise SceneError(f"{where}: a fixed body does not move; drop `fixed` or the motion")
+            raise SceneError(f"{where}: a fixed body does not move; remove `fixed` or the motion")
         try:
             found[body.name] = make_motion(body.motion)
         except ValidationError as error:
@@ -207,9 +212,9 @@ def _motions(tables: SceneFile, source: str) -> dict[str, Motion]:
 
 
 def _references(tables: SceneFile):
-    """Names that must exist, and must not exist twice."""
+    """Yield a message for each name that does not exist, or that is used twice."""
     bodies = [body.name for body in tables.body]
-    elsewhere = tables.engine is not None  # its bodies are known when its file is read
+    elsewhere = tables.engine is not None  # the engine's bodies are known only once its model is read
     skins = [skin.title for skin in tables.skin]
     for kind, names in (("body", bodies), ("skin", skins)):
         for name, count in sorted(Counter(names).items()):
@@ -227,7 +232,7 @@ def _references(tables: SceneFile):
                 known = ", ".join(bodies) or "none"
                 yield f"skin {skin.title!r}: links.{link}: no body {body!r}{nearest(body, bodies)} (bodies: {known})"
         if skin.joints and tables.engine is None:
-            yield f"skin {skin.title!r}: joints: they are those of an engine's model; there is no [engine]"
+            yield f"skin {skin.title!r}: joints: they name joints of an engine's model; add an [engine]"
         if skin.model_ is not None and skin.model_ not in MODELS and ":" not in skin.model_:
             hint = f"{nearest(skin.model_, MODELS)} (models: {', '.join(MODELS)})"
             yield f"skin {skin.title!r}: model: unknown model {skin.model_!r}{hint}"

@@ -1,7 +1,7 @@
-"""Skins with the numbers of real ones, where recordings of such have told them: ``measured/``, a file for each device.
+"""Skins with parameters measured on real devices, from the files in ``measured/``, one for each device.
 
-A file has keys of a scene's ``[[skin]]``, and in its comments what they stand on. A skin that asks for them keeps what
-it says itself, key by key, and within its options, clock and device options likewise.
+A file has keys of a scene's ``[[skin]]``, and its comments name their sources. A skin with ``measured = true`` keeps
+its own keys, also those within its options, clock and device options.
 """
 
 from __future__ import annotations
@@ -14,42 +14,44 @@ from tactemu.base.errors import SceneError, nearest
 from tactemu.scene.schema import SkinTable
 
 MEASURED_FOLDER = Path(__file__).parent / "measured"
+"""The folder of the files."""
 
 
 def measured_devices() -> list[str]:
-    """Those of which anything was measured."""
+    """Return the names of the devices with measured parameters."""
     return sorted(path.stem for path in MEASURED_FOLDER.glob("*.toml"))
 
 
 def measured_defaults(skin: SkinTable) -> SkinTable:
-    """Return the skin with numbers of real ones where it says nothing itself.
+    """Return the skin with measured parameters for the keys that it does not have itself.
 
     Raises:
-        SceneError: nothing was measured of its device, or its own transducers end in another unit than was measured in.
+        SceneError: the device has no measured parameters, or they are for transducers that the skin's own lack.
     """
     known, where = measured_devices(), f"skin {skin.title!r}: measured"
     if skin.device not in known:
         hint = nearest(skin.device, known) or f" (devices: {', '.join(known)})"
-        raise SceneError(f"{where}: nothing was measured of a real {skin.device!r}{hint}")
+        raise SceneError(f"{where}: there are no measured parameters of {skin.device!r}{hint}")
     found: dict[str, Any] = tomllib.loads((MEASURED_FOLDER / f"{skin.device}.toml").read_text(encoding="utf-8"))
     own = skin.model_dump(by_alias=True, exclude_unset=True)
     needed, given = ([str(table.get("kind")) for table in tables.get("transducer", ())] for tables in (found, own))
     if given and not set(needed) <= set(given):
         raise SceneError(
-            f"{where}: its numbers are of a skin that is {', '.join(needed)}; add that transducer, or none"
+            f"{where}: the parameters are for the transducers {', '.join(needed)}; add them, or give no transducer"
         )
     within = {key: {**found.get(key, {}), **own.get(key, {})} for key in ("device_options", "options", "clock")}
     return SkinTable.model_validate({**found, **own, **within})
 
 
 def with_measured_defaults(skins: tuple[SkinTable, ...]) -> tuple[SkinTable, ...]:
-    """Likewise all skins of a scene of which anything was measured.
+    """Return all skins of a scene, with measured parameters for the devices that have them.
 
     Raises:
-        SceneError: none is.
+        SceneError: none of the devices has measured parameters.
     """
     if not any(skin.device in measured_devices() for skin in skins):
         raise SceneError(
-            f"nothing was measured of {', '.join(s.device for s in skins)} (devices: {', '.join(measured_devices())})"
+            f"there are no measured parameters of {', '.join(s.device for s in skins)} "
+            f"(devices: {', '.join(measured_devices())})"
         )
     return tuple(measured_defaults(skin) if skin.device in measured_devices() else skin for skin in skins)

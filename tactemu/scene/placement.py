@@ -1,4 +1,4 @@
-"""A device on its link: where its taxels are, what they read in the device's own frame, what its chips feel beside."""
+"""A device on its link: positions of its taxels, their readings in the device's frame, and its auxiliary sensors."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ if TYPE_CHECKING:
     from tactemu.sensors.sensor_model import SensorModel
 
 GRAVITY = (0.0, 0.0, 9.80665)
-"""What an accelerometer at rest reads in the world's frame [m/s²]: up."""
+"""The reading of an accelerometer at rest in the world's frame [m/s²], which points up."""
 AMBIENT = {"temperature": 25.0, "acceleration": GRAVITY, "angular_velocity": (0.0, 0.0, 0.0)}
-"""What is around a device of which nothing is known: temperature [°C], proper acceleration [m/s²], turning [rad/s]."""
+"""The default temperature [°C], proper acceleration [m/s²] and angular velocity [rad/s] of a device."""
 _HALF_STEP_S = 1e-4
 
 
@@ -29,8 +29,8 @@ class PlacedSensor:
     """A built sensor on its body, with vectors in the frame of the device or link that it belongs to.
 
     Args:
-        sensor: as :meth:`tactemu.Scene.add_sensor` returns it.
-        part: the taxels that it has, and where they are.
+        sensor: the handle that :meth:`tactemu.Scene.add_sensor` returned.
+        part: the sensor's taxels and their place on the body.
     """
 
     TRANSIENT_FIELDS: ClassVar[tuple[str, ...]] = ("sensor", "part", "_to_link", "_back", "_turned", "_course")
@@ -43,54 +43,54 @@ class PlacedSensor:
         course = sensor.model.temperature_course
         self._course = None if course is None else numbers(f"sensor {sensor.name!r}", "temperature_course", course)
         self._before: tuple[float, np.ndarray] | None = None
-        """When a link that is posed by hand was last looked at [s], and its velocity then [m/s]."""
+        """The time of the last reading of a link that is posed by hand [s], and its velocity then [m/s]."""
 
     def positions(self, t_s: float) -> np.ndarray:
-        """Its taxels in the world at ``t_s`` [m], shape ``(n_taxels, 3)``."""
+        """Return the world positions of the taxels at ``t_s`` [m], shape ``(n_taxels, 3)``."""
         link = self._link(t_s)
         on_link = rotation.rotate(self._to_link, self.part.layout.positions) + self.part.position
         return link.position + rotation.rotate(link.quaternion, on_link)
 
     def normals(self, t_s: float) -> np.ndarray:
-        """Its taxels' directions out of the skin in the world at ``t_s``, shape ``(n_taxels, 3)``."""
+        """Return the world normals of the taxels, out of the skin, at ``t_s``, shape ``(n_taxels, 3)``."""
         turn = rotation.multiply(self._link(t_s).quaternion, self._to_link)
         return rotation.rotate(turn, self.part.layout.normals)
 
     def _link(self, t_s: float) -> Pose:
-        """Where its link is: by its motion at ``t_s``, else as it was posed last."""
+        """Return the pose of the link: by its motion at ``t_s``, else as it was posed last."""
         link = self.sensor.link
         return link.pose(t_s) if link.motion is not None or link.fixed else self.sensor.link_pose()
 
     @property
     def imperfections(self) -> Imperfections | None:
-        """The sensor's."""
+        """The imperfections of the sensor."""
         return self.sensor.imperfections
 
     def quantity(self, name: str, ground_truth: bool = False) -> np.ndarray:
-        """Return the latest reading in the device's frame, shape ``(n_taxels,)`` or ``(n_taxels, 3)``, SI."""
+        """Return the latest reading in the device's frame, in SI units, shape ``(n_taxels,)`` or ``(n_taxels, 3)``."""
         values = self.sensor.quantity(name, ground_truth)
         return self.to_device_frame(values) if values.ndim == 2 else values
 
     def to_device_frame(self, vectors: np.ndarray) -> np.ndarray:
-        """Return vectors of the link's frame, ``(..., 3)``, in the device's."""
+        """Return vectors of the link's frame, ``(..., 3)``, in the device's frame."""
         return rotation.rotate(self._back, vectors) if self._turned else vectors
 
     def ambient(self, name: str, t_ns: int) -> np.ndarray | float:
-        """What a chip beside its taxels feels, in the device's frame.
+        """Return the reading of an auxiliary sensor beside the taxels, in the device's frame.
 
-        ``temperature`` by the sensor's course; ``acceleration`` and ``angular_velocity`` by how its link moves.
+        ``temperature`` follows the sensor's course; ``acceleration`` and ``angular_velocity`` follow the link's motion.
 
-        The accelerometer sits at the link's origin. A link that is posed by hand turns as fast as
-        :meth:`Simulation.set_pose` was told, and is accelerated by how the velocity told differs from that at the
-        last look; who tells no velocities says that it rests.
+        The accelerometer is at the link's origin. A link that is posed by hand has the angular velocity that
+        :meth:`Simulation.set_pose` was given; its acceleration follows from the given velocity and that of the last
+        reading. Without given velocities the link is at rest.
         """
         t_s = t_ns * 1e-9
         if name == "temperature":
             return AMBIENT[name] if self._course is None else float(np.interp(t_s, *self._course.T))
         pose = self._link(t_s)
         to_device = rotation.conjugate(rotation.multiply(pose.quaternion, self._to_link))
-        felt = self._acceleration(t_s) + GRAVITY if name == "acceleration" else pose.angular_velocity
-        return rotation.rotate(to_device, felt)
+        vector = self._acceleration(t_s) + GRAVITY if name == "acceleration" else pose.angular_velocity
+        return rotation.rotate(to_device, vector)
 
     def _acceleration(self, t_s: float) -> np.ndarray:
         link = self.sensor.link
@@ -100,7 +100,7 @@ class PlacedSensor:
         return (after - before) / (2 * _HALF_STEP_S)
 
     def _change(self, t_s: float, velocity: np.ndarray) -> np.ndarray:
-        """Acceleration [m/s²] since the last look; none at the first, or when time starts anew."""
+        """Return the acceleration [m/s²] since the last reading; 0 at the first one and after time restarts."""
         before, self._before = self._before, (t_s, velocity)
         if before is None or before[0] >= t_s:
             return np.zeros(3)
@@ -108,12 +108,12 @@ class PlacedSensor:
 
 
 class PlacedSkin:
-    """A device's skin on one body or several: what its taxels read, and where they are, in the device's order."""
+    """A device's skin on one body or several: readings and positions of its taxels, in the device's order."""
 
     TRANSIENT_FIELDS: ClassVar[tuple[str, ...]] = ("n_taxels",)
 
     wrench = None
-    """It follows from the forces."""
+    """No wrench is given: it follows from the forces."""
 
     def __init__(self, parts: Sequence[PlacedSensor], n_taxels: int):
         self.parts = list(parts)
@@ -121,12 +121,12 @@ class PlacedSkin:
 
     @property
     def model(self) -> SensorModel:
-        """Of its first sensor; all are of one class."""
+        """The model of the first sensor; all are of one class."""
         return self.parts[0].sensor.model
 
     @property
     def imperfections(self) -> Imperfections | JoinedImperfections | None:
-        """What spoils its readings, to be changed while it runs."""
+        """The imperfections of its sensors, which you may change while the scene runs."""
         if len(self.parts) == 1:
             return self.parts[0].imperfections
         return JoinedImperfections(
@@ -134,31 +134,32 @@ class PlacedSkin:
         )
 
     def quantity(self, name: str, ground_truth: bool = False) -> np.ndarray:
-        """Return the latest reading in the frames of the device's links, shape ``(n_taxels,)`` or ``(n_taxels, 3)``,
-        SI.
+        """Return the latest reading in the frames of the device's links, in SI units.
+
+        The shape is ``(n_taxels,)`` or ``(n_taxels, 3)``.
         """
         if len(self.parts) == 1:
             return self.parts[0].quantity(name, ground_truth)
         return self._joined([part.quantity(name, ground_truth) for part in self.parts])
 
     def ambient(self, name: str, t_ns: int, link: str = "") -> np.ndarray | float:
-        """Temperature, acceleration or turning of one link of the device; "" the first."""
+        """Return the temperature, acceleration or angular velocity of one link of the device; "" is the first."""
         part = next((part for part in self.parts if link in part.part.links), self.parts[0])
         return part.ambient(name, t_ns)
 
     def positions(self, t_s: float) -> np.ndarray:
-        """Return all taxels in the world at ``t_s`` [m], shape ``(n_taxels, 3)``."""
+        """Return the world positions of all taxels at ``t_s`` [m], shape ``(n_taxels, 3)``."""
         return self._joined([part.positions(t_s) for part in self.parts])
 
     def normals(self, t_s: float) -> np.ndarray:
-        """Their directions out of the skin in the world at ``t_s``, shape ``(n_taxels, 3)``."""
+        """Return the world normals of all taxels, out of the skin, at ``t_s``, shape ``(n_taxels, 3)``."""
         return self._joined([part.normals(t_s) for part in self.parts])
 
     def select_taxel(self, taxel: int | None, near: np.ndarray, t_s: float) -> int:
-        """Return the taxel that was asked for; ``None``: the one nearest to a point of the world at ``t_s``.
+        """Return ``taxel`` if there is such a taxel; ``None`` selects the one nearest to a world point at ``t_s``.
 
         Raises:
-            SceneError: there is none of this number.
+            SceneError: there is no taxel of this number.
         """
         if taxel is None:
             return int(np.argmin(np.linalg.norm(self.positions(t_s) - near, axis=1)))
@@ -167,50 +168,50 @@ class PlacedSkin:
         return taxel
 
     def _joined(self, values: list[np.ndarray]) -> np.ndarray:
-        whole = np.empty((self.n_taxels, *values[0].shape[1:]), values[0].dtype)
+        joined = np.empty((self.n_taxels, *values[0].shape[1:]), values[0].dtype)
         for part, own in zip(self.parts, values):
-            whole[part.part.taxels] = own
-        return whole
+            joined[part.part.taxels] = own
+        return joined
 
 
 class JoinedImperfections:
-    """The imperfections of a skin on several bodies, under the numbers of the device's taxels."""
+    """The imperfections of a skin on several bodies, indexed by the device's taxels."""
 
     def __init__(self, parts: Sequence[tuple[Imperfections, np.ndarray]]):
         self._parts = list(parts)
 
     @property
     def options(self) -> ImperfectionOptions:
-        """Of its first part; all were built with the same."""
+        """The options of the first part; all parts have the same."""
         return self._parts[0][0].options
 
     @property
     def adjustable(self) -> tuple[str, ...]:
-        """What may be changed of all its parts."""
+        """The options that can change in all parts."""
         return tuple(name for name in self._parts[0][0].adjustable if all(name in s.adjustable for s, _ in self._parts))
 
     def set(
         self, option: str, value: Any, envs_idx: Sequence[int] | None = None, taxels: Sequence[int] | None = None
     ) -> None:
-        """Change one option of all its parts, or of some taxels; a value per taxel goes to each part in its order."""
+        """Change one option of all parts, or of some taxels; a value per taxel is in the device's order."""
         if taxels is not None:
             self._set_some(option, value, envs_idx, np.asarray(taxels))
             return
-        for spoil, own in self._parts:
+        for imperfections, own in self._parts:
             each = np.ndim(value) and len(value) == sum(len(taxels) for _, taxels in self._parts)
-            spoil.set(option, np.asarray(value)[own] if each else value, envs_idx)
+            imperfections.set(option, np.asarray(value)[own] if each else value, envs_idx)
 
     def _set_some(self, option: str, value: Any, envs_idx: Sequence[int] | None, taxels: np.ndarray) -> None:
-        for spoil, own in self._parts:
+        for imperfections, own in self._parts:
             here = [(where[0], k) for k, taxel in enumerate(taxels) if len(where := np.flatnonzero(own == taxel))]
             if here:
                 places, which = zip(*here)
                 each = np.asarray(value)[list(which)] if np.ndim(value) and len(value) == len(taxels) else value
-                spoil.set(option, each, envs_idx, places)
+                imperfections.set(option, each, envs_idx, places)
 
     def set_dead(self, taxels: Sequence[int], dead: bool = True, value: float | None = None) -> None:
-        """Let taxels die, or revive them."""
-        for spoil, own in self._parts:
+        """Make taxels dead, or revive them."""
+        for imperfections, own in self._parts:
             here = np.flatnonzero(np.isin(own, taxels)).tolist()
             if here:
-                spoil.set_dead(here, dead, value)
+                imperfections.set_dead(here, dead, value)

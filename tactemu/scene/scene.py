@@ -1,4 +1,4 @@
-"""A scene: bodies, and skins on them. Building it compiles the plan of what has to be computed."""
+"""A scene: bodies, and skins on them. Building it compiles the plan of the computation."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ if TYPE_CHECKING:
 
 
 class Scene:
-    """What is there, before anything is computed.
+    """The bodies and sensors of a scene, before anything is computed.
 
     Args:
-        dt: time that one step advances [s], a nanosecond or more: time is counted in them.
+        dt: time that one step advances [s], at least a nanosecond, since times are whole nanoseconds.
     """
 
     def __init__(self, dt: float = 1e-3):
@@ -37,9 +37,9 @@ class Scene:
         """Names of the bodies."""
         self.sensors: list[Sensor] = []
         self.posers: list[Callable[[Simulation, float], None]] = []
-        """What poses bodies at each step of the built scene, with its time [s]: another simulator."""
+        """Functions that pose bodies at each step of the built scene, given its time [s]: other simulators."""
         self.planners: list[Callable[[Simulation], None]] = []
-        """What adds stages of its own to a scene that is built: another simulator on its device."""
+        """Functions that add stages to a scene when it is built: other simulators on its device."""
         self._built: Simulation | None = None
 
     def add_body(
@@ -57,11 +57,11 @@ class Scene:
         Args:
             shape: its geometry; ``None`` makes a bare frame.
             name: for messages and the plan; default: the shape's name and its index.
-            fixed: never moves; a motion or :meth:`Simulation.set_pose` on it is an error.
-            position: where it starts, world [m].
-            quaternion: its orientation there, (w, x, y, z); need not be of unit length.
-            motion: moves it: a motion of :mod:`tactemu.geometry.motion`, which displaces it from there, or an object
-                whose ``pose(t_s)`` gives world poses (:class:`tactemu.Pose`).
+            fixed: the body never moves; a motion or :meth:`Simulation.set_pose` on it is an error.
+            position: world position at the start [m].
+            quaternion: orientation there, (w, x, y, z), of any length > 0.
+            motion: a motion of :mod:`tactemu.geometry.motion`, which displaces the body from its start, or an object
+                whose ``pose(t_s)`` returns world poses (:class:`tactemu.Pose`).
 
         Raises:
             SceneError: an option is wrong, or the name is taken.
@@ -72,9 +72,9 @@ class Scene:
         kind = type(shape).__name__.lower() if shape is not None else "frame"
         name = name or f"{kind}{index}"
         if name in self._names:
-            raise SceneError(f"body {name!r}: there is already a body of this name; give another")
+            raise SceneError(f"body {name!r}: there is already a body of this name; choose another name")
         if fixed and motion is not None:
-            raise SceneError(f"body {name!r}: it is fixed and has a motion; drop one of the two")
+            raise SceneError(f"body {name!r}: it is fixed and has a motion; remove one of the two")
         xyz, wxyz = np.asarray(position, float), np.asarray(quaternion, float)
         if xyz.shape != (3,) or not np.isfinite(xyz).all():
             raise SceneError(f"body {name!r}: position must be 3 finite numbers, got {position!r}")
@@ -99,13 +99,13 @@ class Scene:
         name: str | None = None,
         transducers: Sequence[Transducer] = (),
     ) -> Sensor:
-        """Put a skin on a body; returns the handle to read it by.
+        """Put a skin on a body, and return the handle by which you read it.
 
-        ``transducers`` (:mod:`tactemu.transducers`) come, in their order, between what the model gives and the noise,
-        resolution and saturation of the options, which are then in the unit of the last.
+        ``transducers`` (:mod:`tactemu.transducers`) act, in their order, between the model and the noise, resolution
+        and saturation of the options, which are then in the unit of the last transducer.
 
         Raises:
-            SceneError: the body is not of this scene, or the name is taken.
+            SceneError: the body is not in this scene, or the name is taken.
         """
         from tactemu.sensors.sensor import Sensor
         from tactemu.sensors.sensor_model import SensorModel
@@ -115,25 +115,25 @@ class Scene:
         kind = type(model).__name__
         name = name or f"{kind}{len(self.sensors)}"
         if any(sensor.name == name for sensor in self.sensors):
-            raise SceneError(f"sensor {name!r}: there is already a sensor of this name; give another")
+            raise SceneError(f"sensor {name!r}: there is already a sensor of this name; choose another name")
         sensor = Sensor(name, model, self.body(link), tuple(transducers))
         for each in sensor.transducers:
             each.check_all(f"sensor {name!r}")
-        _ = sensor.chain  # refuses what does not fit
+        _ = sensor.chain  # raises if the transducers do not fit
         self.sensors.append(sensor)
         self._outdate(f"sensor {name!r} was added after the scene was built")
         return sensor
 
     def _outdate(self, why: str) -> None:
-        """What was built before is no longer this scene, and its sensors' handles are not its own: it says so."""
+        """Mark the simulation built before as outdated: its sensors' handles no longer read it."""
         if self._built is not None:
             self._built.outdated, self._built = why, None
 
     def body(self, which: Body | str | int) -> Body:
-        """Find a body by itself, its name or its index.
+        """Return a body of this scene, given the body itself, its name or its index.
 
         Raises:
-            SceneError: there is none; the message lists those there are.
+            SceneError: there is none; the message lists the bodies.
         """
         return find_body(self.bodies, which)
 
@@ -151,15 +151,15 @@ class Scene:
         """Compile the scene for ``n_envs`` environments; ``None``: one, and readings have no environment axis.
 
         Args:
-            n_envs: environments simulated side by side.
+            n_envs: number of environments that are simulated in parallel.
             device: a Warp device, ``cpu`` or ``cuda:0``; ``None``: Warp's current one.
             seed: root of all random streams.
-            dtype: numbers of the kernels. In ``float64`` only mesh queries stay single precision.
-            first_env: number of the first of them, where others are simulated elsewhere: an environment has the random
-                numbers of its number, on whatever device.
-            threads: of a CPU, that share the environments; ``None``: one for each core, where that pays. Readings are
-                the same whatever their number. :meth:`Simulation.close` ends them.
-            like: a simulation of an equal scene with the same options, which shares what never changes.
+            dtype: number type of the kernels. With ``float64`` only mesh queries stay single precision.
+            first_env: index of the first environment, if others are simulated elsewhere: an environment's random
+                numbers depend on its index, not on the device.
+            threads: number of CPU threads that share the environments; ``None``: one for each core, where that is
+                faster. Readings are the same whatever the number. :meth:`Simulation.close` ends the threads.
+            like: a simulation of an equal scene with the same options, with which constant data are shared.
 
         Raises:
             SceneError: an option of a sensor is wrong, a mesh cannot be used, or the device does not exist.
@@ -170,7 +170,7 @@ class Scene:
             self.bodies, self.sensors, dt=self.dt, n_envs=n_envs, device=device, seed=seed, dtype=dtype,
             first_env=first_env, threads=threads, posers=self.posers, planners=self.planners, like=like,
         )  # fmt: skip
-        self._outdate("the scene was built again, and its sensors read the new simulation")
+        self._outdate("the scene was built again, and its sensors now read the new simulation")
         self._built = simulation
         return simulation
 
@@ -183,19 +183,19 @@ class Scene:
         dtype: Dtype = "float32",
         first_env: int = 0,
     ) -> SplitSimulation:
-        """Compile the scene for a batch that several devices share: readings are those of one device, bit for bit.
+        """Compile the scene for a batch that several devices share: readings equal those of one device, bit for bit.
 
-        Its sensors are read by :meth:`SplitSimulation.read`, and their handles of the scene stay as they were.
+        You read the sensors by :meth:`SplitSimulation.read`; their handles in the scene stay as they were.
 
         Args:
-            n_envs: environments of all devices.
+            n_envs: number of environments of all devices together.
             devices: Warp devices, ``["cuda:0", "cuda:1"]``.
             seed: root of all random streams.
-            dtype: as of :meth:`build`.
-            first_env: as of :meth:`build`.
+            dtype: as in :meth:`build`.
+            first_env: as in :meth:`build`.
 
         Raises:
-            SceneError: as of :meth:`build`; fewer environments than devices.
+            SceneError: as in :meth:`build`, or there are fewer environments than devices.
         """
         from tactemu.sensors.split import SplitSimulation
 

@@ -1,4 +1,4 @@
-"""The tables of a scene file, as pydantic models: one declaration for checking, errors and the JSON schema.
+"""The tables of a scene file, as pydantic models: one declaration for checks, errors and the JSON schema.
 
 ``docs/scene-files.md`` explains each with examples; ``tactemu explain --schema`` prints the JSON schema for editors.
 """
@@ -62,11 +62,11 @@ def _printable(text: str) -> str:
 
 
 Name = Annotated[str, Field(min_length=1), AfterValidator(_printable)]
-"""It stands on terminals and in the paths of ports."""
+"""A name that can appear on terminals and in the paths of ports."""
 
 
 def _strictly(hint: Any, *more: Any) -> Any:
-    """Return a type whose numbers are no texts and no truth values, with ``more`` to check of each."""
+    """Return a type whose numbers are no texts and no truth values, with the checks ``more`` of each number."""
     if hint in (int, float):
         return Annotated[hint, Strict(), *more]
     inside = typing.get_args(hint)
@@ -82,7 +82,7 @@ def _strictly(hint: Any, *more: Any) -> Any:
 
 
 def _table_of(motion: type[Motion]) -> type[Table]:
-    """Return the table with the fields of a motion's dataclass, and its kind."""
+    """Return the table with the fields of a motion's dataclass, and its ``kind``."""
     hints = typing.get_type_hints(motion)
     fields: dict[str, Any] = {"kind": (Literal[motion.kind], ...)}  # type: ignore[name-defined]
     for field in dataclasses.fields(motion):  # type: ignore[arg-type]
@@ -98,7 +98,7 @@ def make_motion(tables: dict | list) -> Motion:
     """Return the motion that a ``[body.motion]`` table, or a list of them (one after another), describes.
 
     Raises:
-        SceneError, pydantic.ValidationError: it describes none.
+        SceneError, pydantic.ValidationError: the table describes no motion.
     """
     if isinstance(tables, list):
         return Sequence(tuple(make_motion(table) for table in tables))
@@ -121,6 +121,7 @@ class _CombinedTable(Table):
     kind: Literal["sequence", "together"]
     motions: list[Any] = Field(min_length=1)
     repeat: bool = False
+    """Start a sequence over at its end."""
 
 
 def motion_schemas() -> dict[str, dict[str, Any]]:
@@ -132,18 +133,20 @@ def motion_schemas() -> dict[str, dict[str, Any]]:
 
 
 class BodyTable(Table):
-    """What every ``[[body]]`` has."""
+    """The keys that every ``[[body]]`` has."""
 
     shape: str
     name: Name
-    fixed: bool = Field(default=False, description="never moves")
-    position: Vector = Field(default=(0.0, 0.0, 0.0), description="of its origin, in the world [m]")
-    quaternion: Quaternion = Field(default=(1.0, 0.0, 0.0, 0.0), description="w, x, y, z")
-    motion: Any = Field(default=None, description="a table with `kind`, or a list of them, one after another")
+    fixed: bool = Field(default=False, description="the body never moves")
+    position: Vector = Field(default=(0.0, 0.0, 0.0), description="position of the body's origin in the world [m]")
+    quaternion: Quaternion = Field(default=(1.0, 0.0, 0.0, 0.0), description="orientation in the world (w, x, y, z)")
+    motion: Any = Field(
+        default=None, description="motion: a table with `kind`, or a list of such tables, one after another"
+    )
 
 
 def _sized(key: str) -> AfterValidator:
-    """Refuses lengths of a shape that no skin needs; most are millimetres meant."""
+    """Return a validator that refuses a length no skin needs; most such lengths are meant in millimetres."""
     least, most = SIZE_RANGE_M[0], MAX_RADIUS_M if key == "radius" else SIZE_RANGE_M[1]
 
     def check(length: float) -> float:
@@ -155,7 +158,7 @@ def _sized(key: str) -> AfterValidator:
 
 
 def _body_table(name: str, shape: type[Shape]) -> type[BodyTable]:
-    """Return the table with the keys of a shape: its fields, or what its ``from_file`` asks for."""
+    """Return the table with the keys of a shape: its fields, or the parameters of its ``from_file``."""
     own = "from_file" in vars(shape)
     maker = shape.from_file if own else shape
     hints = typing.get_type_hints(maker, include_extras=True)
@@ -175,7 +178,7 @@ SHAPES: dict[str, type[BodyTable]] = {
         "FrameBody", __base__=BodyTable, __doc__="No geometry: a link for a skin.", shape=(Literal["frame"], ...)
     ),
 }
-"""Table of each ``shape``."""
+"""The table of each ``shape``."""
 
 
 if TYPE_CHECKING:
@@ -188,15 +191,17 @@ else:
 
 
 class ClockTable(Table):
-    """The device's time: what becomes late, and how steady it is."""
+    """The timing of a device: its delays and the errors of its clock."""
 
-    delay_s: Seconds = Field(default=0.0, description="from sample to wire [s]")
-    jitter_s: Real = Field(default=0.0, ge=0, le=1, description="uniform extra delay up to this [s]")
-    reorder: bool = Field(default=False, description="jitter may let a later sample overtake an earlier one")
-    skew_ppm: Real = Field(default=0.0, ge=-1e5, le=1e6, description="device clock slow (> 0) or fast (< 0)")
-    drift_ppm_per_s: Real = Field(default=0.0, ge=-1e3, le=1e3, description="how much slower it becomes each second")
-    missed: Real = Field(default=0.0, ge=0, le=0.9, description="share of samples that its loop misses")
-    refresh_s: Seconds = Field(default=0.0, description="readings are renewed so often, and repeated between [s]")
+    delay_s: Seconds = Field(default=0.0, description="delay from sample to wire [s]")
+    jitter_s: Real = Field(default=0.0, ge=0, le=1, description="upper bound of a further, uniform delay [s]")
+    reorder: bool = Field(default=False, description="with jitter, a later sample may overtake an earlier one")
+    skew_ppm: Real = Field(default=0.0, ge=-1e5, le=1e6, description="device clock too slow (> 0) or too fast (< 0)")
+    drift_ppm_per_s: Real = Field(default=0.0, ge=-1e3, le=1e3, description="growth of the skew per second")
+    missed: Real = Field(default=0.0, ge=0, le=0.9, description="share of samples that the device's loop misses")
+    refresh_s: Seconds = Field(
+        default=0.0, description="interval at which readings are renewed; they are repeated in between [s]"
+    )
 
 
 def one_or_more(value: Any) -> Any:
@@ -212,23 +217,25 @@ Rates = Annotated[
     Annotated[Rate, Tag("<number>")] | Annotated[dict[str, Rate], Tag("<table>")],
     Discriminator(lambda value: "<table>" if isinstance(value, dict) else "<number>"),
 ]
-"""Of a device, or of each of its streams."""
+"""The rate of a device, or a table with the rate of each of its streams."""
 
 
 class LinkTable(Table):
-    """Where one link of a device is: a link placed by itself has its origin in the middle of its taxels."""
+    """The place of one link of a device. A link placed by itself has its origin in the middle of its taxels."""
 
-    body: str = Field(description="name of the body that carries it")
-    position: Vector = Field(default=(0.0, 0.0, 0.0), description="of the link's frame on the body [m]")
-    quaternion: Quaternion = Field(default=(1.0, 0.0, 0.0, 0.0), description="of the link's frame on the body")
+    body: str = Field(description="name of the body that carries the link")
+    position: Vector = Field(default=(0.0, 0.0, 0.0), description="position of the link's frame on the body [m]")
+    quaternion: Quaternion = Field(
+        default=(1.0, 0.0, 0.0, 0.0), description="orientation of the link's frame on the body"
+    )
 
 
 class JointTable(Table):
     """The joint of an engine's model that a motor of the device moves."""
 
-    joint: str = Field(description="its name in the model")
-    zero: AnyReal = Field(default=0.0, description="where it is when the motor is at 0 [rad, m]")
-    ratio: AnyReal = Field(default=1.0, description="how far it goes for each [rad, m] of the motor; may be negative")
+    joint: str = Field(description="name of the joint in the model")
+    zero: AnyReal = Field(default=0.0, description="position of the joint when the motor is at 0 [rad, m]")
+    ratio: AnyReal = Field(default=1.0, description="travel of the joint per [rad, m] of the motor; may be negative")
 
     @model_validator(mode="after")
     def _moves(self):
@@ -238,67 +245,69 @@ class JointTable(Table):
 
 
 class SkinTable(Table):
-    """One device on one port, fed by one sensor on one body."""
+    """A device on a port, whose taxels a sensor on a body simulates."""
 
-    name: Name | None = Field(default=None, description="default: the device's name")
-    device: str = Field(description="see `tactemu devices`, or path/to/file.py:Class")
+    name: Name | None = Field(default=None, description="name of the skin; default: the device's name")
+    device: str = Field(description="name of the device (see `tactemu devices`), or path/to/file.py:Class")
     device_options: dict[str, Any] = Field(default={}, description="keyword arguments of the device class")
     link: str | None = Field(default=None, description="name of the body that carries the taxels")
-    readings: str | None = Field(default=None, description="instead of a link: truth log whose samples are felt")
-    readings_of: str | None = Field(default=None, description="which device of that log; default: its only one")
+    readings: str | None = Field(default=None, description="instead of a link: truth log whose samples are replayed")
+    readings_of: str | None = Field(default=None, description="name of the device in that log; default: its only one")
     links: dict[str, str | LinkTable] = Field(
-        default={}, description="bodies that carry links of the device (fingers ...) instead of `link`, by their names"
+        default={}, description="bodies that carry single links of the device (fingers ...), by the links' names"
     )
     joints: dict[str, str | JointTable] = Field(
         default={}, description="joints of the engine's model that the device's motors move, by the motors' names"
     )
-    position: Vector = Field(default=(0.0, 0.0, 0.0), description="of the device's frame on the link [m]")
-    quaternion: Quaternion = Field(default=(1.0, 0.0, 0.0, 0.0), description="of the device's frame on the link")
+    position: Vector = Field(default=(0.0, 0.0, 0.0), description="position of the device's frame on the link [m]")
+    quaternion: Quaternion = Field(
+        default=(1.0, 0.0, 0.0, 0.0), description="orientation of the device's frame on the link"
+    )
     model_: str | None = Field(
-        default=None, alias="model", description="sensor model, or MODULE:CLASS; default: the cheapest that fits"
+        default=None, alias="model", description="sensor model, or MODULE:CLASS; default: the cheapest suitable one"
     )
     options: dict[str, Any] = Field(default={}, description="options of the sensor model, imperfections included")
     transducer: tuple[dict[str, Any], ...] = Field(
-        default=(), description="tables with a `kind`, one after another, between the model and the electronics"
+        default=(), description="transducers: tables with a `kind`, one after another, between model and electronics"
     )
-    embed: Real | None = Field(
-        default=None, ge=-1, le=1, description="how far below the skin the probes' centres sit [m]"
-    )
+    embed: Real | None = Field(default=None, ge=-1, le=1, description="depth of the probes' centres below the skin [m]")
     port: str | None = Field(
         default=None,
         min_length=1,
         description="pty:PATH, can:INTERFACE:CHANNEL, tcp:HOST:PORT, udp:HOST:PORT, ws:HOST:PORT, memory: ...",
     )
-    ports: dict[str, str] = Field(default={}, description="of a device with several connectors, by their names")
+    ports: dict[str, str] = Field(default={}, description="ports of a device with several connectors, by their names")
     rate_hz: Rates | None = Field(
-        default=None, description="default: the device's own; of a device with several streams by their names"
+        default=None, description="sampling rate, or a table with a rate for each stream; default: the device's own"
     )
     pacing: Literal[True, False, "strict"] = Field(
-        default=True, description="bytes and frames take their time on the line; strict: after a stall, too"
+        default=True, description="bytes and frames take their time on the line; strict: also after a stall"
     )
     clock: ClockTable = ClockTable()
-    faults: Faults = Field(default=(), description="what goes wrong on the wire")
-    measured: bool = Field(default=False, description="what it does not say is as measured of a real one: noise, clock")
+    faults: Faults = Field(default=(), description="faults on the wire")
+    measured: bool = Field(
+        default=False, description="take keys that the skin does not give (noise, clock ...) from a real device"
+    )
 
     @property
     def title(self) -> str:
-        """The name under which it appears in statistics and in the truth log."""
+        """The name of the skin in statistics and in the truth log."""
         return self.name or self.device.rpartition(":")[2]
 
 
 class EventTable(Table):
-    """One line of the schedule: something goes wrong, or changes, while the scene runs."""
+    """An event of the schedule: a fault or a change while the scene runs."""
 
-    at: Seconds = Field(default=0.0, description="[s]")
-    until: Seconds | None = Field(default=None, description="when it ends [s]; default: it stays")
-    skin: str | None = Field(default=None, description="default: every skin")
-    fault: str | None = Field(default=None, description="on the wire, as in `faults`")
+    at: Seconds = Field(default=0.0, description="time at which the event begins [s]")
+    until: Seconds | None = Field(default=None, description="time at which the event ends [s]; default: it never ends")
+    skin: str | None = Field(default=None, description="name of the skin; default: every skin")
+    fault: str | None = Field(default=None, description="a fault on the wire, as in `faults`")
     set: dict[str, Any] = Field(default={}, description="sensor options that change (noise, bias, probe_gain ...)")
     taxels: tuple[Annotated[int, Strict()], ...] | None = Field(
-        default=None, description="those whose options `set` changes; default: all"
+        default=None, description="taxels whose options `set` changes; default: all"
     )
-    dead: tuple[Annotated[int, Strict()], ...] = Field(default=(), description="taxels that die")
-    value: AnyReal | None = Field(default=None, description="what dead taxels read; default: their last reading")
+    dead: tuple[Annotated[int, Strict()], ...] = Field(default=(), description="taxels that become dead")
+    value: AnyReal | None = Field(default=None, description="reading of the dead taxels; default: their last reading")
     hang: bool = Field(default=False, description="the device neither samples nor answers until `until`")
     reset: bool = Field(default=False, description="the device restarts as after power-up")
 
@@ -307,7 +316,7 @@ class Event(EventTable):
     """An entry ``[[scenario]]`` of a scene file, made in Python: ``tt.Event(at=2, dead=(4,))``.
 
     Raises:
-        SceneError: a key that it does not have, or a value that does not fit.
+        SceneError: an event does not have a key, or a value does not fit.
     """
 
     def __init__(self, **entries: Any):
@@ -318,16 +327,16 @@ class Event(EventTable):
 
 
 class SceneTable(Table):
-    """``[scene]``: what holds for everything."""
+    """``[scene]``: the settings of the simulation."""
 
     dt: Real = Field(default=1e-3, ge=STEP_RANGE_S[0], le=STEP_RANGE_S[1], description="simulation step [s]")
-    seed: Annotated[int, Strict()] = Field(default=0, description="of every random number")
-    device: str = Field(default="cpu", description="where kernels run: cpu, cuda:0 ...")
-    dtype: Literal["float32", "float64"] = Field(default="float32", description="width of the kernels' numbers")
+    seed: Annotated[int, Strict()] = Field(default=0, description="seed of all random numbers")
+    device: str = Field(default="cpu", description="device that runs the kernels: cpu, cuda:0 ...")
+    dtype: Literal["float32", "float64"] = Field(default="float32", description="number type of the kernels")
 
 
 class TruthTable(Table):
-    """``[truth]``: what is remembered of a run."""
+    """``[truth]``: the part of a run that is kept in memory."""
 
     keep: str | int | None = Field(default=None, description='memory for samples and frames; default: "256MB"')
 
@@ -339,7 +348,7 @@ def _not_empty(tables: Any) -> Any:
 
 
 class SceneFile(Table):
-    """A whole file."""
+    """A scene file: all its tables."""
 
     truth: TruthTable = TruthTable()
     scene: SceneTable = SceneTable()

@@ -1,4 +1,4 @@
-"""Which taxels of a device are on which body: all on the skin's link, or links of their own on bodies of their own."""
+"""The parts of a skin: all taxels of a device on the skin's link, or its links on bodies of their own."""
 
 from __future__ import annotations
 
@@ -13,19 +13,22 @@ from tactemu.scene.schema import LinkTable, SkinTable
 
 @dataclass(frozen=True)
 class SkinPart:
-    """Taxels of one device on one body."""
+    """The taxels of one device on one body."""
 
     name: str
-    """Of its sensor."""
+    """Name of the sensor."""
     layout: Layout
-    """In the frame that ``position`` and ``quaternion`` place on the body."""
+    """Layout of the taxels, in the frame that ``position`` and ``quaternion`` place on the body."""
     taxels: np.ndarray
-    """Their indices in the device's layout."""
+    """Indices of the taxels in the device's layout."""
     links: tuple[str, ...]
-    """The device's links that it has."""
+    """The device's links in this part."""
     body: str
+    """Name of the body."""
     position: tuple[float, float, float]
+    """Position of the layout's frame on the body [m]."""
     quaternion: tuple[float, float, float, float]
+    """Orientation of the layout's frame on the body."""
 
 
 def parts_of(skin: SkinTable, layout: Layout) -> list[SkinPart]:
@@ -42,14 +45,14 @@ def parts_of(skin: SkinTable, layout: Layout) -> list[SkinPart]:
                 f"{nearest(link, layout.links)} (links: {has})"
             )
     assert skin.link is not None
-    rest = tuple(link for link in layout.links if link not in skin.links)
+    on_skin_link = tuple(link for link in layout.links if link not in skin.links)
     parts = []
     if not skin.links:
         everything = np.arange(len(layout))
-        return [SkinPart(skin.title, layout, everything, rest, skin.link, skin.position, skin.quaternion)]
-    if rest:
-        own, taxels = layout.on_links(rest)
-        parts.append(SkinPart(skin.title, own, taxels, rest, skin.link, skin.position, skin.quaternion))
+        return [SkinPart(skin.title, layout, everything, on_skin_link, skin.link, skin.position, skin.quaternion)]
+    if on_skin_link:
+        own, taxels = layout.on_links(on_skin_link)
+        parts.append(SkinPart(skin.title, own, taxels, on_skin_link, skin.link, skin.position, skin.quaternion))
     for link, given in skin.links.items():
         place = LinkTable(body=given) if isinstance(given, str) else given
         own, taxels = layout.on_links((link,))

@@ -1,4 +1,4 @@
-"""Moving a body by hand while the scene runs: a motion whose way ahead can be changed, and how to press with it."""
+"""Bodies that you move by hand while the scene runs: a motion whose path can be changed, and the path of a press."""
 
 from __future__ import annotations
 
@@ -18,24 +18,25 @@ from tactemu.scene.placement import PlacedSkin
 
 @dataclass(frozen=True)
 class Waypoint:
-    """Part of a way: be there, ``seconds`` after the leg before."""
+    """A pose on a path, which the body reaches ``seconds`` after the waypoint before."""
 
     seconds: float
+    """Travel time from the waypoint before [s]."""
     position: np.ndarray
-    """World [m]."""
+    """World position [m]."""
     quaternion: np.ndarray | None = None
-    """World; ``None``: do not turn."""
+    """World orientation; ``None``: the body does not turn."""
 
 
 class Steered(Motion):
-    """Goes its own way until it is taken: by a way to :meth:`follow`, at whose end it holds, or by a place.
+    """A motion that you replace while the scene runs: by a path to :meth:`follow`, at whose end it stays, or a pose.
 
     Change it in the thread that steps the simulation.
 
     Args:
-        position: where the body was placed, world [m].
-        quaternion: how.
-        own: its motion until it is taken, and after it was given back; ``None``: it holds still.
+        position: world position at which the body was placed [m].
+        quaternion: orientation with which the body was placed.
+        own: motion of the body until you replace it, and after :meth:`give_back`; ``None``: the body stands still.
     """
 
     kind = "steered"
@@ -46,47 +47,47 @@ class Steered(Motion):
         self._own: Motion = own or Hold()
         self._held = own is None
         self.way: Motion | None = None
-        """What it follows instead of its own motion."""
+        """The motion that replaces its own."""
         self.moved_s = -1.0
-        """When it was told to move last [s]."""
+        """The time of the last command to move [s]."""
         self.back: np.ndarray | None = None
-        """Where it is lifted to when it has pressed, world [m]."""
+        """The world position to which the body is lifted after a press [m]."""
 
     def extra_state(self) -> dict[str, Motion]:
-        """Its own motion, which may have a state."""
+        """Return its own motion, which may have a state."""
         return {"own": self._own}
 
     @property
     def is_steered(self) -> bool:
-        """Whether it is in somebody's hand, and not on its own way."""
+        """True while the body does not follow its own motion."""
         return self._held or self.way is not None
 
     def pose(self, t_s: float) -> Pose:
-        """Return displacement from where the body was placed."""
+        """Return the displacement from the pose at which the body was placed."""
         return (self.way or self._own).pose(t_s)
 
     def world(self, t_s: float) -> Pose:
-        """Return pose in the world."""
+        """Return the pose in the world."""
         return self._home.displaced(self.pose(t_s))
 
-    def follow(self, start_s: float, legs: Sequence[Waypoint]) -> float:
-        """Go along ``legs`` from wherever the body is at ``start_s`` [s]; returns when it will be there [s].
+    def follow(self, start_s: float, waypoints: Sequence[Waypoint]) -> float:
+        """Move along ``waypoints`` from the body's pose at ``start_s`` [s], and return the time of arrival [s].
 
         Raises:
-            SceneError: a leg that takes longer, or leads farther, than a motion may.
+            SceneError: a waypoint is too far away, or its travel time too long, for a motion.
         """
         here = self.pose(start_s)
         times, positions, turns = [start_s], [here.position], [here.quaternion]
-        for leg in legs:
-            times.append(times[-1] + max(leg.seconds, 1e-6))
-            positions.append(np.asarray(leg.position, np.float64) - self._home.position)
-            turns.append(turns[-1] if leg.quaternion is None else self._turn(leg.quaternion))
+        for waypoint in waypoints:
+            times.append(times[-1] + max(waypoint.seconds, 1e-6))
+            positions.append(np.asarray(waypoint.position, np.float64) - self._home.position)
+            turns.append(turns[-1] if waypoint.quaternion is None else self._turn(waypoint.quaternion))
         self.way = Keyframes(times=tuple(times), positions=tuple(positions), quaternions=tuple(turns))  # type: ignore[arg-type]
         self.moved_s = start_s
         return times[-1]
 
     def put(self, t_s: float, position=None, quaternion=None, linear_velocity=None, angular_velocity=None) -> None:
-        """Be at a place in the world from ``t_s`` [s] on; what is not given stays as it is then, but at rest."""
+        """Put the body at a world pose from ``t_s`` [s] on; a pose component that you omit stays, velocities are 0."""
         here = self.pose(t_s)
         place = here.position if position is None else np.asarray(position, np.float64) - self._home.position
         turn = here.quaternion if quaternion is None else self._turn(quaternion)
@@ -94,7 +95,7 @@ class Steered(Motion):
         self.way, self.moved_s = Placed(Pose(place, turn, *speeds)), t_s
 
     def give_back(self) -> None:
-        """Go on with its own motion, as if it had never been taken; without one, be where it was placed."""
+        """Return the body to its own motion, as if it had never been replaced; without one, to where it was placed."""
         self.way, self.back = None, None
 
     def _turn(self, quaternion: Sequence[float] | np.ndarray) -> np.ndarray:
@@ -103,64 +104,65 @@ class Steered(Motion):
 
 
 def reach(body: Body, quaternion: np.ndarray, direction: np.ndarray) -> float:
-    """How far the surface of a body lies from its origin along a world direction [m] (its support function).
+    """Return the extent of a body from its origin along a world direction [m] (the support function).
 
     Raises:
-        SceneError: it has no shape, or one whose extent is not known.
+        SceneError: the body has no shape, or one whose extent is not known.
     """
     if body.shape is None:
-        raise SceneError(f"body {body.name!r}: cannot tell how far it reaches; use move() with a position")
+        raise SceneError(f"body {body.name!r}: it has no shape, so that it cannot press; use move() with a position")
     return body.shape.reach(body.name, rotation.rotate(rotation.conjugate(quaternion), direction))
 
 
 def press_path(
     body: Body, here: Pose, target: np.ndarray, normal: np.ndarray, *, depth: float, clearance: float, speed: float
 ) -> tuple[list[Waypoint], np.ndarray]:
-    """The way from ``here`` over ``target`` (a point of the skin) to ``depth`` below it, and the place to go back to.
+    """Return the waypoints of a press and the position to which the body is lifted afterwards.
+
+    The path leads from ``here`` over ``target`` (a point of the skin) to ``depth`` below it.
 
     Args:
-        body: what presses; it does not turn.
-        here: its world pose.
+        body: the body that presses; it does not turn.
+        here: world pose of the body.
         target: point of the skin, world [m].
-        normal: of the skin there, world.
-        depth: how far the body's foremost point goes below the skin [m].
-        clearance: gap over the skin at which it travels [m].
-        speed: [m/s].
+        normal: normal of the skin there, world.
+        depth: depth of the body's foremost point below the skin [m].
+        clearance: gap over the skin at which the body travels [m].
+        speed: speed along the path [m/s].
     """
     stand_off = reach(body, here.quaternion, -normal)
     over = target + normal * (stand_off + clearance)
     down = target + normal * (stand_off - depth)
     height = float((here.position - over) @ normal)
     lifted = here.position + normal * max(0.0, -height)
-    ways = [lifted, over, down]
-    legs, place = [], here.position
-    for way in ways:
-        distance = float(np.linalg.norm(way - place))
+    waypoints, before = [], here.position
+    for position in (lifted, over, down):
+        distance = float(np.linalg.norm(position - before))
         if distance > 0:
-            legs.append(Waypoint(distance / speed, way))
-        place = way
-    return legs or [Waypoint(0.0, down)], over
+            waypoints.append(Waypoint(distance / speed, position))
+        before = position
+    return waypoints or [Waypoint(0.0, down)], over
 
 
 def steered(loaded: LoadedScene, names: Sequence[str] = (), *, by_hand: bool = False) -> LoadedScene:
-    """Return the scene with a motion that can be steered for every body that may be moved by hand.
+    """Return the scene with a :class:`Steered` motion for every body that you may move by hand.
 
     A body that carries a skin, or follows a joint of a device, is one of them only if it is named.
 
     Args:
-        loaded: as it was read.
-        names: of bodies that hold still from the start instead of going their own way.
-        by_hand: all do; else those without a motion.
+        loaded: the scene as it was read.
+        names: bodies that stand still from the start instead of following their own motion.
+        by_hand: all bodies stand still from the start, not only those without a motion.
 
     Raises:
-        SceneError: no such body, or a fixed one.
+        SceneError: there is no such body, or it is fixed.
     """
     links = {skin.link for skin in loaded.tables.skin}
     links |= {place if isinstance(place, str) else place.body for s in loaded.tables.skin for place in s.links.values()}
     bodies = {body.name: body for body in loaded.tables.body if not body.fixed}
     for name in names:
         if name not in bodies:
-            raise SceneError(f"steer: no body {name!r} that could move (there are: {', '.join(bodies) or 'none'})")
+            raise SceneError(f"steer: there is no movable body {name!r} (bodies: {', '.join(bodies) or 'none'})")
     found: dict[str, Motion] = {}
     for name, body in bodies.items():
         own = loaded.motions.get(name)
@@ -171,10 +173,10 @@ def steered(loaded: LoadedScene, names: Sequence[str] = (), *, by_hand: bool = F
 
 
 def nearest_body(motions: Mapping[str, Steered], taxels: PlacedSkin, taxel: int | None, t_s: float) -> str:
-    """Of bodies that are moved by hand the one nearest to a taxel at ``t_s``, or (``None``) to any.
+    """Return the name of the steered body nearest to a taxel at ``t_s``, or (``None``) to any taxel.
 
     Raises:
-        SceneError: no such taxel.
+        SceneError: there is no such taxel.
     """
 
     def distance(name: str) -> float:

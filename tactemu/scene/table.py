@@ -1,4 +1,4 @@
-"""What every table of a scene file has in common."""
+"""The base class of all tables of a scene file."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from tactemu.base.options import LARGEST
 from tactemu.scene.validation_errors import validation_error
 
 Real = Annotated[float, Strict()]
-"""A number; neither a text nor a truth value is one."""
+"""A number, but no text and no truth value."""
 AnyReal = Annotated[float, Strict(), Field(ge=-LARGEST, le=LARGEST)]
-"""A number of a key that has no bounds of its own."""
+"""A number for a key that has no bounds of its own."""
 
 
 class Table(BaseModel):
-    """A table of the file. A key that it does not have is an error that names the nearest one."""
+    """A table of a scene file. An unknown key is an error that names the nearest known key."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
@@ -35,13 +35,13 @@ class Table(BaseModel):
 
 
 def one_of(tables: Mapping[str, type[Table]], key: str) -> Any:
-    """Return the annotation of a table that is one of several, by what stands under its ``key``."""
+    """Return the annotation of a table that is one of several, chosen by the value of its ``key``."""
 
     def known(data: Any) -> Any:
         given = data.get(key) if isinstance(data, dict) else None
         if isinstance(data, dict) and (not isinstance(given, str) or given not in tables):
-            said = f"unknown {key} {given!r}{nearest(given, tables)}" if key in data else f"missing key {key!r}"
-            raise validation_error(f"{said} ({key}s: {', '.join(tables)})")
+            problem = f"unknown {key} {given!r}{nearest(given, tables)}" if key in data else f"missing key {key!r}"
+            raise validation_error(f"{problem} ({key}s: {', '.join(tables)})")
         return data
 
     one = Annotated[Union[tuple(tables.values())], Field(discriminator=key)]  # noqa: UP007

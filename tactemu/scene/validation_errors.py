@@ -1,4 +1,4 @@
-"""What is wrong with tables, in words: where, what was expected and what was got."""
+"""Messages of errors in tables: the place, the expected and the given value."""
 
 from __future__ import annotations
 
@@ -10,50 +10,50 @@ from pydantic_core import PydanticCustomError
 
 from tactemu.base.errors import shown
 
-_WHOLE = "whole_sentence"
+_SENTENCE = "sentence"
 _IN_TOML = dict.fromkeys(("tuple_type", "list_type"), "expected a list") | dict.fromkeys(
     ("model_type", "model_attributes_type", "dict_type"), "expected a table"
 )
-"""What pydantic calls a tuple, a dictionary or a model."""
+"""Messages of a scene file for pydantic's types of errors about tuples, dictionaries and models."""
 
 
 def validation_error(sentence: str) -> PydanticCustomError:
-    """Return the error to raise in a validator whose sentence needs nothing added."""
-    return PydanticCustomError(_WHOLE, "{sentence}", {"sentence": sentence})
+    """Return an error to raise in a validator; its message is the sentence alone."""
+    return PydanticCustomError(_SENTENCE, "{sentence}", {"sentence": sentence})
 
 
 def list_errors(error: ValidationError, data: Any, where: str, at: tuple[str, ...] = ()) -> str:
-    """Return a line for each mistake that pydantic found in ``data``.
+    """Return a line for each error that pydantic found in ``data``.
 
     Args:
-        error: as pydantic raised it.
+        error: pydantic's error.
         data: the tables that were checked.
-        where: the file, or the table within it: what each line begins with.
-        at: the way from there to ``data``.
+        where: the file, or the table within it, with which each line begins.
+        at: the keys that lead from there to ``data``.
     """
     start = "".join(f".{part}" for part in at)
-    return "\n".join(f"{where}{_way(start, loc, data)}: {said}" for loc, said in _each(error))
+    return "\n".join(f"{where}{_path(start, loc, data)}: {message}" for loc, message in _each(error))
 
 
 def _each(error: ValidationError) -> Iterator[tuple[tuple, str]]:
-    """Yield the way to each mistake and what is said of it; a list that is too short is one mistake."""
+    """Yield the location and the message of each error; a list that is too short is one error."""
     short: dict[tuple, tuple[int, Any]] = {}
     for entry in error.errors():
         if entry["type"] == "missing" and isinstance(entry["loc"][-1], int):
             short[entry["loc"][:-1]] = entry["loc"][-1] + 1, entry["input"]
         else:
-            yield entry["loc"], _said(entry)
+            yield entry["loc"], _message(entry)
     for loc, (length, given) in short.items():
         yield loc, f"expected {length} values, got {shown(given)}"
 
 
-def _way(text: str, loc: tuple, data: Any) -> str:
-    """``: body[1] 'ball'.radius``: the way to a key, with the table's name where it has one."""
+def _path(text: str, loc: tuple, data: Any) -> str:
+    """Return the path to a key, such as ``: body[1] 'ball'.radius``, with the table's name where it has one."""
     for part in loc:
         if isinstance(part, int):
             text += f"[{part}]"
         elif part.startswith("<") or (isinstance(data, dict) and part in (data.get("shape"), data.get("kind"))):
-            continue  # pydantic names the branch of the union
+            continue  # this part is pydantic's name of a union's branch
         else:
             text += f".{part}"
         data = _inside(data, part)
@@ -69,8 +69,8 @@ def _inside(data: Any, part: int | str) -> Any:
     return data.get(part) if isinstance(data, dict) else None
 
 
-def _said(entry: Any) -> str:
+def _message(entry: Any) -> str:
     kind, message = entry["type"], entry["msg"]
-    if kind in (_WHOLE, "missing"):
+    if kind in (_SENTENCE, "missing"):
         return "missing key" if kind == "missing" else message
     return f"{_IN_TOML.get(kind, message[0].lower() + message[1:])}, got {shown(entry.get('input'))}"

@@ -124,7 +124,7 @@ WRONG = {
     "compute device": (["anyskin", "--device", "cuda:77"], "no device 'cuda:77'"),
     "fault": (["anyskin", "--fault", "dorp 1%"], "did you mean 'drop'?"),
     "fault of another wire": (["anyskin", "--fault", "busoff at 1s"], "a serial wire cannot have it"),
-    "model that does not sense it": (["senses.toml"], "contact_probe gives touch and not force"),
+    "model that does not sense it": (["senses.toml"], "contact_probe provides touch and not force"),
     "several ports of nobody": (["two.toml", "--port", "memory:", "--port", "pty:x"], "--port SKIN=memory:"),
     "two ports for one skin": (["two.toml", "--port", "other=memory:a", "--port", "other=pty:x"], "has a port already"),
     "port of a skin that is not there": (["two.toml", "--port", "toe=memory:"], "no such port: toe"),

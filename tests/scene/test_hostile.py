@@ -39,9 +39,9 @@ def test_a_hostile_scene_is_one_sentence(path, monkeypatch, capsys):
 
 
 NO_SCENES = {
-    "empty": (b"", "it is empty; `tactemu new FILE` writes a scene"),
-    "a byte order mark alone": (b"\xef\xbb\xbf", "it is empty"),
-    "comments": (b"# nothing\n", "it is empty"),
+    "empty": (b"", "the file is empty; `tactemu new FILE` writes a scene"),
+    "a byte order mark alone": (b"\xef\xbb\xbf", "the file is empty"),
+    "comments": (b"# nothing\n", "the file is empty"),
     "binary": (bytes(range(256)), "not a text file"),
     "utf-16": ("[scene]".encode("utf-16"), "not a text file"),
     "another language": (b"<scene/>", "not valid TOML"),
@@ -86,8 +86,8 @@ def test_a_step_that_time_cannot_count_is_refused(dt):
 
 
 CODE = {
-    "a device file": ("device = 'mine.py:Mine'", "names mine.py:Mine, which is code"),
-    "a model of one's own": ("device = 'anyskin'\nmodel = 'mine:Taxel'", "names mine:Taxel, which is code"),
+    "a device file": ("device = 'mine.py:Mine'", "names mine.py:Mine, Python code that would be run"),
+    "a model of one's own": ("device = 'anyskin'\nmodel = 'mine:Taxel'", "names mine:Taxel, Python code that would be run"),
 }
 
 
@@ -103,5 +103,5 @@ def test_a_scene_that_names_code_can_be_refused(tmp_path, name, monkeypatch):
     assert ended.value.code == 2
     with pytest.raises(SceneError, match=says):
         file.load("x.toml", code=False)
-    with pytest.raises(SceneError, match="it is code, which would be run"):
+    with pytest.raises(SceneError, match="this is Python code, which would be run"):
         file.load(f"{os.curdir}/mine.py:Mine", code=False)

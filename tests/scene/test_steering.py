@@ -47,7 +47,7 @@ def test_reach_is_that_of_the_shapes_mesh(name):
 
 
 def test_a_frame_has_no_reach():
-    with pytest.raises(SceneError, match="cannot tell how far it reaches"):
+    with pytest.raises(SceneError, match="it has no shape"):
         reach(Scene().add_body(name="frame"), np.array(rotation.IDENTITY), np.array((0, 0, 1.0)))
 
 

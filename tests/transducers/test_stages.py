@@ -259,7 +259,7 @@ def test_a_device_of_magnets_sees_the_field_of_the_scene(device):
 def test_a_device_that_does_not_see_it_says_so():
     from tactemu.emulator.assembly import assemble
 
-    with pytest.raises(SceneError, match="its transducers give field; robotiq_tsf85 senses"):
+    with pytest.raises(SceneError, match="its transducers provide field, but robotiq_tsf85 senses"):
         assemble(parse(SCENE.format(device="robotiq_tsf85", kind="magnetic")))
 
 
