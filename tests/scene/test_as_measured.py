@@ -89,7 +89,7 @@ def test_what_a_scene_says_goes_first_and_without_a_wish_nothing_changes():
     assert (numbered.rate_hz, numbered.clock.jitter_s, numbered.clock.delay_s) == (50, 4.3e-3, 1e-3)
     with pytest.raises(SceneError, match="there are no measured parameters of 'optoforce'"):
         parse(text.replace("flexitac", "optoforce") + "measured = true\n")
-    with pytest.raises(SceneError, match="of a skin that is magnetic"):
+    with pytest.raises(SceneError, match="for the transducers magnetic"):
         parse(text.replace("flexitac", "anyskin") + "measured = true\ntransducer = [{ kind = 'material' }]\n")
     with pytest.raises(SceneError, match="there are no measured parameters of optoforce"):
         assemble(load("optoforce"), RunOptions(port="memory:", measured=True))
