@@ -207,7 +207,7 @@ class AbilityHand(Device):
             "grip 0 opens, every other closes all fingers; the hot/cold mask is 0; the first format is 10",
             LOOKED,
         ),
-        assumed("configuration", "C2, C3 and 7C change nothing; fast mode is not spoken", LOOKED),
+        assumed("configuration", "C2, C3 and 7C change nothing; fast mode is not in the model", LOOKED),
         stated("timing", "it leaves API control 300 ms after the last command", f"{ICD} 3.3.3"),
         assumed("timing", "the joints hold then; touch is converted 250 times a second", LOOKED),
         assumed("timing", "without stuffing a silence of 1 ms ends a message", LOOKED),

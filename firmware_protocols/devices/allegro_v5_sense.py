@@ -183,18 +183,18 @@ class AllegroV5Sense(Device[CanFrame]):
         ident, message = data.arbitration_id, data.data
         remote = CanFrame(arbitration_id=ident, is_remote_frame=True)
         finger = next((k for k in range(4) for first in (JOINTS, TORQUE, GO) if ident == first + 4 * k), None)
-        wants = data == remote and (ident in (INFO, SERIAL) or (finger is not None and ident < TORQUE))
+        is_query = data == remote and (ident in (INFO, SERIAL) or (finger is not None and ident < TORQUE))
         if data not in (remote, CanFrame(arbitration_id=ident, data=message)):
             self.counters["ignored"] += 1
             return ()
-        if not wants and not (ident in DATA_BYTES or (finger is not None and ident >= TORQUE)):
+        if not is_query and not (ident in DATA_BYTES or (finger is not None and ident >= TORQUE)):
             self.counters["ignored"] += 1
             return ()
-        if not wants and (data == remote or len(message) != DATA_BYTES.get(ident, 8)):
+        if not is_query and (data == remote or len(message) != DATA_BYTES.get(ident, 8)):
             self.counters["bad_length"] += 1
             return ()
         self.counters["requests"] += 1
-        if wants:
+        if is_query:
             return [self._answer(ident, finger, t_ns)]
         if ident in (ON, OFF):
             self.servo = ident == ON

@@ -122,7 +122,7 @@ class AtiNetFt(Rdt):
         stated("configuration", "status bits: 0 temperature, 1 supply, 2 gage broken, 3 busy, 16 condition latched, "
                "27 gage out of range, 28 simulated, 29 checksum, 30 out of range, 31 any; Net F/T: 17 saturated",
                f"{AXIA} tables 4.7, 4.9; 9620-05-NET FT-22 17.1"),
-        assumed("configuration", "a bias goes on with the stream; none is set at power-up, no filter, status 0",
+        assumed("configuration", "a bias keeps the stream running; none is set at power-up, no filter, status 0",
                 f"{NET_FT} 10.1, pynetft (starts again after a bias), netft_rdt_driver.cpp (has none)"),
         assumed("configuration", "02 and 03 are refused, 0004 and the pages .cgi, by which a box is set, are unknown",
                 "our choice: no driver that was run sends them"),
@@ -134,7 +134,7 @@ class AtiNetFt(Rdt):
                "second, never reset", f"{AXIA} 12.1.2"),
         stated("timing", "0 records: until 0000", f"{AXIA} 12.1.1"),
         assumed("timing", "1000 records a second, 40 of a buffered datagram (both are set in the box); "
-                "a TCP client may be silent for ever", f"{NET_FT} chapters 10, 11; {AXIA} chapters 10, 12"),
+                "a TCP client may be silent without limit", f"{NET_FT} chapters 10, 11; {AXIA} chapters 10, 12"),
     )  # fmt: skip
 
     def __init__(
@@ -274,7 +274,7 @@ class OnrobotHex(Rdt):
         stated("timing", "records are numbered from 1 after each start; the sample counter has 16 bits and counts ms",
                f"{HEX_MANUAL} 8.3, 7.1"),
         stated("timing", "the box is up 5 s after power-on, and closes TCP after 1 s without a request (left out: "
-               "it is up at once, a client may be silent for ever)", f"{HEX_MANUAL} chapters 2, 9"),
+               "it is up at once, a client may be silent without limit)", f"{HEX_MANUAL} chapters 2, 9"),
     )  # fmt: skip
 
     def __init__(

@@ -174,7 +174,7 @@ class BarrettBh8(Device[CanFrame]):
         assumed("touch", "whole N/cm2 are cut, not rounded; of equal cells the first", "Top10TactParser, owd, pyHand"),
         assumed("touch", "tare leaves the form as it was, and is forgotten at power-off", "libbarrett, owd, pyHand"),
         stated("identity", "role 5 with tactile cells and a Hall encoder (1205)", "libbarrett puck.h:46-54, 186-195"),
-        stated("identity", "version 175 knows every property here", "libbarrett property_list.cpp; owd CANbus.cc:3330"),
+        stated("identity", "version 175 has every property here", "libbarrett property_list.cpp; owd CANbus.cc:3330"),
         assumed("identity", "serial number 1, TACTID 1 (-2 is an error)", "libbarrett tactile_puck.cpp, owd, pyHand"),
         stated(
             "configuration", "asleep after power-up; properties 0 to 7 then", "libbarrett puck.cpp, property_list.cpp"
@@ -183,7 +183,7 @@ class BarrettBh8(Device[CanFrame]):
         stated("configuration", "values of motors' properties, groups 0 7 5", "pyHand set_puck_like"),
         assumed("configuration", "a get of cells when TACT is 0 gets silence", "libbarrett, owd, pyHand"),
         stated("timing", "cells come at once after a set, as after a get", "owd CANbus.cc:2799-2802"),
-        stated("timing", "a puck that wakes hears nothing for less than 1 s", "libbarrett puck.h WAKE_UP_TIME"),
+        stated("timing", "a waking puck receives nothing for less than 1 s", "libbarrett puck.h WAKE_UP_TIME"),
         assumed("timing", "100 conversions a second", "libbarrett, owd, pyHand"),
         assumed("timing", "motors turn at MV, without load", "libbarrett, owd, pyHand"),
     )

@@ -150,7 +150,7 @@ class Revo2(Device[Any]):
         ),
         assumed(
             "touch",
-            "new baseline and calibration make what is felt the zero, until power-off; what is off reads 0",
+            "new baseline and calibration make the present forces zero, until power-off; sensors that are off read 0",
             LOOKED,
         ),
         stated(

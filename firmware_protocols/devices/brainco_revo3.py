@@ -160,7 +160,9 @@ class BraincoRevo3(Device):
             LOOKED,
         ),
         assumed("touch", "a point is 200 counts/N (ADC, raw), 0..4095, or of a matrix 50 counts/N (ADC)", LOOKED),
-        assumed("touch", "regions are equal runs of points; forces and points can be read whatever 4023 says", LOOKED),
+        assumed(
+            "touch", "regions are equal runs of points; forces and points can be read with any value of 4023", LOOKED
+        ),
         assumed(
             "touch",
             "a zero holds until the next restart; 4025..4036 have no effect; modules that are off read 0",

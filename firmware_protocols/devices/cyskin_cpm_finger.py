@@ -90,7 +90,7 @@ class CyskinCpmFinger(Device[CanFrame]):
             f"taxels spread evenly over {WIDTH_M * 1e3:.0f} x {LENGTH_M * 1e3:.0f} mm; the table names each",
             "both drivers",
         ),
-        stated("configuration", "1 Mbit/s; it speaks by itself, nothing is sent to it", f"{_DRIVER}:25"),
+        stated("configuration", "1 Mbit/s; it transmits unasked, nothing is sent to it", f"{_DRIVER}:25"),
         assumed("configuration", "what the host sends is ignored", "both drivers send nothing"),
         measured("timing", "a scan every 28.08 ms (26 to 30)", _SLIDE),
     )

@@ -49,7 +49,7 @@ from firmware_protocols.protocols.feetech import ServoLine
 from firmware_protocols.registers import RegisterMap, Registers
 
 MAP = RegisterMap("""
-    0   u1            major           = 3  r               firmware; LeRobot wants that of all servos to agree
+    0   u1            major           = 3  r               firmware; LeRobot requires the same in all servos
     1   u1            minor           = 10  r
     3   <u2           model           = 777  r
     5   u1            id              0..253  = 1  flash
@@ -128,7 +128,7 @@ class Servo:
         self.registers = Registers(MAP, kept={"id": ident, **arm.flash.get(str(index), {})})
         self.registers["torque_limit"] = self.registers["most_torque"]
         self.by_hand, self.released_ns = 0.0, 0
-        self.registers["goal"] = self.place(0)
+        self.registers["goal"] = self.position(0)
 
     @property
     def id(self) -> int:
@@ -155,13 +155,13 @@ class Servo:
 
     # -- the shaft -------------------------------------------------------------------------------------------------
 
-    def place(self, t_ns: int) -> float:
+    def position(self, t_ns: int) -> float:
         """Return the position of the servo [steps]."""
-        by_hand = self.by_hand + (self._swung(t_ns) if self.registers["torque"] == 0 else 0.0)
-        place = self.arm.motors.positions(t_ns)[self.index] + by_hand - self.registers["offset"]
-        return place if self.registers["phase"] & SEVERAL_TURNS else place % COUNTS_PER_TURN
+        by_hand = self.by_hand + (self._hand_offset(t_ns) if self.registers["torque"] == 0 else 0.0)
+        shown = self.arm.motors.positions(t_ns)[self.index] + by_hand - self.registers["offset"]
+        return shown if self.registers["phase"] & SEVERAL_TURNS else shown % COUNTS_PER_TURN
 
-    def _swung(self, t_ns: int) -> float:
+    def _hand_offset(self, t_ns: int) -> float:
         """Return how far a hand has moved the shaft since its release [steps]."""
         there, then = (
             np.sin(2 * np.pi * (time_ns / SWING_PERIOD_NS - self.index / len(LIMB)))
@@ -174,7 +174,7 @@ class Servo:
         match name:
             case "position":
                 several = self.registers["phase"] & SEVERAL_TURNS
-                return round(self.place(t_ns)) if several else round(self.place(t_ns)) % COUNTS_PER_TURN
+                return round(self.position(t_ns)) if several else round(self.position(t_ns)) % COUNTS_PER_TURN
             case "speed":
                 return self.arm.motors.velocities(t_ns)[self.index]
             case "moving":
@@ -204,21 +204,21 @@ class Servo:
 
     def write(self, address: int, data: bytes, t_ns: int) -> Sequence[str]:
         """Store what the host writes, keep it in flash if unlocked, and move the shaft."""
-        place, held = self.place(t_ns), self.registers["torque"]
+        position, held = self.position(t_ns), self.registers["torque"]
         written = self.registers.write(address, data)
         if held == 0 and "torque" in written:
-            self.by_hand, self.released_ns = self.by_hand + self._swung(t_ns), t_ns
+            self.by_hand, self.released_ns = self.by_hand + self._hand_offset(t_ns), t_ns
         elif "torque" in written:
             self.released_ns = t_ns
         if self.registers["torque"] == MAKE_MIDDLE:
             self.registers["torque"] = 0
-            self.registers["offset"] = self.registers["offset"] + round(place) - MIDDLE_COUNTS
+            self.registers["offset"] = self.registers["offset"] + round(position) - MIDDLE_COUNTS
             written.append("offset")
         if self.registers["lock"] == 0:
             kept = {name: self.registers.all(name) for name in written if MAP.by_name[name].flash}
             self.arm.flash[str(self.index)] = self.arm.flash.get(str(self.index), {}) | kept
         if "baud" in written:
-            self.arm.speak_at(self.registers["baud"])
+            self.arm.set_line_speed(self.registers["baud"])
         if {"torque", "torque_limit"}.intersection(written):
             self.arm.limit_torques()
         if ORDERS.intersection(written):
@@ -241,7 +241,7 @@ class Servo:
         here = motors.positions(t_ns)[self.index]
         if get("torque") == HOLDING and get("mode") == POSITION:
             goal = min(max(get("goal"), get("low")), get("high")) if get("low") < get("high") else get("goal")
-            here = here + goal - self.place(t_ns)
+            here = here + goal - self.position(t_ns)
         order[self.index] = here
         motors.go(order, t_ns)
 
@@ -327,14 +327,14 @@ class FeetechSts3215(Device):
         self.line = ServoLine(counters=self.counters)
         self.servos = [Servo(self, index, ident) for index, ident in enumerate(ids)]
         self.limit_torques()
-        self.speak_at(self.servos[0].registers["baud"])
+        self.set_line_speed(self.servos[0].registers["baud"])
 
     def limit_torques(self) -> None:
         """Limit the torques in an engine: to each servo's limit, and to 0 while its torque is off."""
         get = [servo.registers.__getitem__ for servo in self.servos]
         self.motors.limit_force([each("torque_limit") / 1000 * (each("torque") == HOLDING) for each in get])
 
-    def speak_at(self, code: int) -> None:
+    def set_line_speed(self, code: int) -> None:
         """Set the speed of the line."""
         self.ports = (Rs485(baud=BAUDS[code]),)
 
@@ -358,7 +358,7 @@ class FeetechSts3215(Device):
     def joints(self, t_ns: int) -> Mapping[str, float]:
         """Return the angle of each shaft from the middle of its turn [rad], by name."""
         return {
-            name: float((servo.place(t_ns) - MIDDLE_COUNTS) * 2 * np.pi / COUNTS_PER_TURN)
+            name: float((servo.position(t_ns) - MIDDLE_COUNTS) * 2 * np.pi / COUNTS_PER_TURN)
             for name, servo in zip(self.names, self.servos)
         }
 

@@ -121,7 +121,7 @@ class GHand5(Device):
         stated("touch", "resultants and taxels are 0.1 N", f"{_SDK} src/ghand/comm/ethercat_protocol.py:157"),
         stated("touch", "taxels of each finger", f"{_SDK} config/ghand5.json:25 (introduction.rst: 52)"),
         assumed("touch", "places: even rows on a pad of 12 x 18 mm, 25 mm apart; a push is positive; the resultant is "
-                "the sum of what the taxels feel", _READ),
+                "the sum over the taxels", _READ),
         assumed("touch", "every finger is valid, no error; touch is on at power-up; off: none is valid, all 0", _READ),
         stated("identity", "left 31, right 32", f"{_SDK} README.md:159"),
         stated("identity", "its name is GHand 5: no other is opened", f"{_SDK} src/ghand/ghand.py:254"),

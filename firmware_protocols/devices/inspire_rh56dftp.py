@@ -126,7 +126,7 @@ class InspireRh56dftp(Device):
                 "answers above 5999; errors never", _READ),
         assumed("configuration", "force limits have an effect with `stop_s` only, looked at once a conversion; "
                 "gestures "
-                "are stored without effect; the line speaks one protocol, as delivered; a save never fails", _READ),
+                "are stored without effect; the line has one protocol, as delivered; a save never fails", _READ),
         assumed("configuration", f"in an engine force limits act {LEVER_M * 1e3:.0f} mm from each joint, and "
                 f"{MAX_FORCE_G} g are {MAX_CURRENT_MA} mA; a finger gives way by 0.3 rad at that force", _READ),
         measured("timing", "a finger stops after 27 ms, at 1729 g at most (an RH56DFX), and begins after 60 to 70 ms",

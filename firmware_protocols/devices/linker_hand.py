@@ -185,7 +185,7 @@ L20_FACTS = (
         "a query may carry 00; 09 0B 0C 0D are temperatures",
         f"{PYTHON} linker_hand_l20_can.py:236, 377, 392",
     ),
-    assumed("configuration", "hardware V10 and V11 are what the table describes, others what the class speaks", READ),
+    assumed("configuration", "hardware V10 and V11 follow the table, others the vendor's class", READ),
 )
 
 

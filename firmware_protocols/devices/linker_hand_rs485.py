@@ -76,7 +76,7 @@ class LinkerHandL10Rs485(Device):
             "at the tip", READ,
         ),
         assumed("touch", "the ten numbers before the matrix and those behind it are 0", READ),
-        assumed("touch", "no finger is shown until one is selected; then at once, and always what is felt now", READ),
+        assumed("touch", "no finger is shown until one is selected; then at once, with the present forces", READ),
         stated("identity", "158: freedom, version, number, direction, software, hardware", f"{SDK_FILE}:69-79"),
         assumed("identity", "they are those on CAN (64), less the last", READ),
         stated("configuration", "units; input registers for reading, 16 for writing", f"{SDK_FILE}:15-66, 173-204"),

@@ -280,10 +280,10 @@ _ORCA_FACTS = (
     assumed("touch", "fingertips side by side, 25 mm apart; the resultant is the sum over the taxels, in the frame "
             "of the fingertip, Fz along its -z", _READ),
     stated("identity", "USB 2F5D:2202, CDC", "orca-core 0.12.0 constants.py:94"),
-    stated("identity", "the line that tells side, hardware, firmware, serial number and board; CFG is left out",
+    stated("identity", "the line with side, hardware, firmware, serial number and board; CFG is left out",
            "orca-core 0.12.0 constants.py:110, hardware/sensing/serial_discovery.py:113"),
     assumed("identity", "hardware 1, firmware 1, board id 0, the commit in the version, USB texts; a board of "
-            "firmware 1.0 that can tell names", _READ),
+            "firmware 1.0 that supports names", _READ),
     stated("configuration", "a zero that went well, of each fingertip", f"{_ORCA}/constants.py:136"),
     assumed("configuration", "a zero is done at once, and a restart forgets it, which a fingertip with power does "
             "not; errors as on PaXini's board; counters of errors are 0", _READ),
@@ -351,13 +351,13 @@ class OrcaTouch(PaxiniHighSpeed):
 
     def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
         """Answer requests, which arrive in chunks of any size, and lines that ask for the identity."""
-        outs, heard, end = [], self.heard + data, 0
-        for found in QUERY.finditer(heard):
+        outs, text, end = [], self.heard + data, 0
+        for found in QUERY.finditer(text):
             outs.append(f"ORCA:SENSOR{self.words[found[1]]}\n".encode("ascii"))
             end = found.end()
-        self.heard = heard[end:][-10:]
+        self.heard = text[end:][-10:]
         replies = super().receive(data, t_ns, port)
-        self.counters["skipped_bytes"] -= sum(len(found[0]) for found in QUERY.finditer(heard))
+        self.counters["skipped_bytes"] -= sum(len(found[0]) for found in QUERY.finditer(text))
         return [*outs, *replies]
 
     @property

@@ -169,12 +169,12 @@ class RobotiqFt300(Device):
 
     def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
         """Stop the stream, or answer Modbus; both arrive in chunks of any size."""
-        _, stopped, heard = (STOP[: self.stops] + data).rpartition(STOP)
-        self.stops = len(heard) - len(heard.rstrip(STOP[:1]))
+        _, stopped, received = (STOP[: self.stops] + data).rpartition(STOP)
+        self.stops = len(received) - len(received.rstrip(STOP[:1]))
         if stopped:
             self.counters["requests"] += 1
             self.rtu.reset()
-            self.streaming, data = False, heard
+            self.streaming, data = False, received
         if self.rtu.is_idle:
             data = data.lstrip(STOP[:1])  # hosts continue the stop after the stream has ended
         answers = self.rtu.answers(data, t_ns, {UNIT: Banks(holding=self.registers, functions=(3, 16))})

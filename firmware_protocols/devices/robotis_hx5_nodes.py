@@ -220,14 +220,14 @@ class Controller(Node):
         touched = {reg.name for reg in CONTROLLER_TABLE.touched(address, address + n)}
         self.registers["tick"] = (t_ns // 1_000_000 + self.tick) & 0xFFFF
         if self.registers["sync"]:
-            self._ask(t_ns, [k for k in range(len(FINGERS)) if touched & {f"read_{k}", "read_data"}])
+            self._poll_nodes(t_ns, [k for k in range(len(FINGERS)) if touched & {f"read_{k}", "read_data"}])
         return with_indirect(self.registers, "read_places", "read_data", address, n)
 
     def write(self, address: int, data: bytes, t_ns: int) -> Sequence[str]:
         """Store what the host writes, and pass data on to the nodes."""
         end = address + len(data)
         if self.registers["sync"] and address <= SYNC_ADDRESS < end:
-            self._ask(t_ns, range(len(FINGERS)))  # once more, as this write may end the polling
+            self._poll_nodes(t_ns, range(len(FINGERS)))  # once more, as this write may end the polling
         written, spans = {*super().write(address, data, t_ns)}, [(address, end)]
         if "write_data" in written:
             for at, some in indirect(self.registers, "write_places", "write_data", address, data):
@@ -239,7 +239,7 @@ class Controller(Node):
         if self.registers["sync"]:
             everything = "sync" in written
             fingers = [k for k in range(len(FINGERS)) if everything or f"write_{k}" in written]
-            self._tell(t_ns, fingers, [(0, CONTROLLER_TABLE.size)] if everything else spans)
+            self._write_nodes(t_ns, fingers, [(0, CONTROLLER_TABLE.size)] if everything else spans)
         return sorted(written)
 
     def _slots(self, fingers: Iterable[int], what: str) -> Iterator[tuple[int, Node | None, int, int]]:
@@ -250,18 +250,18 @@ class Controller(Node):
             for ident, at, n in zip(*map(self.registers.all, names)):
                 yield k, by_id.get(ident), at, n
 
-    def _ask(self, t_ns: int, fingers: Iterable[int]) -> None:
+    def _poll_nodes(self, t_ns: int, fingers: Iterable[int]) -> None:
         """Fill the fingers' tables with the data of their nodes, 0 for a missing node."""
-        said = dict.fromkeys(fingers, b"")
-        for k, node, at, n in self._slots(said, "read"):
+        data_of = dict.fromkeys(fingers, b"")
+        for k, node, at, n in self._slots(data_of, "read"):
             try:
-                said[k] += node.read(at, n, t_ns) if node is not None else bytes(n)
+                data_of[k] += node.read(at, n, t_ns) if node is not None else bytes(n)
             except Refused:
-                said[k] += bytes(n)
-        for k, data in said.items():
+                data_of[k] += bytes(n)
+        for k, data in data_of.items():
             self.registers[f"read_{k}"] = list(data[:SLOT_DATA_BYTES].ljust(SLOT_DATA_BYTES, b"\0"))
 
-    def _tell(self, t_ns: int, fingers: Sequence[int], spans: Sequence[tuple[int, int]]) -> None:
+    def _write_nodes(self, t_ns: int, fingers: Sequence[int], spans: Sequence[tuple[int, int]]) -> None:
         """Write to the nodes of the fingers' tables the data within ``spans``."""
         starts = {k: CONTROLLER_TABLE.by_name[f"write_{k}"].address for k in fingers}
         for k, node, at, n in self._slots(fingers, "write"):
@@ -276,14 +276,14 @@ class Controller(Node):
 def with_indirect(registers: Registers, places: str, data: str, address: int, n: int) -> bytes:
     """Return memory in which the bytes of ``data`` are those at ``places``; 0 for an address in ``data`` or none."""
     table, shown = registers.table, registers.table.by_name[data]
-    said = registers.read(address, n)
+    content = registers.read(address, n)
     first, end = max(shown.address, address), min(shown.end, address + n)
     if first >= end:
-        return said
+        return content
     memory = registers.read(0, table.size)
     wanted = registers.all(places)[first - shown.address : end - shown.address]
     bytes_ = bytes(0 if at >= table.size or shown.address <= at < shown.end else memory[at] for at in wanted)
-    return said[: first - address] + bytes_ + said[end - address :]
+    return content[: first - address] + bytes_ + content[end - address :]
 
 
 def indirect(registers: Registers, places: str, data: str, address: int, written: bytes) -> list[tuple[int, bytes]]:

@@ -65,7 +65,7 @@ class SeedFts3(Device):
     )
     judge = "seedrobotics/SensorTools@a4b7613, seedrobotics/ros2_sensor_pkg@a920d6c"
     facts = (
-        stated("touch", "whole numbers in mN, up to 3 kg; counts by a command that is not spoken here",
+        stated("touch", "whole numbers in mN, up to 3 kg; counts by a command that is not in the model",
                "kb.seedrobotics.com fts3_pressuresensor; ros_fts README.md:63"),
         assumed("touch", "-32767..32767; z counts a push as positive, x and y act on the skin; fingertips 20 mm apart",
                 "kb.seedrobotics.com, SensorTools, ros2_sensor_pkg, ros_fts, all files"),

@@ -162,7 +162,7 @@ class SingleTact(Device):
         assumed("configuration", "the USB board does as the Arduino; silence beyond 191", ALL),
         stated(
             "configuration",
-            "DTR restarts an Arduino, for 2 s; here it goes on",
+            "DTR restarts an Arduino, for 2 s; in the model it has no effect",
             f"{NET} ArduinoSingleTactDriver.cs:63-67",
         ),
         stated("timing", "the clock counts 0.1 ms", f"{FIRMWARE} SingleTactDemo.ino:114; {NET} SingleTact.cs:184"),

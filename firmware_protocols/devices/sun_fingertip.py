@@ -43,7 +43,7 @@ class SunFingertip(Device):
                 "marcocostanzo/tactile_sensor_ros@149032e, all files (the network of read_wrench_node has no file)"),
         assumed("touch", "600 counts untouched, 400 counts/N more along each taxel's normal",
                 "remove_bias_node.cpp, read_wrench_node.cpp, gen_net_files.m: less a bias, a network does the rest"),
-        stated("configuration", "1 000 000 baud for wired fingers; 500 000 if no parameter says otherwise",
+        stated("configuration", "1 000 000 baud for wired fingers; 500 000 without a parameter",
                f"README.md (Run), {DRIVER} launch/tactile_serial.launch:5, read_tactile_serial_node.cpp:61"),
         assumed("configuration", "letters but a are not answered; no version, no serial number",
                 "read_tactile_serial_node.cpp, which sends a alone"),

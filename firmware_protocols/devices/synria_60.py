@@ -97,7 +97,7 @@ class Synria60(Device):
         stated("configuration", "2 in register 18 brings back the zero of power-up", f"{_README} l.948"),
         assumed("configuration", "defaults of all registers but 15 and 16; what is written is kept without power, the "
                 "zero is not", _READ),
-        assumed("configuration", "values that are pushed (register 11) have a form that nobody describes: they are not "
+        assumed("configuration", "values that are pushed (register 11) have an undocumented form: they are not "
                 "sent; calibration is stored, without effect", _READ),
         stated("timing", "a host reads it 1480 times a second at most", f"{_README} l.1000"),
         assumed("timing", "200 conversions a second, answers at once", _READ),

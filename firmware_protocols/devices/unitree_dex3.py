@@ -118,15 +118,15 @@ class UnitreeDex3(Device):
         assumed("touch", "pads side by side, 25 mm apart, each of 4 rows of 3 slots, 5 mm apart (one user: 3 of 4)",
                 "as above"),
         assumed("touch", "10000 per N from 100000 at rest, up to 400000", "as above: 10 g to 2500 g, no law"),
-        stated("identity", "its topics say left or right, nothing else does", "g1_dex3_example.cpp:35-37"),
+        stated("identity", "only its topics contain left or right", "g1_dex3_example.cpp:35-37"),
         stated("configuration", "status 0 locks, 1 is on; timeout 1: it stops after 1 s without an order",
                "vendor page 'Dexterous Hand' (RIS_Mode_t); g1_dex3_example.cpp:45-49"),
         stated("configuration", "stops of each motor", "g1_dex3_example.cpp:26-29"),
         stated("configuration", "orders that stop have q 0 and no stiffness", "g1_dex3_example.cpp:179-203"),
-        assumed("configuration", "one time constant of 0.1 s, whatever kp and kd are; dq and tau are not looked at; a "
+        assumed("configuration", "one time constant of 0.1 s, for any kp and kd; dq and tau are ignored; a "
                 "motor's state has the mode of its order; other numbers of motors than 7 are ignored",
                 "unitree_sdk2, unitree_sdk2_python, all files"),
-        assumed("configuration", "no volts, amperes, torques; all temperatures 25; the IMU is level and tells nothing; "
+        assumed("configuration", "no volts, amperes, torques; all temperatures 25; the IMU is level and at rest; "
                 "nothing lost, no errors", "as above"),
         assumed("timing", "250 states a second, every 25th also as the slower copy", "as above, and the vendor page"),
     )  # fmt: skip

@@ -205,7 +205,7 @@ class WeissDsacon32m(Device):
         stated("configuration", "what is kept gets no answer", f"{SDH}dsa.cpp:870, 925"),
         stated("configuration", "factory's sensitivity 0.5; the user may change it", f"{SDH}dsa.h:209, 570"),
         stated("configuration", "error codes", f"{SDH}dsa.h:120-147"),
-        assumed("configuration", "which error tells what; factory's threshold 0; bad CRCs get no answer", BOTH),
+        assumed("configuration", "the meaning of each error; factory's threshold 0; bad CRCs get no answer", BOTH),
         assumed("configuration", "bit 0 of a frame's flags is that of the request", BOTH),
         stated("timing", "115200 baud", f"{SDH}dsa.cpp:617"),
         stated("timing", "mute for 8 s, 1B 5B 35 6E three times in 0.82 s", f"{SDH}dsa.cpp:681-684"),
@@ -312,7 +312,7 @@ class WeissDsacon32m(Device):
         if payload and payload[0] >= len(self.layout.patches):
             self.counters["refused"] += 1
             return _error(request, NO_MATRIX)
-        return [MESSAGE.pack(id=request, payload=self._told(request, *payload))]
+        return [MESSAGE.pack(id=request, payload=self._information(request, *payload))]
 
     def _configure(self, flags: int, rate_low: int, rate_high: int) -> None:
         acquire, rate = bool(flags & ACQUIRE_FLAG), rate_low | rate_high << 8
@@ -338,7 +338,7 @@ class WeissDsacon32m(Device):
             return ()
         return _error(request, 0)
 
-    def _told(self, request: int, matrix: int = 0) -> bytes:
+    def _information(self, request: int, matrix: int = 0) -> bytes:
         """Return information on the box, or on a matrix."""
         patches = self.layout.patches
         if request == CONTROLLER_INFO:

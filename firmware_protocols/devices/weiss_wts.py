@@ -233,9 +233,9 @@ class WeissWts(Device):
         if request == SINGLE:
             self.singles += 1
             return []
-        return [MESSAGE.pack(id=request, payload=DONE + (self._told(request) or self._do(request, payload)))]
+        return [MESSAGE.pack(id=request, payload=DONE + (self._information(request) or self._do(request, payload)))]
 
-    def _told(self, request: int) -> bytes:
+    def _information(self, request: int) -> bytes:
         """Return the information that ``request`` asks for; empty if it is an order."""
         if request == MATRIX_INFO:
             cell = [round(PITCH_M * 1e5)] * 2

@@ -81,7 +81,7 @@ class Wiresens(Device):
         stated("identity", "sensor id 1 as shipped", f"{PYTHON} WiSensConfigClean.json, WiSensConfig.json"),
         stated("configuration", "JSON on a line sets id and values in a packet", f"{CPP}:98-131"),
         stated("configuration", "the host sends it without an end of line", f"{PYTHON} utils.py:69"),
-        stated("configuration", "what the board says before", f"{CPP}:78-117, 282"),
+        stated("configuration", "the board's text before it", f"{CPP}:78-117, 282"),
         stated("configuration", "120 values as shipped", f"{PYTHON} WiSensConfigClean.json"),
         assumed("configuration", "64 values by default, which fill 16 x 16", BOTH),
         assumed("configuration", "a matrix of another size is refused; intermittent sending is not there", BOTH),
@@ -151,9 +151,9 @@ class Wiresens(Device):
         if not text:
             return ()
         try:
-            told = json.loads(text)
-            sensor, values = int(told["id"]), int(told["numNodes"])
-            fits = [list(told[name]) for name in ("startCoord", "endCoord")] == [[0, 0], self.last]
+            configuration = json.loads(text)
+            sensor, values = int(configuration["id"]), int(configuration["numNodes"])
+            fits = [list(configuration[name]) for name in ("startCoord", "endCoord")] == [[0, 0], self.last]
         except (ValueError, KeyError, TypeError, OverflowError, RecursionError):
             self.counters["bad_request"] += 1
             return [b"deserializeJson() failed: InvalidInput\r\n"]

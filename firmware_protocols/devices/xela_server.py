@@ -65,11 +65,11 @@ class XelaServer(Device):
     facts = (
         stated("touch", "X,Y,Z of each taxel, from the top left, line by line; whole numbers 0..65535",
                "mcsix/xela_server_ros2@3a890cf readme.md (Components), msg/Taxel.msg"),
-        stated("touch", "forces X and Y have a sign that says the direction; Z, a normal pressure, has none: a push is "
+        stated("touch", "forces X and Y have a sign for the direction; Z, a normal pressure, has none: a push is "
                "positive (one figure of an example is negative)", "xela_server_ros2 readme.md; xela_setup README.md"),
         assumed("touch", "raw counts and gains as of xela_uskin, taxels 4.7 mm apart, sensors 10 mm; N in the taxel's "
                 "own frame, four decimals", "xela_server_ros2, xela_server_ros, xela_setup, all files"),
-        stated("identity", "model, position and number of taxels of each sensor; nothing else is said of it",
+        stated("identity", "model, position and number of taxels of each sensor, and nothing else",
                "xela_server_ros2@3a890cf scripts/xela_service:456-486"),
         assumed("identity", "rows and columns of the models but uSPa44 and uSPa46; curved and other models, extradots "
                 "and temperatures are left out", "xela_server_ros2, xela_server_ros, xela_setup, all files"),
@@ -78,7 +78,7 @@ class XelaServer(Device):
         assumed("configuration", "the greeting has no other key; what a client sends changes nothing",
                 "scripts/xela_service:520-545, which looks at its key message alone, and sends nothing"),
         stated("timing", "the time is Unix time, of the server", "xela_server_ros2@3a890cf readme.md (1695690788.83)"),
-        assumed("timing", "100 messages a second, counted from 1, also while nobody listens",
+        assumed("timing", "100 messages a second, counted from 1, also without a client",
                 "xela_server_ros2, xela_server_ros, xela_setup, all files (messages 1476 and 5548 are shown)"),
     )  # fmt: skip
 
@@ -121,14 +121,14 @@ class XelaServer(Device):
         self.message += 1
         time = round(self.epoch + t_ns * 1e-9, 6)
         counts, newtons = self.layout.on_wire(self.counts), self.layout.on_wire(self.newtons)
-        said = {"message": self.message, "type": "routine", "time": time, "sensors": len(self.models)}
+        sample = {"message": self.message, "type": "routine", "time": time, "sensors": len(self.models)}
         for position, (model, patch) in enumerate(zip(self.models, self.layout.patches), 1):
             sensor = {"sensor": str(position), "model": model, "taxels": len(patch), "time": time}
             sensor["data"] = ",".join(f"{count:04X}" for count in counts[patch.taxels].ravel().tolist())
             if self.calibrated:
                 sensor["calibrated"] = np.round(newtons[patch.taxels].ravel(), 4).tolist()
-            said[str(position)] = sensor
-        return [json.dumps(said).encode("ascii")]
+            sample[str(position)] = sensor
+        return [json.dumps(sample).encode("ascii")]
 
     def lines(self, dtr: bool, rts: bool, t_ns: int, port: str) -> Transmissions:
         """Return the greeting to a client that has connected."""
