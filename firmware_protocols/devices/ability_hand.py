@@ -135,7 +135,6 @@ FINGERTIP_CENTRES_M = {
 GAINS = (3, 4, 1, 21, 0, 10, 1, 1773, 4, 0)
 ROTATOR_GAINS = (500, 0, 5, 3, 14, 6, 1, 1773, 8, 0)
 UNIQUE_ID_REGISTERS = (0x3D, 0x3E)
-UPSAMPLING_REGISTER = 0x3F
 READ_ONLY_REGISTERS = {*range(0x0A, UNIQUE_ID_REGISTERS[0], 10), *UNIQUE_ID_REGISTERS}
 """The registers of each joint's output saturation and of the unique id; the host cannot write them."""
 Baud = Literal[

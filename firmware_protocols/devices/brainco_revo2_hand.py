@@ -94,7 +94,6 @@ MAP = RegisterMap(
 """Offsets count bytes: two for each register."""
 ORDER_REGISTERS = ("baseline", "calibrate", "calibrate_pads", "defaults", "restart")
 BAUDS = (115200, 57600, 19200, 460800, 1_000_000, 2_000_000, 5_000_000, 6_000_000, 4_000_000, 3_000_000)
-LIMIT_REGISTERS = ("lowest", "highest", "fastest", "strongest")
 RESTARTING_REGISTERS = {"unit", "baud", "can_baud", "restart", "auto_calibration", "defaults"}
 """The registers that restart the hand when they change."""
 MOTOR_NAMES = ("thumb", "thumb turn", "index", "middle", "ring", "little")

@@ -34,7 +34,6 @@ from firmware_protocols.adc import quantize
 from firmware_protocols.facts import assumed, stated
 from firmware_protocols.framing import Lines
 
-SLOTS = 5
 FINGER_SPACING_M = 0.02
 MIN_PERIOD_MS = 20
 SILENCE_NS = 100_000_000
