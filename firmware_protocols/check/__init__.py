@@ -1,7 +1,7 @@
-"""The contract's judge: what can be told of a device from its declarations, its worked examples, and by using it.
+"""The check of a device against the contract: its declarations, its worked examples, and its behaviour in use.
 
-It only calls the device, as a runner would; no port is opened and no clock is read by what it calls. What it cannot
-know is whether the declarations are true of the hardware (scale, above all): the unmodified driver judges that.
+It only calls the device, as a runner would; it opens no port. It cannot verify that the declarations are true of the
+hardware (scale, above all): an unmodified driver can.
 
 >>> from firmware_protocols.check import check
 >>> print("\\n".join(check("anyskin").lines()))                        # doctest: +SKIP
@@ -17,26 +17,27 @@ from typing import Any
 
 from firmware_protocols import registry
 from firmware_protocols.calls import AuthorError, source_line
-from firmware_protocols.check import converter, declarations, examples, memory, order, requests, restarts
+from firmware_protocols.check import converter, declarations, examples, memory, order, other_process, requests, restarts
 from firmware_protocols.check.host import Subject
 from firmware_protocols.check.report import Fault, Report, distinct
 
 __all__ = ["Fault", "Report", "check"]
 
 FUZZ = 1000
+"""The default number of corrupted requests."""
 
 
 def check(target: str, options: Mapping[str, Any] | None = None, *, fuzz: int = FUZZ) -> Report:
-    """Return all that is wrong with a device, worst first, and what no example pins.
+    """Check a device and return its faults, worst first, and the declared facts that no example pins.
 
     Args:
         target: a registered name, or ``path/to/file.py:Class``.
-        options: of the device.
-        fuzz: how many spoiled requests are tried.
+        options: the device's options.
+        fuzz: the number of corrupted requests.
 
     Raises:
-        LookupError: no such device.
-        ValueError: an option that it does not take.
+        LookupError: there is no such device.
+        ValueError: the device has no such option, or its value is invalid.
     """
     start = time.perf_counter()
     name = target.rpartition(":")[2] if ".py:" in target else target
@@ -53,28 +54,28 @@ def check(target: str, options: Mapping[str, Any] | None = None, *, fuzz: int = 
         return Report(name, (Fault.of("power-up", error),), seconds=time.perf_counter() - start)
     except Exception as error:
         return Report(name, (_at_import(target, error),), seconds=time.perf_counter() - start)
-    found, unpinned, count = _judged(subject, baseline, fuzz)
+    found, unpinned, count = _run_all(subject, baseline, fuzz)
     return Report(name, distinct(found), tuple(unpinned), count, time.perf_counter() - start)
 
 
-def _judged(subject: Subject, baseline: restarts.Baseline, fuzz: int) -> tuple[list[Fault], list[str], int]:
+def _run_all(subject: Subject, baseline: restarts.Baseline, fuzz: int) -> tuple[list[Fault], list[str], int]:
     found = _tried(subject, "declarations", lambda: declarations.faults(subject))
-    state = _tried(subject, "restart", lambda: restarts.faults(baseline))  # first: before others leave something behind
+    state = _tried(subject, "restart", lambda: restarts.faults(baseline))  # early: other checks may leave state behind
     wrong = _tried(subject, "converter", lambda: converter.faults(subject))
     judged, unpinned, count = examples.judged(subject)
     found += wrong + judged + state
-    # A device that already has faults is not saved: the report is there at once, and the rest may follow from them.
-    elsewhere, unsaved = (None, []) if found else restarts.saved_elsewhere(subject)
+    # A device with faults is not saved: its report does not wait for a process, and other faults may follow from these.
+    process, unsaved = (None, []) if found else other_process.start(subject)
     found += _tried(subject, "commands", lambda: requests.faults(subject, fuzz))
     found += _tried(subject, "registers", lambda: memory.faults(subject))
     if not any(fault.part == "converter" for fault in wrong) and not baseline.why:
         found += _tried(subject, "order", lambda: order.faults(subject))
-    found += unsaved + (_tried(subject, "restart", elsewhere.faults) if elsewhere else [])
-    return found, [*unpinned, *([] if judged else order.wordless(subject))], count
+    found += unsaved + (_tried(subject, "restart", process.faults) if process else [])
+    return found, [*unpinned, *([] if judged else order.undocumented(subject))], count
 
 
 def _tried(subject: Subject, part: str, check: Callable[[], Iterable[Fault]]) -> list[Fault]:
-    """Return faults of one part. A device that breaks the check itself has broken the contract somewhere: say where."""
+    """Run one part of the check and return its faults; an exception in it is a fault of the device, too."""
     found: list[Fault] = []
     try:
         found.extend(check())
@@ -88,13 +89,13 @@ def _tried(subject: Subject, part: str, check: Callable[[], Iterable[Fault]]) ->
 
 
 def _own_fault(error: Exception, target: str) -> bool:
-    """Whether the device's file raised it, when it was imported."""
+    """Return True if the device's file raised the error when it was imported."""
     file = Path(target.rpartition(":")[0]).resolve()
     return any(Path(call.filename).resolve() == file for call in traceback.extract_tb(error.__traceback__))
 
 
 def _at_import(target: str, error: Exception) -> Fault:
-    """Return a file that does not import, or holds no device."""
+    """Return the fault of a file that does not import, or contains no device."""
     calls = traceback.extract_tb(error.__traceback__)
     file = target.rpartition(":")[0]
     own = next(

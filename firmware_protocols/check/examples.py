@@ -1,4 +1,4 @@
-"""Worked examples: JSON files of vectors, each with its origin, and what they pin.
+"""Worked examples: JSON files of vectors, each with its origin, and the declared facts that they pin.
 
 ``golden/*.json`` beside the file of a device, and ``tests/data/golden`` for those of this tree::
 
@@ -7,16 +7,16 @@
        "request": "C1 01 00 C0", "reply": ["C1 01 ..."]}]}
 
 A vector belongs to ``device``, or to the device that the file is named after. A frame is hex, or a CAN frame in candump
-notation. A fresh device with ``options`` is sent ``after`` on ``port``; its skin is pushed by ``newtons`` (one number,
-one per taxel, or x, y, z of the force on each taxel in the frame of its link) or by ``pushes`` (pictures of patches by
-name [N], as one looks at the skin; patches without one are not touched), or its converter reads ``counts`` (one per
-value of its first sense, or ``"index"``: 0, 1, 2 ...). Then, at ``t_ns`` (1 s), it must answer ``request`` with exactly
-``reply``, or its next conversion must send exactly ``stream`` (one conversion of each stream, in the order of
-``Device.streams``), and convert ``rate_hz`` times a second, if that is given.
+notation. A new device with ``options`` receives ``after`` on ``port``; its skin is pushed by ``newtons`` (one number,
+one per taxel, or x, y, z of the force on each taxel in the frame of its link) or by ``pushes`` (images of patches by
+name [N], as seen from outside; none on other patches), or its converter reads ``counts`` (one per value of its first
+sense, or ``"index"``: 0, 1, 2 ...). Then, at ``t_ns`` (1 s), it must answer ``request`` with exactly ``reply``, or its
+next conversion must send exactly ``stream`` (one conversion of each stream, in the order of ``Device.streams``), and
+convert ``rate_hz`` times a second, if that is given.
 
-Other senses see the same pushes: ``pressure`` is the push over the area of the taxel (its patch's ``area``, else the
-pitch squared) [Pa], ``vibration`` all pushes over all areas [Pa]; what touch does not move is at rest, 25 °C and
-(0, 0, 9.80665) m/s².
+Other senses measure the same pushes: ``pressure`` is the push over the area of the taxel (its patch's ``area``, else
+the pitch squared) [Pa], ``vibration`` all pushes over all areas [Pa]; quantities that contact does not change are 0, or
+25 °C and (0, 0, 9.80665) m/s².
 """
 
 from __future__ import annotations
@@ -32,20 +32,21 @@ import numpy as np
 
 import firmware_protocols
 from firmware_protocols.calls import AuthorError
-from firmware_protocols.check.facts import changes
-from firmware_protocols.check.host import SECOND, Host, Subject
+from firmware_protocols.check.host import SECOND_NS, Host, Subject
+from firmware_protocols.check.mutations import mutations_of
 from firmware_protocols.check.report import Fault
 from firmware_protocols.device import Counts, Device
 from firmware_protocols.frames import frame_of, payload, text_of
 
 TREE = Path(firmware_protocols.__file__).parents[1] / "tests" / "data" / "golden"
-BETWEEN = SECOND // 100
-"""Between the requests that go before."""
+"""The folder of the examples in the source tree."""
+REQUEST_INTERVAL_NS = SECOND_NS // 100
+"""The time between the requests of ``after``."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Example:
-    """One vector."""
+    """A vector: one worked example."""
 
     name: str
     origin: str
@@ -56,7 +57,7 @@ class Example:
     newtons: Any = 0.0
     pushes: Mapping[str, Any] | None = None
     counts: Any = None
-    t_ns: int = SECOND
+    t_ns: int = SECOND_NS
     request: str | None = None
     reply: Sequence[str] | None = None
     stream: Sequence[str] | None = None
@@ -64,16 +65,16 @@ class Example:
 
     @staticmethod
     def of(vector: Mapping[str, Any]) -> Example:
-        """Return a vector of a file.
+        """Return the example of a vector in a file.
 
         Raises:
-            ValueError: keys that are missing or unknown, or neither an answer nor a stream.
+            ValueError: a key is missing or unknown, or there is neither a reply nor a stream.
         """
         known = {each.name for each in fields(Example)}
         needed = {each.name for each in fields(Example) if each.default is each.default_factory is MISSING}
         if odd := (set(vector) - known) | (needed - set(vector)):
             raise ValueError(
-                f"example {vector.get('name', '?')!r}: keys {sorted(odd)} unknown or missing; {sorted(known)}"
+                f"example {vector.get('name', '?')!r}: keys {sorted(odd)} unknown or missing; there are {sorted(known)}"
             )
         if not str(vector["origin"]).strip() or (vector.get("reply") is None) == (vector.get("stream") is None):
             raise ValueError(f"example {vector['name']!r}: give an origin, and `request` with `reply`, or `stream`")
@@ -81,7 +82,7 @@ class Example:
 
     @property
     def frames(self) -> list[Any]:
-        """What must come."""
+        """The expected frames."""
         return [frame_of(text) for text in (self.reply if self.request is not None else self.stream) or ()]
 
 
@@ -89,20 +90,20 @@ def read(path: Path) -> list[Example]:
     """Return the examples of a file.
 
     Raises:
-        ValueError: it is no JSON, or a vector is not whole.
+        ValueError: the file is no JSON, or a vector is invalid.
     """
     return [Example.of({"device": path.stem, **vector}) for vector in json.loads(path.read_text())["vectors"]]
 
 
 def examples_of(cls: type[Device]) -> Iterator[tuple[Path, Example]]:
-    """Those of a device, wherever they are written, with their files."""
+    """Yield the examples of a device with their files: those in the tree, and those beside the device."""
     for folder in dict.fromkeys([TREE, Path(inspect.getfile(cls)).parent / "golden"]):
         for path in sorted(folder.glob("*.json")):
             yield from ((path, example) for example in read(path) if example.device == cls.name)
 
 
 def examples_with(subject: Subject) -> list[Example]:
-    """Those with the options that are checked; none if a file cannot be read, which :func:`judged` says."""
+    """Return the examples with the subject's options; none if a file cannot be read, which :func:`judged` reports."""
     try:
         return [example for _, example in examples_of(subject.cls) if example.options == subject.options]
     except (ValueError, KeyError, TypeError):
@@ -110,15 +111,15 @@ def examples_with(subject: Subject) -> list[Example]:
 
 
 def replayed(subject: Subject, example: Example) -> tuple[list[Any], Device]:
-    """What a fresh device sends in an example, and the device.
+    """Return the frames that a new device sends in an example, and the device.
 
     Raises:
         AuthorError: the device failed.
-        ValueError: pictures that do not fit its layout, or options that it does not take.
+        ValueError: an image does not fit the layout, or an option is invalid.
     """
     host = Host(subject.make(example.options))
     for k, request in enumerate(example.after):
-        host.t_ns = k * BETWEEN
+        host.t_ns = k * REQUEST_INTERVAL_NS
         host.send(request, example.port)
     host.t_ns = example.t_ns
     host.pushes = example.newtons if example.pushes is None else example.pushes
@@ -126,20 +127,24 @@ def replayed(subject: Subject, example: Example) -> tuple[list[Any], Device]:
     for stream in host.device.periods:
         counts = host.measure(stream)
         if example.counts is not None:
-            host.device.counts = _given(example.counts, counts)  # type: ignore[attr-defined]
+            host.device.counts = _example_counts(example.counts, counts)  # type: ignore[attr-defined]
         if example.stream is not None:
             sent += host.streamed(stream)
     return (host.send(example.request, example.port) if example.request is not None else sent), host.device
 
 
-def _given(counts: Any, felt: Counts) -> np.ndarray:
-    like = np.asarray(next(iter(felt.values())) if isinstance(felt, Mapping) else felt)
+def _example_counts(counts: Any, measured: Counts) -> np.ndarray:
+    like = np.asarray(next(iter(measured.values())) if isinstance(measured, Mapping) else measured)
     values = np.arange(like.size) if counts == "index" else np.array(counts)
     return values.reshape(like.shape).astype(like.dtype)
 
 
 def difference(subject: Subject, example: Example) -> str:
-    """Where an example and the device disagree; empty: nowhere. Raises as :func:`replayed`."""
+    """Return the first difference between an example and the device; empty if there is none.
+
+    Raises:
+        AuthorError, ValueError: as :func:`replayed`.
+    """
     got, device = replayed(subject, example)
     if (text := first_difference(got, example.frames)) or example.rate_hz is None:
         return text
@@ -151,7 +156,7 @@ def difference(subject: Subject, example: Example) -> str:
 
 
 def first_difference(got: Sequence[Any], wanted: Sequence[Any]) -> str:
-    """``frame 0, byte 4: 0001 instead of 0100``; empty: none."""
+    """Return the first difference, as ``frame 0, byte 4: 0001 instead of 0100``; empty if there is none."""
     for k, (mine, theirs) in enumerate(zip(got, wanted)):
         if text_of(mine) == text_of(theirs):
             continue
@@ -169,7 +174,7 @@ def _some(data: bytes, at: int) -> str:
 
 
 def judged(subject: Subject) -> tuple[list[Fault], list[str], int]:
-    """Return faults, unpinned facts, and how many examples there are."""
+    """Return faults, unpinned facts, and the number of examples."""
     faults: list[Fault] = []
     try:
         given = list(examples_of(subject.cls))
@@ -187,26 +192,26 @@ def judged(subject: Subject) -> tuple[list[Fault], list[str], int]:
         if text:
             failed.append((path, example, text))
     for path, example, text in failed:
-        fits = [change for change, unnoticed in _tried(subject, [example]) if unnoticed]
+        fits = [change for change, passes in _tried(subject, [example]) if passes]
         hint = f"; it fits with {' or '.join(fits[:3])}" if fits else ""
         faults.append(Fault("examples", f"{example.name!r} ({example.origin}): {text}{hint}", str(path)))
     if faults:
         return faults, [], len(given)
-    loose = [change for change, unnoticed in _tried(subject, [example for _, example in given]) if unnoticed]
-    return [], loose, len(given)
+    unpinned = [change for change, passes in _tried(subject, [example for _, example in given]) if passes]
+    return [], unpinned, len(given)
 
 
 def _tried(subject: Subject, examples: Sequence[Example]) -> Iterator[tuple[str, bool]]:
-    """Each change of a declared fact, and whether all examples pass with it."""
-    for change in changes(subject.cls):
-        with change.made() as applied, subject.changed():
-            unnoticed = _all_pass(subject, examples) and applied()
-        yield change.text, unnoticed
+    """Yield each mutation of a declared fact, and True if all examples pass with it."""
+    for mutation in mutations_of(subject.cls):
+        with mutation.apply() as had_effect, subject.without_snapshots():
+            passes = _all_pass(subject, examples) and had_effect()
+        yield mutation.text, passes
 
 
 def _all_pass(subject: Subject, examples: Sequence[Example]) -> bool:
     try:
         subject.make()
         return not any(difference(subject, example) for example in examples)
-    except Exception:  # a change may break the device in any way: it is noticed
+    except Exception:  # a mutation may break the device in any way, which pins the fact
         return False

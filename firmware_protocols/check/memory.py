@@ -1,4 +1,4 @@
-"""Registers walked: defaults read, the ends of each range written, and what lies beyond refused."""
+"""The check of registers: each reads its default, takes the ends of its range, and refuses numbers beyond them."""
 
 from __future__ import annotations
 
@@ -17,28 +17,28 @@ from firmware_protocols.registers import Memory, Refused, Reg, Registers
 
 @dataclass(frozen=True)
 class DeviceMemory:
-    """The registers of a device, and the seam on which its protocols read and write them."""
+    """The registers of a device, and the memory by which its protocols read and write them."""
 
     device: Device
     registers: Registers
-    seam: Memory
+    memory: Memory
 
     def call(self, method: str, *args: Any) -> Any:
-        """``read`` or ``write``.
+        """Call ``read`` or ``write`` of the memory and return the result.
 
         Raises:
-            Refused: as the seam.
-            AuthorError: it raised something else.
+            Refused: the memory refused.
+            AuthorError: the memory raised another exception.
         """
         try:
-            return getattr(self.seam, method)(*args)
+            return getattr(self.memory, method)(*args)
         except Refused:
             raise
         except Exception as error:
             raise error_of_exception(type(self.device), self.device.name, method, args, error) from error
 
-    def everything(self, t_ns: int) -> bytes:
-        """Return all that can be read, register by register."""
+    def read_all(self, t_ns: int) -> bytes:
+        """Return the bytes of all readable registers, in order."""
         found = b""
         for reg in self.registers.table.rows:
             if "r" in reg.access:
@@ -49,27 +49,29 @@ class DeviceMemory:
         return found
 
     def numbers(self, reg: Reg, t_ns: int) -> list[Any]:
-        """What a host reads of a register."""
+        """Return the numbers that a host reads from a register."""
         data = self.call("read", reg.address, reg.end - reg.address, t_ns)
         return reg.decode(bytes(reg.address) + data)
 
 
 def memory_of(device: Device) -> DeviceMemory | None:
-    """Return the memory of a device; ``None``: it has no :class:`Registers`, or several."""
+    """Return the memory of a device; ``None`` if it has no :class:`Registers`, or several."""
     found = [value for value in vars(device).values() if isinstance(value, Registers)]
     if len(found) != 1:
         return None
-    is_seam = callable(getattr(device, "read", None)) and callable(getattr(device, "write", None))
-    return DeviceMemory(device, found[0], device if is_seam else found[0])  # type: ignore[arg-type]
+    is_memory = callable(getattr(device, "read", None)) and callable(getattr(device, "write", None))
+    return DeviceMemory(device, found[0], device if is_memory else found[0])  # type: ignore[arg-type]
 
 
 def faults(subject: Subject) -> Iterator[Fault]:
-    """Registers that do not do what their line says."""
+    """Yield registers that contradict their lines in the table."""
     if memory_of(subject.make()) is None:
         return
     for reg in _memory(subject)[1].registers.table.rows:
         try:
-            yield from (Fault("registers", f"{reg.name} at {reg.address}: {text}") for text in _walked(subject, reg))
+            yield from (
+                Fault("registers", f"{reg.name} at {reg.address}: {text}") for text in _register_faults(subject, reg)
+            )
         except AuthorError as error:
             yield Fault.of("registers", error, f"{reg.name} at {reg.address}: ")
         except Refused as refused:
@@ -85,23 +87,23 @@ def _memory(subject: Subject) -> tuple[Host, DeviceMemory]:
     return host, memory
 
 
-def _walked(subject: Subject, reg: Reg) -> Iterator[str]:
+def _register_faults(subject: Subject, reg: Reg) -> Iterator[str]:
     host, memory = _memory(subject)
     before = memory.numbers(reg, host.t_ns) if "r" in reg.access else None
     default = np.broadcast_to(np.asarray(reg.default, float), reg.count)
-    delivered = reg.name in host.device.options or (reg.flash and host.device.options)  # as an option may have it
-    if reg.access == "rw" and not delivered and not np.allclose(before or [], default):
+    may_differ = reg.name in host.device.options or (reg.flash and host.device.options)  # an option may set it
+    if reg.access == "rw" and not may_differ and not np.allclose(before or [], default):
         yield f"reads {before} after power-up, declared default {reg.default}"
     if "w" not in reg.access:
         if _written(memory, reg, default, host.t_ns):
-            yield "is declared read-only, and takes a write"
+            yield "is declared read-only, but takes a write"
         return
     for value in reg.range if np.isfinite(reg.range).all() else ():
         host, memory = _memory(subject)
         if not _written(memory, reg, np.full(reg.count, value), host.t_ns):
-            yield f"refuses {value:g}, which is in its range"
+            yield f"refuses {value:g}, which is in its declared range"
         elif before is not None and (now := memory.numbers(reg, host.t_ns)) not in ([value] * reg.count, before):
-            yield f"{value:g} is written, {now} is read"
+            yield f"reads {now} after {value:g} was written"
     for value in _beyond(reg):
         host, memory = _memory(subject)
         _written(memory, reg, np.full(reg.count, value), host.t_ns)
@@ -111,7 +113,7 @@ def _walked(subject: Subject, reg: Reg) -> Iterator[str]:
 
 
 def _beyond(reg: Reg) -> list[int]:
-    """Return numbers that its type holds, and its range does not."""
+    """Return numbers just beyond the range of a register that its type can hold."""
     if reg.type.endswith("f4") or reg.sign_bit is not None:
         return []
     kind = np.iinfo(np.dtype(reg.type))

@@ -1,4 +1,4 @@
-"""Readings to feed a device with: pushes along the taxels' normals, everything else at rest."""
+"""Readings for a device: pushes along the taxels' normals, other quantities as without contact."""
 
 from __future__ import annotations
 
@@ -11,21 +11,22 @@ from numpy.typing import ArrayLike
 from firmware_protocols.device import Device, Reading, Sense
 
 REST: Mapping[str, Any] = {"temperature": 25.0, "acceleration": (0.0, 0.0, 9.80665)}
-"""What senses see of a skin that nobody touches, where it is not 0; per point."""
-WIDTHS = {"force": 3, "displacement": 3, "acceleration": 3, "angular_velocity": 3, "wrench": 6}
-"""Numbers per point, where it is not one."""
+"""The values without contact that are not 0, per point, SI with °C."""
+NUMBERS_PER_POINT = {"force": 3, "displacement": 3, "acceleration": 3, "angular_velocity": 3, "wrench": 6}
+"""The numbers per point of quantities that have several."""
 METRES_PER_NEWTON = 1e-4
+"""The compliance of the skin, for senses of depth and displacement [m/N]."""
 
 Pushes = ArrayLike | Mapping[str, Sequence]
-"""One number for all taxels, one each, pictures of patches by name [N]; or x, y, z of the force on each taxel, in the
-frame of its link [N]."""
+"""Pushes: one number for all taxels, one for each, images of patches by name [N]; or x, y, z of the force on each
+taxel, in the frame of its link [N]."""
 
 
 def forces_of(device: Device, pushes: Pushes) -> np.ndarray:
-    """Return the force on each taxel [N], shape ``(n_taxels, 3)``; patches without a picture are not touched.
+    """Return the force on each taxel [N], shape ``(n_taxels, 3)``; 0 on patches without an image.
 
     Raises:
-        ValueError: a picture of another shape than its patch, or of no patch.
+        ValueError: an image has another shape than its patch, or there is no such patch.
     """
     layout = device.layout
     if not isinstance(pushes, Mapping) and np.ndim(pushes) == 2:
@@ -39,37 +40,37 @@ def _pushes_of(device: Device, pushes: Pushes) -> np.ndarray:
     newtons, patches = np.zeros(len(device.layout)), {patch.name: patch for patch in device.layout.patches}
     for name, rows in pushes.items():
         if name not in patches:
-            raise ValueError(f"the example has a picture of {name!r}, the layout's patches are {list(patches)}")
-        patch, picture = patches[name], np.array(rows, float)
+            raise ValueError(f"the example has an image of {name!r}, the layout's patches are {list(patches)}")
+        patch, image = patches[name], np.array(rows, float)
         shape = (patch.rows, patch.cols) if patch.rows else (patch.cols,)
-        if picture.shape != shape:
-            raise ValueError(f"patch {name!r} is {_sized(shape)}, the example's picture {_sized(picture.shape)}")
-        newtons[patch.taxels] = picture.ravel()
+        if image.shape != shape:
+            raise ValueError(f"patch {name!r} is {_shape_text(shape)}, the example's image {_shape_text(image.shape)}")
+        newtons[patch.taxels] = image.ravel()
     return newtons
 
 
-def _sized(shape: tuple[int, ...]) -> str:
+def _shape_text(shape: tuple[int, ...]) -> str:
     return " x ".join(map(str, shape))
 
 
 def reading_of(device: Device, pushes: Pushes = 0.0, stream: str = "", **values: ArrayLike) -> Reading:
-    """What the senses of a stream see; ``values`` by sense override it and are broadcast over its points.
+    """Return the reading of a stream under pushes; ``values`` by sense override it, broadcast over its points.
 
     Raises:
-        ValueError: pushes that do not fit the layout, or values of a sense that the stream does not have.
+        ValueError: pushes do not fit the layout, or the stream lacks the sense of a value.
     """
     forces = forces_of(device, pushes)
     forces = np.broadcast_to(np.asarray(values.pop("force", forces), float), forces.shape)
-    seen = {}
+    measured = {}
     for sense in device.senses_of(stream):
         value = values.pop(sense.key, None)
-        seen[sense.key] = _felt(sense, device, forces) if value is None else _spread(sense, value)
+        measured[sense.key] = _measured(sense, device, forces) if value is None else _spread(sense, value)
     if values:
         raise ValueError(f"{device.name} has no sense {sorted(values)}")
-    return Reading(seen, stream)
+    return Reading(measured, stream)
 
 
-def _felt(sense: Sense, device: Device, forces: np.ndarray) -> np.ndarray:
+def _measured(sense: Sense, device: Device, forces: np.ndarray) -> np.ndarray:
     layout = device.layout
     if sense.quantity == "force":
         return _spread(sense, forces)
@@ -92,8 +93,8 @@ def _felt(sense: Sense, device: Device, forces: np.ndarray) -> np.ndarray:
 
 
 def _spread(sense: Sense, value: Any) -> np.ndarray:
-    width, n = WIDTHS.get(sense.quantity), len(sense.at) if sense.at is not None else 0
+    width, n = NUMBERS_PER_POINT.get(sense.quantity), len(sense.at) if sense.at is not None else 0
     value = np.asarray(value)
     value = value if value.dtype == bool else value.astype(float) + 0.0  # no pressure is 0.0, not -0.0
-    whole = np.array(np.broadcast_to(value, (n,) if width is None else (n, width)))
-    return whole if sense.burst == 1 else np.repeat(whole[..., None], sense.burst, axis=-1)
+    spread = np.array(np.broadcast_to(value, (n,) if width is None else (n, width)))
+    return spread if sense.burst == 1 else np.repeat(spread[..., None], sense.burst, axis=-1)

@@ -1,4 +1,4 @@
-"""What a check found: faults, and facts that no worked example pins."""
+"""The report of a check: faults, and facts that no worked example pins."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from firmware_protocols.calls import AuthorError
 
 @dataclass(frozen=True)
 class Fault:
-    """One mistake, in a sentence that names what, where, and what to do."""
+    """A mistake, in a sentence that names what, where, and what to do."""
 
     part: str
-    """Which part of the check found it."""
+    """The part of the check that found it."""
     text: str
     file: str = ""
     line: int = 0
@@ -24,7 +24,7 @@ class Fault:
 
     @staticmethod
     def of(part: str, error: AuthorError, prefix: str = "") -> Fault:
-        """Return the fault that an error stands for."""
+        """Return the fault for an error in the device's code."""
         return Fault(part, prefix + str(error), error.file, error.line, error.data)
 
     def __str__(self) -> str:
@@ -35,43 +35,43 @@ class Fault:
 
 @dataclass(frozen=True)
 class Report:
-    """All about one device."""
+    """The faults and unpinned facts of one device."""
 
     device: str
     faults: tuple[Fault, ...] = ()
     unpinned: tuple[str, ...] = ()
-    """Changes of a declared fact that no worked example notices."""
+    """The changes of a declared fact with which all worked examples still pass."""
     examples: int = 0
     seconds: float = field(default=0.0, compare=False)
 
     @property
     def ok(self) -> bool:
-        """No fault; facts may be unpinned."""
+        """True if there is no fault; facts may be unpinned."""
         return not self.faults
 
     def as_dict(self) -> dict[str, Any]:
-        """For JSON."""
+        """Return the report as plain data for JSON."""
         return {**asdict(self), "ok": self.ok}
 
     def lines(self) -> list[str]:
-        """For people."""
+        """Return the report as lines of text."""
         count = f"{len(self.faults)} fault{'' if len(self.faults) == 1 else 's'}" if self.faults else "no fault"
-        lines = [f"{self.device}: {count}, {_many(self.examples, 'worked example')}, {self.seconds:.1f} s"]
+        lines = [f"{self.device}: {count}, {_counted(self.examples, 'worked example')}, {self.seconds:.1f} s"]
         lines += [f"  {fault}" for fault in self.faults]
         if self.unpinned:
             lines.append(
-                f"{_many(len(self.unpinned), 'fact')} that no example pins; with each of these changes all pass:"
+                f"{_counted(len(self.unpinned), 'fact')} that no example pins; with each of these changes all pass:"
             )
             lines += [f"  {fact}" for fact in self.unpinned]
         return lines
 
 
-def _many(count: int, what: str) -> str:
+def _counted(count: int, what: str) -> str:
     return f"{count} {what}{'' if count == 1 else 's'}"
 
 
 def distinct(faults: Iterable[Fault]) -> tuple[Fault, ...]:
-    """Return the first of those that say the same, or were raised at the same line."""
+    """Return the faults without later ones of the same text, or raised at the same line."""
     found: dict[object, Fault] = {}
     for fault in faults:
         found.setdefault((fault.file, fault.line) if " raised " in fault.text else fault.text, fault)

@@ -1,4 +1,4 @@
-"""What a driver sends: each documented command in every way that a line can deliver it, and nonsense."""
+"""The check of requests: each documented command, whole and in pieces, malformed and corrupted."""
 
 from __future__ import annotations
 
@@ -10,21 +10,22 @@ from typing import Any
 import numpy as np
 
 from firmware_protocols.calls import AuthorError, run, source_line
-from firmware_protocols.check.host import SECOND, Host, Subject, carries_bytes, shown
-from firmware_protocols.check.nonsense import reframed
+from firmware_protocols.check.host import SECOND_NS, Host, Subject, carries_bytes, frames_text
+from firmware_protocols.check.malformed import malformed_requests
 from firmware_protocols.check.report import Fault
 from firmware_protocols.commands import Command
 from firmware_protocols.frames import FD_LENGTHS, CanFrame, text_of
 
-PUSH = 0.5
-TRIES = 100
-"""Seconds after which a device that got nonsense answers again."""
+PUSH_N = 0.5
+"""The push on every taxel."""
+MUTE_TIMEOUT_S = 100
+"""The time after which a device must answer again after corrupted requests."""
 
 
 def faults(subject: Subject, fuzz: int) -> Iterator[Fault]:
-    """Answers that are not as documented; requests, whole or spoiled, that a device does not survive."""
+    """Yield answers that are not as documented, and requests, whole or corrupted, that a device does not survive."""
     for command in subject.commands:
-        for check in (_answered, _in_pieces, _after_half_and_restart, _with_nonsense):
+        for check in (_check_answer, _check_pieces, _check_restart, _check_malformed):
             try:
                 found = list(check(subject, command))
             except AuthorError as error:
@@ -33,23 +34,23 @@ def faults(subject: Subject, fuzz: int) -> Iterator[Fault]:
             if found:
                 break
     try:
-        yield from _fuzzed(subject, fuzz)
+        yield from _check_corrupted(subject, fuzz)
     except AuthorError as error:
-        yield Fault.of("commands", error, "spoiled requests: ")
+        yield Fault.of("commands", error, "corrupted requests: ")
     try:
-        yield from _around(subject)
+        yield from _check_lines_and_joints(subject)
     except AuthorError as error:
         yield Fault.of("lines", error)
 
 
-def _around(subject: Subject) -> Iterator[Fault]:
-    """Modem lines in every state, and where the actuators are after each command."""
-    host = Host(subject.make(), PUSH)
+def _check_lines_and_joints(subject: Subject) -> Iterator[Fault]:
+    """Set the modem lines to every state, and yield joints that are no finite numbers after a command."""
+    host = Host(subject.make(), PUSH_N)
     for port in [each.name for each in host.device.ports]:
         for dtr, rts in ((True, True), (False, True), (True, False), (False, False)):
             host.modem(dtr, rts, port)
             host.wait()
-    for request, port in [(None, ""), *subject.asked()]:
+    for request, port in [(None, ""), *subject.requests()]:
         if request is not None:
             host.send(request, port)
             host.wait()
@@ -65,31 +66,29 @@ def _fault(command: Command, text: str) -> Fault:
     return Fault("commands", f"{command.name!r}: {text}", data=text_of(command.frame))
 
 
-def _said(command: Command, got: list[Any], how: str) -> Fault:
+def _answer_fault(command: Command, got: list[Any], how: str) -> Fault:
     wanted = command.reply if isinstance(command.reply, list | tuple) else [command.reply]
     if command.reply is None:
         expected = "silence"
     elif callable(command.reply):
-        expected = "an answer that the command's own check takes"
+        expected = "an answer that the command's own check accepts"
     else:
-        expected = ", ".join(each if isinstance(each, str) else shown([each]) for each in wanted[:3])
-    return _fault(
-        command,
-        f"{text_of(command.frame).upper()} {how} is answered by {shown(got) or 'silence'}, documented: {expected}",
-    )
+        expected = ", ".join(each if isinstance(each, str) else frames_text([each]) for each in wanted[:3])
+    answer = frames_text(got) or "silence"
+    return _fault(command, f"{text_of(command.frame).upper()} {how} is answered by {answer}, documented: {expected}")
 
 
-def _answered(subject: Subject, command: Command) -> Iterator[Fault]:
-    host = Host(subject.make(), PUSH)
+def _check_answer(subject: Subject, command: Command) -> Iterator[Fault]:
+    host = Host(subject.make(), PUSH_N)
     host.prepare(command)
     unknown = host.device.counters["unknown_command"]
     if not command.agrees(got := host.send(command.request, command.port) + host.wait()):
-        yield _said(command, got, "whole")
+        yield _answer_fault(command, got, "whole")
     elif not got and host.device.counters["unknown_command"] > unknown:
-        yield _fault(command, "it is documented, but not answered, and counted as unknown_command")
+        yield _fault(command, "it is documented, but counted as unknown_command and not answered")
 
 
-def _in_pieces(subject: Subject, command: Command) -> Iterator[Fault]:
+def _check_pieces(subject: Subject, command: Command) -> Iterator[Fault]:
     if not carries_bytes(subject, command):
         return
     request = command.frame
@@ -101,25 +100,25 @@ def _in_pieces(subject: Subject, command: Command) -> Iterator[Fault]:
         "with an empty chunk before it": [b"", request],
     }
     for how, pieces in ways.items():
-        host = Host(subject.make(), PUSH)
+        host = Host(subject.make(), PUSH_N)
         host.prepare(command)
         got = [frame for piece in pieces for frame in host.send(piece, command.port)] + host.wait()
         if not command.agrees(got):
-            yield _said(command, got, how)
+            yield _answer_fault(command, got, how)
             return
-    host = Host(subject.make(), PUSH)
+    host = Host(subject.make(), PUSH_N)
     host.prepare(command)
     first = host.send(request + request[:half], command.port)
     if host.device.wake_ns is not None or host.restarts:
-        return  # it takes a silence for the end of a request, or forgets what comes after it
+        return  # a silence ends its requests, or it restarts and forgets the bytes after the request
     if not command.agrees(first):
-        yield _said(command, first, "with half of the next request behind it")
+        yield _answer_fault(command, first, "with half of the next request behind it")
     elif bool(host.send(request[half:], command.port)) != bool(first):
         yield _fault(command, "the next request, whose first half came in the same chunk, is lost")
 
 
-def _after_half_and_restart(subject: Subject, command: Command) -> Iterator[Fault]:
-    host = Host(subject.make(), PUSH)
+def _check_restart(subject: Subject, command: Command) -> Iterator[Fault]:
+    host = Host(subject.make(), PUSH_N)
     request = command.frame
     if isinstance(request, bytes):
         host.prepare(command)
@@ -127,13 +126,13 @@ def _after_half_and_restart(subject: Subject, command: Command) -> Iterator[Faul
     host.device.flash.clear()
     host.restart()
     if not command.agrees(got := host.ask(command)):
-        yield _said(command, got, "after half of itself and a restart")
+        yield _answer_fault(command, got, "after half of itself and a restart")
 
 
-def _with_nonsense(subject: Subject, command: Command) -> Iterator[Fault]:
-    host = Host(subject.make(), PUSH)
+def _check_malformed(subject: Subject, command: Command) -> Iterator[Fault]:
+    host = Host(subject.make(), PUSH_N)
     host.prepare(command)
-    for n, request in reframed(subject.cls, command.frame):
+    for n, request in malformed_requests(subject.cls, command.frame):
         try:
             host.send(request, command.port)
         except AuthorError as error:
@@ -141,55 +140,53 @@ def _with_nonsense(subject: Subject, command: Command) -> Iterator[Fault]:
             return
 
 
-def _fuzzed(subject: Subject, count: int) -> Iterator[Fault]:
-    requests = subject.asked()
-    rng, host = random.Random(subject.cls.__name__), Host(subject.make(), PUSH)
+def _check_corrupted(subject: Subject, count: int) -> Iterator[Fault]:
+    requests = subject.requests()
+    rng, host = random.Random(subject.cls.__name__), Host(subject.make(), PUSH_N)
     ports = [port.name for port in host.device.ports]
     for _ in range(count):
         request, port = rng.choice(requests) if requests else (rng.randbytes(8), rng.choice(ports))
         connects = host.device.connector(port) if port else host.device.ports[0]
         if not requests and type(connects).__name__ == "Can":
             request = CanFrame(arbitration_id=rng.getrandbits(11), data=request)
-        host.wait(2 * SECOND // 1000)
+        host.wait(2 * SECOND_NS // 1000)
         if isinstance(request, CanFrame):
-            host.send(spoil_frame(request, rng), port)
+            host.send(corrupt_frame(request, rng), port)
         else:
-            spoiled = spoil(request, rng)
-            cut = rng.randrange(len(spoiled) + 1)
-            host.send(spoiled[:cut], port)
-            host.send(spoiled[cut:], port)
+            corrupted = corrupt(request, rng)
+            cut = rng.randrange(len(corrupted) + 1)
+            host.send(corrupted[:cut], port)
+            host.send(corrupted[cut:], port)
         if rng.random() < 0.02:
             host.pushes = rng.uniform(-1.0, 30.0)
             host.convert()
     if count and not sum(host.device.counters.values()):
-        yield Fault("commands", "what came was not counted: use self.counters")
+        yield Fault("commands", "received requests are not counted: use self.counters")
     if mute := _mute(host, subject):
         yield mute
-    host.pushes = PUSH
+    host.pushes = PUSH_N
     for command in subject.commands:
         host.device.flash.clear()
         host.restart()
-        host.wait(10 * SECOND)
+        host.wait(10 * SECOND_NS)
         if not command.agrees(got := host.ask(command)):
-            yield _said(command, got, f"after {count} spoiled requests and a restart")
+            yield _answer_fault(command, got, f"after {count} corrupted requests and a restart")
 
 
 def _mute(host: Host, subject: Subject) -> Fault | None:
-    """What awaits an answer gets one without a restart, at the latest when what was half received is over."""
-    asked = [command for command in subject.commands if command.reply is not None]
-    for _ in range(TRIES if asked else 0):
-        host.wait(SECOND)
-        if any(host.ask(command) for command in asked):
+    """Return a fault if no command is answered again, without a restart, after corrupted requests."""
+    answered = [command for command in subject.commands if command.reply is not None]
+    for _ in range(MUTE_TIMEOUT_S if answered else 0):
+        host.wait(SECOND_NS)
+        if any(host.ask(command) for command in answered):
             return None
-    if asked:
-        return _fault(asked[0], f"spoiled requests made it mute for more than {TRIES} s")
+    if answered:
+        return _fault(answered[0], f"it is mute for more than {MUTE_TIMEOUT_S} s after corrupted requests")
     return None
 
 
-def spoil(data: bytes, rng: random.Random) -> bytes:
-    """Return one to four random changes: bits flipped, bytes dropped, put in, or replaced by noise; or cut, or
-    doubled.
-    """
+def corrupt(data: bytes, rng: random.Random) -> bytes:
+    """Return the data with one to four random changes: bits flipped, bytes dropped, inserted, replaced, doubled."""
     out = bytearray(data)
     for _ in range(rng.randint(1, 4)):
         at = rng.randrange(len(out) + 1)
@@ -209,10 +206,10 @@ def spoil(data: bytes, rng: random.Random) -> bytes:
     return bytes(out[:4096])
 
 
-def spoil_frame(frame: CanFrame, rng: random.Random) -> CanFrame:
-    """Other data; now and then another identifier, an extended one, or a remote frame."""
+def corrupt_frame(frame: CanFrame, rng: random.Random) -> CanFrame:
+    """Return the frame with other data; now and then with another or extended identifier, or as a remote frame."""
     longest = 64 if frame.is_fd else 8
-    data = b"" if (remote := rng.random() < 0.05) else spoil(frame.data, rng)[:longest]
+    data = b"" if (remote := rng.random() < 0.05) else corrupt(frame.data, rng)[:longest]
     if frame.is_fd and not remote:
         data = data.ljust(next(size for size in FD_LENGTHS if size >= len(data)), b"\0")
     extended = frame.is_extended_id or rng.random() < 0.05

@@ -207,7 +207,7 @@ _FUNCTIONS = {
     22: (_mask_write, _is_7_bytes),
     23: (_read_and_write, _has_its_written_registers),
 }
-"""For each function, its implementation and the check that a PDU has the length that it states."""
+"""The implementation of each function, and the check that a PDU has the length that it states."""
 
 
 # -- framings --------------------------------------------------------------------------------------------------------

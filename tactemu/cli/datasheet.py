@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from firmware_protocols import Column, Device
-from firmware_protocols.check.facts import held
+from firmware_protocols.check.mutations import tables_of
 from firmware_protocols.facts import Basis, Part
 from firmware_protocols.frames import frame_of
 from firmware_protocols.layouts import Layout, Patch
@@ -157,7 +157,7 @@ def frame_page(device: Device) -> list[str]:
 
 def _tables(device: Device) -> list[str]:
     """Return the frame and register tables that the device declares."""
-    return [line for table in held(type(device), (Frame, RegisterMap)) for line in ("", *str(table).splitlines())]
+    return [line for table in tables_of(type(device), (Frame, RegisterMap)) for line in ("", *str(table).splitlines())]
 
 
 def _options(device: Device) -> list[str]:

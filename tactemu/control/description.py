@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from firmware_protocols import Device
-from firmware_protocols.check.facts import held
+from firmware_protocols.check.mutations import tables_of
 from firmware_protocols.frames import frame_of, text_of
 from firmware_protocols.tables import Frame
 from tactemu.emulator.channel import Channel
@@ -48,7 +48,7 @@ def _adjustable(channel: Channel) -> list[str]:
 def _device(device: Device) -> dict[str, Any]:
     """Return the device's frame tables, as text with the bound values; its commands; rest and span of its columns."""
     own = [value for value in vars(device).values() if isinstance(value, Frame)]
-    tables = {table.name: table for table in (*held(type(device), Frame), *own)}
+    tables = {table.name: table for table in (*tables_of(type(device), Frame), *own)}
     return {
         "tables": [_table(table) for table in tables.values()],
         "commands": [{"name": each.name, "request": text_of(frame_of(each.request))} for each in device.commands],

@@ -10,7 +10,7 @@ import pytest
 
 import firmware_protocols as fp
 from firmware_protocols.check import check
-from firmware_protocols.check.host import SECOND, Host
+from firmware_protocols.check.host import SECOND_NS, Host
 from tests.firmware.page import ROOT, pieces, write
 
 TEMPLATE = ROOT / "firmware_protocols" / "template.py"
@@ -79,7 +79,7 @@ def grip(folder):
 
 
 def test_two_streams_and_a_measurement_that_is_asked_for(grip):
-    assert grip.device.periods == {"touch": 0, "chip": SECOND // 20}
+    assert grip.device.periods == {"touch": 0, "chip": SECOND_NS // 20}
     assert grip.convert() == [b"T 250\n"]
     grip.pushes = 1.5
     before = grip.t_ns
@@ -89,7 +89,7 @@ def test_two_streams_and_a_measurement_that_is_asked_for(grip):
 
 def test_the_motor_goes_and_its_register_says_where(grip):
     assert grip.send("010600000000 89CA", "motor") == [bytes.fromhex("01060000000089CA")]
-    grip.wait(SECOND // 4)
+    grip.wait(SECOND_NS // 4)
     assert grip.device.joints(grip.t_ns) == {"opening": pytest.approx(0.05)}
     (answer,) = grip.send("010300010001 D5CA", "motor")
     assert answer[:5] == bytes.fromhex("01 03 02 01F4")

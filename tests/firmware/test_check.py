@@ -6,7 +6,7 @@ import re
 import pytest
 
 from firmware_protocols.check import check
-from firmware_protocols.check.facts import WAYS, order, ways
+from firmware_protocols.check.taxel_orders import ORDERS, matching_names, wire_order_of
 from firmware_protocols.layouts import grid_layout
 from tests.firmware.page import pieces
 
@@ -77,7 +77,7 @@ PLANTS = {
     ),
     "order: rows and columns exchanged": (
         [("grid_layout(3, 4,", "grid_layout(4, 3,")],
-        r"patch 'left' is 4 x 3, the example's picture 3 x 4",
+        r"patch 'left' is 4 x 3, the example's image 3 x 4",
     ),
     "order: declared without effect": (
         [(BIND, "taxels=24")],
@@ -85,7 +85,10 @@ PLANTS = {
     ),
     "length: a byte that says so": ([("len(data)\n", "len(data) + 1\n")], r"packet\.size = len\(data\)$"),
     "push: the wrong way": ([(FORCE, f"-{FORCE}")], r"counts do not rise under a push"),
-    "push: another rest": ([("1000.0, 0, 0xFFFF)", "1000.0, 0, 0xFFFF, rest=9)")], r"9 untouched, declared rest is 0"),
+    "push: another rest": (
+        [("1000.0, 0, 0xFFFF)", "1000.0, 0, 0xFFFF, rest=9)")],
+        r"9 without contact, declared rest is 0",
+    ),
     "span: declared too small": ([("high=0xFFFF", "high=1000")], r"counts 0 to 65535, declared are 0 to 1000"),
     "frames: bare bytes": (
         [("[self._reading()] if", "self._reading() if")],
@@ -115,7 +118,10 @@ PLANTS = {
     "datasheet: of no kind that lists have": ([('kind = "fingertip"', 'kind = "pad"')], r"kind 'pad': expected one of"),
     "datasheet: a guess of evidence": ([('evidence = ("assumed",)', 'evidence = ("guessed",)')], r"evidence 'guessed'"),
     "datasheet: no line to try": ([("Try it:", "Or:")], r"the docstring of acme_palm\.py lacks 'try it'"),
-    "datasheet: no columns": ([("    columns = (", "    old_columns = (")], r"columns: say what the counts mean"),
+    "datasheet: no columns": (
+        [("    columns = (", "    old_columns = (")],
+        r"columns: declare the meaning of the counts",
+    ),
     "datasheet: a name that is taken": ([('name = "acme_palm"', 'name = "anyskin"')], r"name 'anyskin' is taken by"),
     "options: no annotation": (
         [('serial: Annotated[str, Option("at most 252 characters of ASCII")] =', "serial=")],
@@ -235,5 +241,5 @@ def test_the_same_report_again(tmp_path):
 
 def test_the_ways_are_different_orders():
     layout = grid_layout(3, 4, 0.002)
-    for way in set(WAYS) - {"last patch first", "row by row"}:
-        assert ways(layout, order(layout, way)) == [way]
+    for name in set(ORDERS) - {"last patch first", "row by row"}:
+        assert matching_names(layout, wire_order_of(layout, name)) == [name]

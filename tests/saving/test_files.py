@@ -138,7 +138,7 @@ def test_a_tree_that_is_not_ours(emulator, tmp_path, saved):
     )
     assert "samples: expected int, got str" in told(lambda t: of(t["channels[0]"], "samples").__setitem__(1, "x"))
     assert f"{device}: the state of paxini_px6ax lacks" in told(lambda t: t[device]["dict"].clear())
-    named = {"dict": [["~", "named"], ["as", "firmware_protocols.check.restarts:subprocess.run"]]}
+    named = {"dict": [["~", "named"], ["as", "firmware_protocols.check.other_process:subprocess.run"]]}
     assert "a state cannot hold" in told(lambda t: t[device]["dict"].append(["measure", named])), (
         "what a module imports"
     )

@@ -1,24 +1,24 @@
-"""Well-framed nonsense: a worked request with other data, whose length and sum are right again."""
+"""Malformed requests: a documented request with other data, whose length and sum are valid again."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from typing import Literal
 
-from firmware_protocols.check.facts import frames_of
+from firmware_protocols.check.mutations import frames_of
 from firmware_protocols.device import Device
 from firmware_protocols.frames import CanFrame, WireFrame, with_payload
 from firmware_protocols.framing import ppp
 from firmware_protocols.sums import SUMS
 
 SIZES = (0, 1, 2, 3, 40)
-"""Bytes of data."""
+"""The numbers of data bytes."""
 FLAG = b"\x7e"
 ORDERS: tuple[Literal["little", "big"], ...] = ("little", "big")
 
 
-def reframed(cls: type[Device], request: WireFrame) -> Iterator[tuple[int, WireFrame]]:
-    """Requests like this one with so many bytes of zeros, and of FF, as data."""
+def malformed_requests(cls: type[Device], request: WireFrame) -> Iterator[tuple[int, WireFrame]]:
+    """Yield requests like this one, but with zeros or FF as data, and the number of those bytes."""
     if isinstance(request, CanFrame):
         for n in SIZES:
             for head in (0, 1, 2):
@@ -35,7 +35,7 @@ def reframed(cls: type[Device], request: WireFrame) -> Iterator[tuple[int, WireF
 
 
 def _by_table(cls: type[Device], request: bytes) -> Iterator[tuple[int, WireFrame]]:
-    """By the device's own table, which fills in lengths and sums."""
+    """Yield requests packed by the device's own tables, which fill in lengths and sums."""
     for table in frames_of(cls):
         field = next((each for each in table.fields if each.is_open and each.kind == "bytes"), None)
         if field is None or any(isinstance(count, str) for each in table.fields for count in each.shape):
@@ -47,7 +47,7 @@ def _by_table(cls: type[Device], request: bytes) -> Iterator[tuple[int, WireFram
 
 
 def _by_sum(request: bytes) -> Iterator[tuple[int, bytes]]:
-    """By the sum that its last bytes are, whichever it is, and by every byte that could be its length."""
+    """Yield requests with the sum that its last bytes fit, changing every byte that could be its length."""
     for start, size, order, name in [*_sums_of(request), (0, 0, ORDERS[0], "")]:
         body = request[: len(request) - size] if size else request
         lengths = [at for at in range(min(8, len(body))) if 0 <= body[at] <= len(request)]
@@ -64,7 +64,7 @@ def _by_sum(request: bytes) -> Iterator[tuple[int, bytes]]:
 
 
 def _sums_of(request: bytes) -> list[tuple[int, int, Literal["little", "big"], str]]:
-    """Where the sum starts, its size, byte order and name."""
+    """Return start, size, byte order and name of the sums that the last bytes fit, two at most."""
     found: list[tuple[int, int, Literal["little", "big"], str]] = []
     for name, (function, size) in SUMS.items():
         for start in range(min(4, max(len(request) - size, 0))):
