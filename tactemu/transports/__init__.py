@@ -33,13 +33,13 @@ __all__ = ["TRANSPORTS", "Transport", "create"]
 
 
 def create(port: str) -> Transport:
-    """Return the transport for ``scheme:rest``, not yet open.
+    """Return the transport for ``scheme:location``, not yet open.
 
     Raises:
         TransportError: unknown scheme, or an address that cannot be parsed.
         TransportUnavailable: its library is not installed.
     """
-    scheme, _, rest = port.partition(":")
+    scheme, _, location = port.partition(":")
     if scheme not in TRANSPORTS:
         if scheme.startswith(("/", ".", "~")):
             raise TransportError(f"port {port!r}: a path needs its scheme; did you mean 'pty:{port}'?")
@@ -58,4 +58,4 @@ def create(port: str) -> Transport:
         raise TransportUnavailable(
             f"port {port!r} needs {error.name}: pip install 'tactemu[{EXTRAS[scheme]}]'"
         ) from error
-    return transport(rest)
+    return transport(location)

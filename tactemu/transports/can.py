@@ -38,11 +38,11 @@ class CanTransport(Transport):
 
     scheme = "can"
 
-    def __init__(self, rest: str):
-        self.interface, _, self.channel = rest.partition(":")
+    def __init__(self, location: str):
+        self.interface, _, self.channel = location.partition(":")
         if not self.interface or not self.channel:
-            raise TransportError(f"port 'can:{rest}': expected can:INTERFACE:CHANNEL, as in can:socketcan:vcan0")
-        self.address = rest
+            raise TransportError(f"port 'can:{location}': expected can:INTERFACE:CHANNEL, as in can:socketcan:vcan0")
+        self.address = location
         self._bus: can.BusABC | None = None
         self._fileno = -1
         self._queue: ReceiveQueue | None = None

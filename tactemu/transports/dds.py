@@ -68,15 +68,15 @@ class DdsTransport(Transport):
 
     scheme = "dds"
 
-    def __init__(self, rest: str):
-        where, _, self._topic = rest.partition("/")
+    def __init__(self, location: str):
+        where, _, self._topic = location.partition("/")
         interface, _, domain = where.rpartition(":")
         if not domain.isdecimal() or int(domain) > 232:
             raise TransportError(
-                f"port 'dds:{rest}': expected dds:DOMAIN, dds:INTERFACE:DOMAIN or dds:DOMAIN/TOPIC, DOMAIN 0 to 232"
+                f"port 'dds:{location}': expected dds:DOMAIN, dds:INTERFACE:DOMAIN or dds:DOMAIN/TOPIC, DOMAIN 0 to 232"
             )
         self.interface, self.domain = interface or LOOPBACK, int(domain)
-        self.address = f"dds:{rest}"
+        self.address = f"dds:{location}"
         self._connector: Dds | None = None
         self._writer: DataWriter | None = None
         self._reader: DataReader | None = None

@@ -11,16 +11,18 @@ from tactemu.base.errors import TransportError
 _logger = logging.getLogger(__name__)
 
 
-def parse(scheme: str, rest: str) -> tuple[str, int]:
+def parse(scheme: str, location: str) -> tuple[str, int]:
     """Return host and port of ``PORT`` or ``HOST:PORT``; the default host is loopback.
 
     Raises:
         TransportError: it is neither.
     """
-    host, _, port = rest.rpartition(":")
+    host, _, port = location.rpartition(":")
     host = host.removeprefix("[").removesuffix("]") or "127.0.0.1"
     if not port.isdecimal() or int(port) > 65_535:
-        raise TransportError(f"port '{scheme}:{rest}': expected {scheme}:PORT or {scheme}:HOST:PORT, PORT 0 to 65535")
+        raise TransportError(
+            f"port '{scheme}:{location}': expected {scheme}:PORT or {scheme}:HOST:PORT, PORT 0 to 65535"
+        )
     return host, int(port)
 
 

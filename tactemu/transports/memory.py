@@ -84,8 +84,8 @@ class MemoryTransport(Transport):
 
     scheme = "memory"
 
-    def __init__(self, rest: str = ""):
-        self.address = f"memory:{rest}"
+    def __init__(self, location: str = ""):
+        self.address = f"memory:{location}"
         self.driver = DriverEnd()
         self._open = False
 

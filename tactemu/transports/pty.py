@@ -56,9 +56,9 @@ class PtyTransport(Transport):
 
     scheme = "pty"
 
-    def __init__(self, rest: str = ""):
-        self._link = StableLink(rest) if rest else None
-        self.address = rest
+    def __init__(self, location: str = ""):
+        self._link = StableLink(location) if location else None
+        self.address = location
         self._name = ""
         self._master = -1
         self._open_watch: OpenWatch | None = None

@@ -84,8 +84,8 @@ class Rfc2217Transport(TcpTransport):
 
     scheme = url = "rfc2217"
 
-    def __init__(self, rest: str):
-        super().__init__(rest)
+    def __init__(self, location: str):
+        super().__init__(location)
         self._port = _Port()
         self._protocol: rfc2217.PortManager | None = None
 

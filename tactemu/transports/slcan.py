@@ -36,8 +36,8 @@ class SlcanTransport(PtyTransport):
 
     scheme = "slcan"
 
-    def __init__(self, rest: str):
-        super().__init__(rest)
+    def __init__(self, location: str):
+        super().__init__(location)
         self._bus = 0
         """The bit rate of the bus [bit/s]; 0: any."""
         self._power_up()

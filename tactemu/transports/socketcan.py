@@ -38,11 +38,11 @@ class SocketCanTransport(Transport):
 
     scheme = "can"
 
-    def __init__(self, rest: str):
-        self.channel = rest.partition(":")[2]
+    def __init__(self, location: str):
+        self.channel = location.partition(":")[2]
         if not self.channel:
-            raise TransportError(f"port 'can:{rest}': expected can:INTERFACE:CHANNEL, as in can:socketcan:vcan0")
-        self.address = rest
+            raise TransportError(f"port 'can:{location}': expected can:INTERFACE:CHANNEL, as in can:socketcan:vcan0")
+        self.address = location
         self._in: socket.socket | None = None
         self._out: socket.socket | None = None
         """The socket that frames are written to; the same as ``_in`` where the kernel has CAN."""

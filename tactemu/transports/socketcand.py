@@ -26,8 +26,8 @@ class SocketcandTransport(TcpTransport):
 
     scheme = url = "socketcand"
 
-    def __init__(self, rest: str):
-        super().__init__(rest)
+    def __init__(self, location: str):
+        super().__init__(location)
         self._half = b""
         self._opened = self._raw = False
 

@@ -41,8 +41,8 @@ class TcpTransport(Transport):
     url = "socket"
     """The scheme of the URL with which pyserial opens the port."""
 
-    def __init__(self, rest: str):
-        self.host, self.port = inet.parse(self.scheme, rest)
+    def __init__(self, location: str):
+        self.host, self.port = inet.parse(self.scheme, location)
         self.address = self._url()
         self._server: socket.socket | None = None
         self._client: socket.socket | None = None

@@ -35,8 +35,8 @@ class UdpTransport(Transport):
 
     scheme = "udp"
 
-    def __init__(self, rest: str):
-        self.host, self.port = inet.parse(self.scheme, rest)
+    def __init__(self, location: str):
+        self.host, self.port = inet.parse(self.scheme, location)
         self.address = f"udp://{inet.join(self.host, self.port)}"
         self._socket: socket.socket | None = None
         self._queue: ReceiveQueue | None = None

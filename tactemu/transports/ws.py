@@ -27,8 +27,8 @@ class WebSocketTransport(TcpTransport):
 
     scheme = url = "ws"
 
-    def __init__(self, rest: str):
-        super().__init__(rest)
+    def __init__(self, location: str):
+        super().__init__(location)
         self._protocol = ServerProtocol(max_size=_MAX_MESSAGE_BYTES)
         """The protocol state of the connected client."""
         self._has_shaken_hands = False

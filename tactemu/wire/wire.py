@@ -58,8 +58,8 @@ class Wire(WirePort):
     Args:
         transport: the port.
         connector: what the device has there: baud rate or bit rates.
-        pacing: whether frames take their time. Off, they leave at once; ``"strict"``: also after a stall of the caller
-            no frame follows another sooner than the line can carry it.
+        pacing: True where frames take their time. Without it they leave at once; ``"strict"``: also after a stall of
+            the caller no frame follows another sooner than the line can carry it.
         faults: what goes wrong, as text or parsed (:mod:`tactemu.wire.faults`).
         seed: root seed of the faults' random streams.
         truth: where frames and faults are logged.
@@ -336,7 +336,7 @@ class Wire(WirePort):
         self._deliver_due(None, events)
 
     def _apply_outages(self, fault: Fault | None, now_ns: int, events: list[Event | ReceivedData]) -> None:
-        """Take the link down when a fault says so, and bring it back afterwards.
+        """Take the link down while a fault applies, and bring it back afterwards.
 
         Raises:
             TransportError: the port cannot be made again.

@@ -23,7 +23,7 @@ class WirePort:
     Args:
         transport: the port.
         connector: what the device has there: baud rate or bit rates.
-        pacing: whether frames take their time on the line.
+        pacing: True where frames take their time on the line.
         faults: what goes wrong, as text or parsed.
         seed: root seed of the faults' random streams.
         truth: where frames and faults are logged.
@@ -63,9 +63,9 @@ class WirePort:
         self._down: Fault | None = None
         """The fault that has the link down."""
         self._lines: LinesChanged | None = None
-        """The state of the modem lines of which the devices were last told."""
+        """The modem lines as the devices last received them."""
         self._held_open = False
-        """True where the devices were told of a driver that has the port open."""
+        """True while, to the devices, a driver has the port open."""
         self.was_opened = False
         """True once a driver has had the port open."""
         self._is_open = False

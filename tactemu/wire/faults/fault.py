@@ -62,13 +62,13 @@ KINDS: dict[str, FaultKind] = {
     "merge": FaultKind("arrives together with the next one", _BYTES),
     "late": FaultKind("leaves later; on a byte stream, so does all that follows", options=("by",)),
     "stray": FaultKind("an earlier frame comes again, unasked"),
-    "silence": FaultKind("nothing passes"),
+    "silence": FaultKind("no frame passes"),
     "latency": FaultKind(
         "a USB-serial chip hands over 62 bytes, or what it has when its timer fires", ("serial",), ("by",), True
     ),
     "close": FaultKind("the connection is closed in its place, and may be opened again", _CONNECTED, ("code",)),
     "halfopen": FaultKind(
-        "the connection stays, but nobody is at the other end", ("serial", *_CONNECTED), acts_on_link=True
+        "the connection stays, but the other end is dead", ("serial", *_CONNECTED), acts_on_link=True
     ),
     "unplug": FaultKind("the port goes away, and comes back", options=("as",), acts_on_link=True),
     "error": FaultKind("an error frame breaks the frame, which is sent again", _CAN),
@@ -286,7 +286,7 @@ class _Words:
         if kind.acts_on_link and (
             (targets and not (traffic and word.startswith("id="))) or (word[-1] == "%" and not traffic)
         ):
-            raise self._wrong(word, f"{self.kind} is a fault of the whole link: give it a time only")
+            raise self._wrong(word, f"{self.kind} is a fault of the link: give it a time only")
 
     def _set(self, word: str, name: str, value: Any) -> None:
         if name in self.values:

@@ -1,4 +1,4 @@
-"""Faults of the whole link: the USB-serial chip between line and driver, and other nodes on a CAN bus."""
+"""Faults of the link: the USB-serial chip between line and driver, and other nodes on a CAN bus."""
 
 from __future__ import annotations
 
