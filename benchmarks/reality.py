@@ -144,29 +144,30 @@ def _table(lines: Sequence[dict[str, Any]], more: Sequence[str] = ()) -> str:
 _PAGE = """# Speed for reality
 
 Written by `python -m benchmarks reality RECORDINGS --page docs/reality.md`. [Speed for accuracy](accuracy.md) judges
-the levels by a rubber layer that is solved finely; this page by a real skin: the force of presses on eFlesh's printed
-lattice, 12 mm deep, up to 34 N, each of two recordings predicted by the other.
+the levels by a rubber layer that is solved finely; this page compares them with a real skin: the force of presses on
+eFlesh's printed lattice, 12 mm deep, up to 34 N, each of two recordings predicted by the other.
 
 TABLE
 
 A level has one gain, fitted on the other recording; the height of contact comes from the first press. *Laws of the
-material* are how far each press sets the lattice and softens it, from the other recording, and how many presses it had
-seen, from the first. The last line has a loading curve of ten points instead of a level's own
-([how real is it?](realism.md)). Errors are rms over the presses after the first, of the peak.
+material* are the set and the softening of the lattice by each press, fitted on the other recording, and the number of
+earlier presses, fitted on the first press. The last line has a loading curve of ten points instead of a level's own
+([how real is it?](realism.md)). Errors are rms over the presses after the first, as shares of the peak.
 
-The face is taken as a flat one of 20 mm, the skin as 16 x 16 taxels; the lattice's own shape is none of these levels'.
+The face is modelled as a flat square of 20 mm, the skin as 16 x 16 taxels; no level models the shape of the lattice.
 
 ## A board with ridges
 
 CPM-Finger slides over a board with ridges, at 5 to 30 mm/s under three grips; each condition is predicted from the
-others. *Line* is the strongest line of what a level feels, found as in the recording. The other errors are of the noise
-from sample to sample, as logarithms of ratios: of the ridges alone, and with the capacitors' white noise.
+others. *Line* is the strongest spectral line of a level's readings, found as in the recording. The other errors are
+of the noise from sample to sample, as logarithms of ratios: of the ridges alone, and with the capacitors' white
+noise.
 
 SLIDES
 
-All levels draw the line where the board has it. Their noise is that of bars with sharp edges under points 1.5 mm apart:
-it grows more slowly with the speed than the finger's, whose skin rounds the edges, and the level whose own skin rounds
-them most comes nearest. White noise beside it comes out at nothing: sharp edges have taken its place. A sine with white
-noise is better than any level and costs no contact: what pays here is the shape of the ridge. A fabric's noise is none
-of a level's: without ridges they feel a flat face ([its law](realism.md)).
+All levels have the line at the frequency of the board. Their noise is that of bars with sharp edges under points 1.5
+mm apart: it grows more slowly with the speed than the finger's, whose skin rounds the edges; the level whose skin
+rounds them most is nearest. The fitted white noise is zero, because the sharp edges replace it. A sine with white
+noise is better than any level and needs no contact: the shape of the ridge matters here. No level has the noise of a
+fabric: without ridges they measure a flat face ([its law](realism.md)).
 """

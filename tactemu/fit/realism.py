@@ -158,38 +158,38 @@ def _rounded(value: Any) -> Any:
 _HEAD = """# How real is it?
 
 Written by `tactemu bench realism DATA --page docs/realism.md --parameters tactemu/fit/parameters.json` from public
-recordings of real sensors: eFlesh (MIT), Weiss DSA on an SDH-2 hand (GPL-3.0: measured, not copied), CPM-Finger (MIT),
-AnySkin on a LEAP hand (MIT), iCub hand (free use), Inspire RH56DFX (Apache-2.0), a silicone pad with a fluid channel
-(CC BY 4.0). Each figure is the error of predictions of recordings that were left out: the law was fitted on the others.
-What a law may look at of a recording that it predicts stands in its own line.
+recordings of real sensors: eFlesh (MIT), Weiss DSA on an SDH-2 hand (GPL-3.0: measured, not copied), CPM-Finger
+(MIT), AnySkin on a LEAP hand (MIT), iCub hand (free use), Inspire RH56DFX (Apache-2.0), a silicone pad with a fluid
+channel (CC BY 4.0). Each figure is the error of predictions of left-out recordings: the law was fitted on the others.
+The line of a law names the parts of a predicted recording that it uses.
 
 | recordings | law | aim | error | worst | predictions | |
 | --- | --- | --- | --- | --- | --- | --- |
 """
 
 _TAIL = """
-The equations stand in the docstrings of [`tactemu/fit/sets`](../tactemu/fit/sets), one file for each set, and in
-[`laws.py`](../tactemu/transducers/laws.py). The error is the root mean square over the predictions, unless it says
+The equations are in the docstrings of [`tactemu/fit/sets`](../tactemu/fit/sets), one file for each set, and in
+[`laws.py`](../tactemu/transducers/laws.py). The error is the root mean square over the predictions, unless marked
 *worst*; sums and noise are compared as logarithms of ratios.
 
-## What is not reached, and why
+## Aims that are not reached, and why
 
-- **Objects never seen**: how hard a hand holds something is not a property of its sensor. Where the object was seen,
-  its own grasps predict it.
-- **Fingers that move** carry magnets past one another: two runs of the same motion differ by 40 % in how far an
-  untouched skin wanders, and nothing in the recordings says why.
-- **Sums of weights, as plain shares**: errors that are too high count more than as logarithms. An exponent of the
-  resistance that is fitted, or a loss that spares outliers, does not bring it below its aim either.
-- **Force stop at speed 100**: at a limit of 500 g the finger goes 10 angle steps further than the same law says at all
-  other speeds and limits.
+- **Objects never seen**: the force of a grasp is not a property of the sensor. If the object was recorded, its other
+  grasps predict it.
+- **Fingers that move** carry magnets past one another: the noise of an untouched skin differs by 40 % between two
+  runs of the same motion, and the recordings do not show why.
+- **Sums of weights, as plain shares**: predictions that are too high count more than as logarithms. Neither a fitted
+  exponent of the resistance nor a loss that reduces outliers brings the error below its aim.
+- **Force stop at speed 100**: at a limit of 500 g the finger goes 10 angle steps further than the law, which holds at
+  all other speeds and limits.
 
-## What cannot be told
+## What the recordings do not determine
 
-- The lag of a fluid is the medium's own: another medium's recording says nothing of it.
-- The scale of eFlesh is late by an unknown time: the loop of force over depth is not judged, the loading branch is.
+- The lag of a fluid is a property of the medium: a recording of another medium does not determine it.
+- The scale of eFlesh has an unknown delay: only the loading branch is evaluated, not the loop of force over depth.
 - The noise of sliding on a fabric that was not recorded: the law has two materials.
 
-## Predicting with them
+## Predictions with these parameters
 
 ```
 tactemu bench realism --held OTHER        # other recordings of the same sensors, with the parameters below
@@ -204,7 +204,7 @@ parameters = json.loads(PARAMETERS.read_text())["weiss_sdh2"]
 sets.set_module("weiss_sdh2").predicted_sum(parameters, mass_g=450, temperature_c=35)
 ```
 
-## Parameters, fitted on all of them
+## Parameters, fitted on all recordings
 
 """
 
