@@ -288,7 +288,7 @@ def test_a_model_that_does_not_keep_up_runs_slower_and_says_so(tmp_path, caplog)
         engine.pose(sim, t_s)
         assert engine.data.time == pytest.approx(reached)
     assert [record.getMessage() for record in caplog.records] == [
-        "engine: MuJoCo does not keep up with the clock; it runs slower from 5.000 s on"
+        "engine: MuJoCo does not keep up with the clock; it lags behind from 5.000 s on"
     ]
 
 

@@ -1,7 +1,7 @@
-"""A simulator that moves many environments on the simulation's own device, as a stage of its plan.
+"""The base of engines that move many environments on the simulation's own device, as a stage of its plan.
 
-It steps first in each step of the simulation, then its poses are taken, so all of it is one graph on a GPU. Nothing is
-pressed by its contact forces: skins feel how deep its geoms overlap, as with ``felt = "overlap"`` of MuJoCo's engine.
+In each step of the simulation the engine steps first and its poses are then read, so that all is one graph on a GPU.
+Skins do not use its contact forces: they measure how deep its geoms overlap, as with MuJoCo's ``felt = "overlap"``.
 """
 
 from __future__ import annotations
@@ -40,19 +40,19 @@ class Worlds(Protocol):
     """The environments of one simulation within another simulator."""
 
     def step(self) -> None:
-        """Move all by the engine's ``steps``, and leave poses and velocities as they are then. Allocates nothing."""
+        """Step all environments by the engine's ``steps`` and update poses and velocities, without allocating."""
 
     def refresh(self) -> None:
-        """Leave poses and velocities as the positions are, without a step. Allocates nothing."""
+        """Update poses and velocities from the positions, without a step and without allocating."""
         ...
 
     def arrays(self) -> Sequence[wp.array]:
-        """What lasts from step to step; the first axis is of the environments."""
+        """Return the arrays of the state; their first axis is that of the environments."""
         ...
 
     @property
     def positions(self) -> wp.array:
-        """Of all joints, ``(n_envs, n)``, where the steps have them."""
+        """The positions of all joints, ``(n_envs, n)``, which the steps update."""
         ...
 
     @property
@@ -62,11 +62,11 @@ class Worlds(Protocol):
 
     @property
     def overflow(self) -> wp.array:
-        """For what there was no room in each environment so far, ``(n_envs,)``: ``mujoco_warp.OverflowType``."""
+        """The overflows of each environment so far, flags of ``mujoco_warp.OverflowType``, ``(n_envs,)``."""
         ...
 
     def bind(self, simulation: Simulation) -> None:
-        """Have the simulation take the poses at each step, from now on, and now as the positions are."""
+        """Bind the simulation's poses to these environments, and update them from the positions."""
 
 
 class BodySource(Protocol):
@@ -82,50 +82,52 @@ class BodySource(Protocol):
         ...
 
     def ignored_bodies(self, name: str) -> tuple[int, ...]:
-        """Return the places in the scene of what such a skin does not feel."""
+        """Return the indices of the scene's bodies that such a skin ignores."""
         ...
 
     @property
     def free_bodies(self) -> dict[str, int]:
-        """Bodies of the model that move freely, by name: where their 7 numbers begin in a row of positions."""
+        """The index of each free body's first of 7 numbers in a row of positions, by the body's name."""
         ...
 
     def column(self, name: str) -> int:
-        """Where the numbers of a joint, or of a body that moves freely, begin in a row of positions."""
+        """Return the index of the first number of a joint, or of a free body, in a row of positions."""
         ...
 
     def root(self, name: str) -> str:
-        """Return the body of the model that carries a geom or body of this name, and is carried by none itself."""
+        """Return the name of the root body under a geom or body of this name."""
         ...
 
 
 class BatchEngine(ABC):
-    """What :class:`~tactemu.engines.mujoco_warp_engine.MujocoWarpEngine` and
-    :class:`~tactemu.engines.newton_engine.NewtonEngine` have in common.
+    """The base class of :class:`~tactemu.engines.mujoco_warp_engine.MujocoWarpEngine` and
+    :class:`~tactemu.engines.newton_engine.NewtonEngine`.
 
-    Each step of the simulation is :attr:`steps` of the engine's, whatever ``dt`` it is told: a live loop that is late
-    leaves the model behind the clock. :meth:`tactemu.Simulation.reset` resets the model's environments too.
+    Each step of the simulation is :attr:`steps` steps of the engine, whatever its ``dt``: in a live loop that is late
+    the model lags behind the clock. :meth:`tactemu.Simulation.reset` also resets the model's environments.
 
     Args:
-        scene: what it moves.
-        file: of the model, for messages.
-        timestep: of the model [s]; the scene's ``dt`` is a multiple of it.
+        scene: the scene whose bodies the engine moves.
+        file: the model's file, for messages.
+        timestep: the model's time step [s]; the scene's ``dt`` must be a multiple of it.
 
     Raises:
         SceneError: ``dt`` is no multiple of the time step.
     """
 
     kind: ClassVar[str]
+    """The ``kind`` in a scene file."""
     behind_s: ClassVar[float] = 0.0
+    """The lag of the model behind the clock [s]."""
     scalar_last: ClassVar[bool] = False
-    """Is w the last number of a quaternion among the positions?"""
+    """True if w is the last number of a quaternion among the positions."""
 
     def __init__(self, scene: Scene, file: Path, timestep: float):
         self.file = file
         if not timestep > 0:
             raise SceneError(f"engine: {file.name} has a time step of {timestep:g} s; it must be > 0")
         self.steps = round(scene.dt / timestep)
-        """Of the model, in each step of the scene."""
+        """The number of the model's steps in each step of the scene."""
         if self.steps < 1 or abs(self.steps * timestep - scene.dt) > 1e-6 * timestep:
             raise SceneError(
                 f"engine: {file.name} has a time step of {timestep:g} s, the scene's dt is {scene.dt:g} s; make dt a "
@@ -133,21 +135,21 @@ class BatchEngine(ABC):
             )
         self.timestep = timestep
         self.starts: Mapping[str, tuple[np.ndarray, np.ndarray]] = {}
-        """Where bodies that move freely start, by name, in the scenes that are built from now on: position [m] and
-        quaternion (w, x, y, z), a row for each environment by its number; default: as the model says."""
+        """Start poses of free bodies, by name, for scenes that are built from now on: position [m] and quaternion
+        (w, x, y, z), with a row for each environment by its index; default: those of the model."""
         self.positions: Any = None
-        """Of all joints of the scene that was built last, a Warp array ``(n_envs, n)`` on its device, as the engine has
-        them: ``source.column(joint)`` says where each begins."""
+        """Positions of all joints of the scene that was built last, a Warp array ``(n_envs, n)`` on its device, in the
+        engine's order: ``source.column(joint)`` is the index at which each begins."""
         scene.planners.append(self._add_stage)
 
     @property
     @abstractmethod
     def source(self) -> BodySource:
-        """The bodies that it added."""
+        """The bodies of the model that are in the scene."""
 
     @abstractmethod
     def create_worlds(self, simulation: Simulation) -> Worlds:
-        """As many environments of the model as the simulation has, at their start, on its device."""
+        """Create as many environments of the model as the simulation has, at their start, on its device."""
 
     def _add_stage(self, simulation: Simulation) -> None:
         import warp as wp
@@ -179,7 +181,7 @@ class BatchEngine(ABC):
         simulation.plan.insert(stage, before="bound poses")
 
     def _overflow_check(self, worlds: Worlds, first_env: int) -> Callable[[], None]:
-        """What warns, once, where contacts or constraints are left out because there is no room for them."""
+        """Return a function that warns, once, if contacts or constraints are left out for lack of capacity."""
         flags = self._module("mujoco_warp", self.kind).OverflowType
         data, left = worlds.data, dict(CAPACITIES)
         room = {"nconmax": data.naconmax // data.nworld, "njmax": data.njmax}
@@ -192,18 +194,18 @@ class BatchEngine(ABC):
                     continue
                 del left[option]
                 _logger.warning(
-                    "engine: %s: more %s at once than there is room for, and some are left out; first in environment "
-                    "%s: give more `%s` in [engine] (there is room for %d in each environment)",
+                    "engine: %s: there are more %s than the capacity, and some are left out; first in environment "
+                    "%s: increase `%s` in [engine] (the capacity is %d in each environment)",
                     self.file.name, what, ", ".join(map(str, envs[:5])), option, room[option],
                 )  # fmt: skip
 
         return check
 
     def start_of(self, name: str) -> tuple[np.ndarray, np.ndarray]:
-        """Where the model has a body that moves freely start: position [m] and quaternion (w, x, y, z).
+        """Return position [m] and quaternion (w, x, y, z) at which a free body of the model starts.
 
         Raises:
-            SceneError: there is none of this name.
+            SceneError: there is no free body of this name.
         """
         first = self._free(name)
         row = self.start[first : first + 7]
@@ -212,17 +214,17 @@ class BatchEngine(ABC):
     @property
     @abstractmethod
     def start(self) -> np.ndarray:
-        """A row of positions as the model has them at its start."""
+        """A row of positions at the model's start."""
 
     def _free(self, name: str) -> int:
         free = self.source.free_bodies
         if name not in free:
             known = ", ".join(free) or "none"
-            raise SceneError(f"engine: {name!r} is no body that moves freely{nearest(name, free)} (there are: {known})")
+            raise SceneError(f"engine: {name!r} is no free body{nearest(name, free)} (free bodies: {known})")
         return free[name]
 
     def _place_bodies(self, simulation: Simulation) -> None:
-        """Put bodies where their environments have them start."""
+        """Put free bodies at the start poses of their environments."""
         if not self.starts:
             return
         mine = slice(simulation.context.first_env, simulation.context.first_env + simulation.n_envs)
@@ -233,7 +235,7 @@ class BatchEngine(ABC):
             if position.shape != (simulation.n_envs, 3) or quaternion.shape != (simulation.n_envs, 4):
                 got = " and ".join(str(np.shape(each)) for each in given)
                 raise SceneError(
-                    f"engine: where {name!r} starts: expected (n, 3) and (n, 4) for the environments up to "
+                    f"engine: start poses of {name!r}: expected shapes (n, 3) and (n, 4) for the environments up to "
                     f"{mine.stop - 1}, got {got}"
                 )
             if self.scalar_last:
@@ -242,26 +244,26 @@ class BatchEngine(ABC):
         if not simulation.device.is_cpu:
             self.positions.assign(rows)
 
-    # -- what a scene file asks for ----------------------------------------------------------------------------------
+    # -- the interface for scene files -------------------------------------------------------------------------------
 
     @property
     def bodies(self) -> list[Body]:
-        """Those that it added to the scene."""
+        """The bodies that it added to the scene."""
         return self.source.bodies
 
     def body_of(self, name: str, _part: str) -> Body:
         """Return the body that carries a skin on the geom or body of this name.
 
         Raises:
-            SceneError: there is neither.
+            SceneError: there is neither a geom nor a body of this name.
         """
         return self.source.body_of(name)
 
     def attach_sensor(self, sensor: Sensor) -> None:
-        """A skin was put on a carrier."""
+        """Do nothing: skins follow the poses of their bodies."""
 
     def ignored_bodies(self, name: str) -> tuple[int, ...]:
-        """Return the places in the scene of what the skin of a geom or body does not feel."""
+        """Return the indices of the scene's bodies that a skin on this geom or body ignores."""
         return self.source.ignored_bodies(name)
 
     # -- reading a model ---------------------------------------------------------------------------------------------

@@ -1,8 +1,8 @@
-"""``[engine]`` of a scene file: a simulator that moves the bodies, here MuJoCo. Skins feel its geoms.
+"""The engine ``mujoco`` of a scene file: MuJoCo moves the bodies, and skins touch its geoms.
 
 Where skins have ``joints``, the loop is closed: at each step the motors of the devices act on the model
-(:mod:`tactemu.engines.mujoco_drives`), MuJoCo moves hand and objects, motors learn what became of it, and skins are
-pressed as hard as MuJoCo's contacts are (:mod:`tactemu.engines.mujoco_contacts`).
+(:mod:`tactemu.engines.mujoco_drives`), MuJoCo moves hand and objects, the motors receive the resulting positions and
+forces, and skins are pressed as hard as MuJoCo's contacts are (:mod:`tactemu.engines.mujoco_contacts`).
 """
 
 # MuJoCo's functions come from a compiled module that a checker cannot see into.
@@ -36,11 +36,11 @@ if TYPE_CHECKING:
 _logger = logging.getLogger(__name__)
 
 CATCH_UP_STEPS = 50
-"""Steps of the model that one step of the scene waits for at most, unless two of its steps are more ..."""
+"""The most steps of the model in one step of the scene, unless two steps of the scene are more ..."""
 CATCH_UP_S = 1.0
-"""... or, with ``on_late = "drop"``, this much of the model's time [s]."""
+"""... or, with ``on_late = "drop"``, this much of the model's time is."""
 BROKEN_DAMPING = 1e3
-"""Damping of what is broken, so that it stays where it is."""
+"""The damping of a broken geom's joints, so that it stays where it is."""
 
 
 def open_engine(scene: Scene, loaded: LoadedScene, motors: Sequence[JointMotors]) -> MujocoEngine:
@@ -54,24 +54,24 @@ def open_engine(scene: Scene, loaded: LoadedScene, motors: Sequence[JointMotors]
 class MujocoEngine:
     """A MuJoCo model that runs beside the scene, from its own start and by its own time step.
 
-    Its geoms that take part in collisions are bodies of the scene, under their names. A mocap body of the model goes
-    where the body of the scene goes that has its name.
+    Its geoms that take part in collisions are bodies of the scene, under their names. A mocap body of the model follows
+    the body of the scene that has the same name.
 
     Args:
-        scene: where they are added.
+        scene: the scene to which the geoms are added.
         file: the model, MJCF or URDF.
         drives: motors that move its joints.
         table: the options.
 
     Raises:
-        SceneError: MuJoCo is not installed, or cannot read the file, or a name is not in it.
+        SceneError: MuJoCo is not installed or cannot read the file, or the model lacks a name.
     """
 
     TRANSIENT_FIELDS: ClassVar[tuple[str, ...]] = ()
 
     def __init__(self, scene: Scene, file: Path, drives: Sequence[Drive] = (), table: MujocoTable | None = None):
         self._mujoco = load_mujoco()
-        if self._mujoco.get_mju_user_warning() is None:  # else MuJoCo writes a file where the user happens to be
+        if self._mujoco.get_mju_user_warning() is None:  # else MuJoCo writes a log file into the working directory
             self._mujoco.set_mju_user_warning(_log_mujoco_warning)
         self._table = table or MujocoTable(kind="mujoco", file=str(file))
         self.drives = list(drives)
@@ -86,7 +86,7 @@ class MujocoEngine:
         given = {body.name: body for body in scene.bodies}
         self.source = MujocoSource(scene, self.model)
         self.pads: dict[Body, Pad] = {}
-        """Skins, by the frames that carry them."""
+        """The skins whose forces follow MuJoCo's contacts, by the frames that carry them."""
         self._mocap = [
             (int(self.model.body_mocapid[k]), given[name])
             for k in range(self.model.nbody)
@@ -99,7 +99,7 @@ class MujocoEngine:
             self.model.geom_friction[:, 0] = self._table.friction
             self.model.pair_friction[:, :2] = self._table.friction
         self._left_out_s = 0.0
-        """How much later than the clock the model is."""
+        """The lag of the model behind the clock."""
         scene.posers.append(self.pose)
 
     def _read(self, file: Path) -> Any:
@@ -112,11 +112,15 @@ class MujocoEngine:
                 for drive in self.drives:
                     drive.add_to(spec)
                 model = spec.compile()
-                if model.opt.integrator == mujoco.mjtIntegrator.mjINT_EULER:  # it would not damp motors implicitly
+                if (
+                    model.opt.integrator == mujoco.mjtIntegrator.mjINT_EULER
+                ):  # Euler would not integrate the motors' damping implicitly
                     model.opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
         except (ValueError, OSError) as error:
             raise SceneError(f"engine: {file}: {str(error).strip()}") from None
-        model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET  # what is not finite is said, and ends the run
+        model.opt.disableflags |= (
+            mujoco.mjtDisableBit.mjDSBL_AUTORESET
+        )  # a state that is not finite must end the run with a message
         return model
 
     def _breaking_forces(self) -> dict[int, float]:
@@ -128,12 +132,12 @@ class MujocoEngine:
 
     @property
     def bodies(self) -> list[Body]:
-        """Those that it added to the scene."""
+        """The bodies that it added to the scene."""
         return self.source.bodies
 
     @property
     def behind_s(self) -> float:
-        """How much later than the clock the model is, because the machine did not keep up [s]."""
+        """The lag of the model behind the clock, because the machine did not keep up [s]."""
         return self._left_out_s
 
     @property
@@ -144,11 +148,12 @@ class MujocoEngine:
     # -- skins -------------------------------------------------------------------------------------------------------
 
     def body_of(self, name: str, part: str) -> Body:
-        """Return the body that carries a skin on the geom or MuJoCo body of this name: where skins feel its force, a
-        frame of the part's own.
+        """Return the body that carries a skin on the geom or MuJoCo body of this name.
+
+        Unless skins measure overlap, it is a frame of the part's own.
 
         Raises:
-            SceneError: there is neither.
+            SceneError: there is neither a geom nor a body of this name.
         """
         if self._table.felt == "overlap":
             return self.source.body_of(name)
@@ -158,35 +163,35 @@ class MujocoEngine:
         return frame
 
     def attach_sensor(self, sensor: Sensor) -> None:
-        """A skin was put on a carrier."""
+        """Register a sensor on one of its bodies."""
         if sensor.link in self.pads:
             self.pads[sensor.link].attach(sensor)
 
     def ignored_bodies(self, name: str) -> tuple[int, ...]:
-        """Return the places in the scene of geoms that the skin of a geom or MuJoCo body does not feel."""
+        """Return the indices of the scene's bodies that a skin on this geom or MuJoCo body ignores."""
         return self.source.ignored_bodies(name)
 
     # -- each step ---------------------------------------------------------------------------------------------------
 
     def pose(self, simulation: Simulation, t_s: float) -> None:
-        """Run the model up to ``t_s``, from its start where that has passed, and pose its geoms as they are then.
+        """Run the model up to ``t_s`` and pose its geoms; restart the model if ``t_s`` lies before its time.
 
-        A loop that is late asks for much at once; what is more than :data:`CATCH_UP_STEPS` is left out, and the model
-        goes on from there later than the clock: else it would be later each time.
+        A late loop needs many steps at once. Steps beyond :data:`CATCH_UP_STEPS` are left out, and the model then lags
+        behind the clock: otherwise it would be later each time.
 
         Raises:
-            PoseError: the model's state is not finite any more.
+            PoseError: the model's state is no longer finite.
         """
         dt = self.model.opt.timestep
         if t_s < self.data.time + self._left_out_s - dt / 2:
-            self._start_anew()
+            self._restart()
         steps = round((t_s - self._left_out_s - self.data.time) / dt)
         most = max(CATCH_UP_STEPS, math.ceil(2 * simulation.dt / dt))
         if self._table.on_late == "drop":
             most = max(most, math.ceil(CATCH_UP_S / dt))
         if steps > most:
             if not self._left_out_s:
-                _logger.warning("engine: MuJoCo does not keep up with the clock; it runs slower from %.3f s on", t_s)
+                _logger.warning("engine: MuJoCo does not keep up with the clock; it lags behind from %.3f s on", t_s)
             self._left_out_s += (steps - most) * dt
         for index, body in self._mocap:
             here = simulation.pose(body)
@@ -202,7 +207,7 @@ class MujocoEngine:
             self._press(contacts_of(self.model, self.data), t_s)
         self.source.update(simulation, self.data)
 
-    def _start_anew(self) -> None:
+    def _restart(self) -> None:
         self._mujoco.mj_resetData(self.model, self.data)
         self._left_out_s = 0.0
         self._break(())
@@ -223,8 +228,8 @@ class MujocoEngine:
         joints = {model.joint(int(model.dof_jntid[k])).name or "without a name" for k in np.flatnonzero(wild)}
         raise PoseError(
             f"engine: MuJoCo's state is not finite at {t_s:g} s (joints: {', '.join(sorted(joints)) or 'unknown'}): "
-            f"the model is unstable at its time step of {model.opt.timestep:g} s; make that smaller, or joints heavier "
-            f"(armature) or more damped"
+            f"the model is unstable at its time step of {model.opt.timestep:g} s; make that smaller, or give joints "
+            f"more armature or damping"
         )
 
     def _press(self, contacts: Contacts, t_s: float) -> None:
@@ -237,7 +242,7 @@ class MujocoEngine:
             self.source.shifts[frame] = pad.shift
 
     def _break(self, broken: Sequence[int]) -> None:
-        """Break these geoms, and mend all others: what is broken stays where it is, and nothing touches it."""
+        """Break these geoms, and restore all others: a broken geom stays where it is, and nothing touches it."""
         model, hidden = self.model, set(broken)
         if hidden == self.source.hidden:
             return
@@ -253,7 +258,7 @@ class MujocoEngine:
     # -- saving ------------------------------------------------------------------------------------------------------
 
     def state(self) -> dict[str, Any]:
-        """MuJoCo's own, as far as integration depends on it."""
+        """Return the state of MuJoCo on which the integration depends, and that of the skins on its bodies."""
         spec = self._mujoco.mjtState.mjSTATE_INTEGRATION
         values = np.empty(self._mujoco.mj_stateSize(self.model, spec))
         self._mujoco.mj_getState(self.model, self.data, values, spec)
@@ -265,10 +270,10 @@ class MujocoEngine:
         }
 
     def prepare_restore(self, state: dict[str, Any]) -> Callable[[], None]:
-        """What takes on a state once it is called.
+        """Return a callable that restores ``state``.
 
         Raises:
-            ValueError: it is not one of this model.
+            ValueError: the state is not one of this model.
         """
         spec, values, left_out_s = self._mujoco.mjtState.mjSTATE_INTEGRATION, state["values"], state["left_out_s"]
         size = self._mujoco.mj_stateSize(self.model, spec)
@@ -277,24 +282,24 @@ class MujocoEngine:
         if len(state["pads"]) != len(self.pads):
             raise ValueError(f"expected {len(self.pads)} skins on MuJoCo's bodies, got {len(state['pads'])}")
 
-        def take() -> None:
+        def restore() -> None:
             self._mujoco.mj_setState(self.model, self.data, values, spec)
             self._left_out_s = float(left_out_s)
             self._break(state["broken"])
             for (frame, pad), each in zip(self.pads.items(), state["pads"]):
-                pad.take(each)
+                pad.restore(each)
                 self.source.shifts[frame] = pad.shift
 
-        return take
+        return restore
 
 
 def _log_mujoco_warning(text: str) -> None:
-    """What MuJoCo warns of; what matters ends the run and is said then."""
+    """Log a warning of MuJoCo as debug text, since a warning that matters ends the run with a message."""
     _logger.debug("engine: MuJoCo: %s", text)
 
 
 def _largest_contact_force(contacts: Contacts, geom: int) -> float:
-    """Return the force of the geom that presses another hardest [N]."""
+    """Return the largest contact force of any other geom on this one [N]."""
     mine = contacts.geoms == geom
     touching = mine.any(axis=1)
     others = np.where(mine[touching, 0], contacts.geoms[touching, 1], contacts.geoms[touching, 0])

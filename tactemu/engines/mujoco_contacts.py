@@ -1,9 +1,9 @@
-"""Forces of contact as MuJoCo has them, and skins that are pressed in until they feel as much.
+"""MuJoCo's contact forces, and skins that are pressed in until they measure the same force.
 
-MuJoCo's contacts are points that give a little, by numbers that say how hard they are and nothing of rubber. A skin's
-model knows what an indentation does to each taxel. So MuJoCo has the force, and the skin how it is spread: the frame
-of a skin is moved against what it touches, or back, until what it feels in all is what MuJoCo's contacts have there.
-Where the skin's model knows friction, its frame is moved along what it touches likewise, until the drag is MuJoCo's.
+MuJoCo's contacts are points that give a little, by parameters that do not describe rubber. A skin's model computes what
+an indentation does to each taxel. So MuJoCo provides the force, and the skin its distribution: the skin's frame is
+moved against the touched object, or back, until the skin's total force equals that of MuJoCo's contacts. If the skin's
+model has friction, its frame is likewise moved along the object until the friction force is MuJoCo's.
 """
 
 # MuJoCo's functions come from a compiled module that a checker cannot see into.
@@ -22,46 +22,59 @@ from tactemu.geometry.bodies import Body
 if TYPE_CHECKING:
     from tactemu.sensors.sensor import Sensor
 
-FIRST_DEPTH_M, MAX_DEPTH_M = 20e-6, 5e-3
-"""How deep a skin is pressed at a first touch, and at most [m]."""
+FIRST_DEPTH_M = 20e-6
+"""Depth of a skin at the first touch."""
+MAX_DEPTH_M = 5e-3
+"""Largest depth of a skin."""
 MIN_FORCE_N = 1e-6
-FIRST_EXPONENT, MIN_EXPONENT, MAX_EXPONENT, MAX_STILL_EXPONENT = 2.0, 1.0, 5.0, 500.0
-"""Force goes with this power of the depth until it is known, and with no less and no more: of a flat face it is 1, of a
-ball on springs 2, of what comes to lie on ever more taxels even more. What is so light that its taxels hardly touch is
-steeper by far, which can be told while MuJoCo's contact stands still."""
-MIN_DEPTH_CHANGE, MIN_STILL_DEPTH_CHANGE = 0.01, 1e-4
-"""Depths that differ by this share tell the power: in general, and of a contact that stands still."""
+"""Force below which a contact counts as none."""
+FIRST_EXPONENT = 2.0
+"""Exponent of force over depth until it is known: it is 1 for a flat face, 2 for a ball on springs."""
+MIN_EXPONENT = 1.0
+"""Smallest exponent of force over depth."""
+MAX_EXPONENT = 5.0
+"""Largest exponent of force over depth, for an object that touches ever more taxels."""
+MAX_STILL_EXPONENT = 500.0
+"""Largest exponent for a contact that stands still: under a light object that hardly touches, the force is far steeper,
+which can be measured only while MuJoCo's contact stands still."""
+MIN_DEPTH_CHANGE = 0.01
+"""Relative change of depth from which the exponent is computed."""
+MIN_STILL_DEPTH_CHANGE = 1e-4
+"""Relative change of depth from which the exponent is computed for a contact that stands still."""
 STILL_SHARE = 0.01
-"""A contact stands still while its force and its overlap change by less than this share."""
+"""Relative change of force and overlap below which a contact stands still."""
 FORCE_TOLERANCE = 2e-3
-"""A contact that stands still is left as it is once the skin feels its force within this share."""
+"""Relative error of the skin's force at which a contact that stands still is left as it is."""
 BOUND_STEPS = 8
-"""Steps for which a depth that was too small or too large bounds the next ones: taxels may roll meanwhile."""
+"""Steps for which a depth that was too small or too large bounds the next ones, since taxels may roll meanwhile."""
 SLIDING_SHARE = 0.95
-"""Drag from this share of friction on is left to how MuJoCo's bodies slide."""
-MAX_SHEAR_STIFFNESS, MIN_SHEAR_STIFFNESS, MIN_SHIFT_SHARE = 1.0, 0.03, 0.01
-"""A skin is so stiff along its surface, in shares of force per depth; moved by less than a share of its depth it does
-not tell."""
+"""Share of the friction limit above which MuJoCo's bodies slide, so that the skin is not moved further."""
+MAX_SHEAR_STIFFNESS = 1.0
+"""Largest stiffness of a skin along its surface, in shares of force per depth."""
+MIN_SHEAR_STIFFNESS = 0.03
+"""Smallest stiffness of a skin along its surface, in shares of force per depth."""
+MIN_SHIFT_SHARE = 0.01
+"""Shift along the surface, as a share of the depth, from which the shear stiffness is computed."""
 REACH_RADII = 4.0
-"""A contact is the skin's if a taxel is nearer than so many of its radii."""
+"""Distance from a taxel within which a contact is the skin's, in radii of the taxels."""
 
 
 @dataclass(frozen=True)
 class Contacts:
-    """The contacts of one step, those that press."""
+    """The contacts of one step that press."""
 
     geoms: np.ndarray
-    """Both sides, shape ``(n, 2)``."""
+    """Ids of the two geoms, shape ``(n, 2)``."""
     positions: np.ndarray
-    """World [m], shape ``(n, 3)``."""
+    """World positions [m], shape ``(n, 3)``."""
     normals: np.ndarray
-    """From the first geom to the second, shape ``(n, 3)``."""
+    """World normals, from the first geom to the second, shape ``(n, 3)``."""
     forces: np.ndarray
-    """Normal [N], shape ``(n,)``."""
+    """Normal forces [N], shape ``(n,)``."""
     drags: np.ndarray
-    """Of friction on the second geom [N], world, shape ``(n, 3)``."""
+    """Friction forces on the second geom [N], world, shape ``(n, 3)``."""
     depths: np.ndarray
-    """How far the geoms overlap [m], shape ``(n,)``."""
+    """Overlaps of the geoms [m], shape ``(n,)``."""
 
 
 def contacts_of(model: Any, data: Any) -> Contacts:
@@ -80,54 +93,54 @@ class Pad:
     """A skin on a MuJoCo body.
 
     Args:
-        frame: the body of the scene that carries it, posed by its owner, displaced by :attr:`shift`.
-        geoms: what moves with it, true at its places among the model's geoms.
+        frame: the body of the scene that carries the skin; its owner poses it, displaced by :attr:`shift`.
+        geoms: a mask of the model's geoms that move with the skin.
     """
 
     def __init__(self, frame: Body, geoms: np.ndarray):
         self.frame, self._geoms = frame, geoms
         self.sensor: Sensor | None = None
         self.depth = 0.0
-        """How deep the skin is pressed in all [m]."""
+        """The total depth to which the skin is pressed [m]."""
         self.shift = np.zeros(3)
-        """Of the frame, world [m]."""
+        """The displacement of the frame, world [m]."""
         self.force = 0.0
-        """Of MuJoCo's contacts, along their normals [N]."""
+        """The normal force of MuJoCo's contacts [N]."""
         self._exponent, self._before = FIRST_EXPONENT, (0.0, 0.0)
-        """Of force with depth, and depth and force at the step before, if they are known."""
+        """The exponent of force over depth, and depth and force of the step before; 0 if they are not known."""
         self._still = (0.0, 0.0)
         """Force and overlap of MuJoCo's contact since it stands still."""
         self._bounds: list[tuple[float, float, int]] = []
-        """Depths tried since then, with the force that the skin felt there [m, N], and how many steps ago."""
+        """Depths tried since then, the skin's force at each [m, N], and the number of steps since."""
         self._felt: float | None = None
-        """As restored, of a step that was not computed here."""
+        """The skin's force in a restored state, whose step was not computed here."""
         self._friction = 0.0
         self.along = np.zeros(3)
-        """How far the skin is moved along what it touches, in its frame [m]."""
+        """The displacement of the skin along the touched object, in the skin's frame [m]."""
         self._give, self._pulled = 0.0, (np.zeros(3), np.zeros(3))
-        """Distance per drag, and how far it was moved last, and the drag before."""
+        """The displacement per friction force; the last displacement, and the friction force before it."""
 
     def attach(self, sensor: Sensor) -> None:
-        """The skin that it carries, if its forces can be summed."""
+        """Attach the skin that the frame carries, if it has forces that can be summed."""
         if sensor.chain is None and "force" in sensor.layouts:
             self.sensor = sensor
             self._friction = float(getattr(sensor.model, "friction", 0.0))
             self._reach = REACH_RADII * float(np.max(sensor.probes.radii))
 
     def clear(self) -> None:
-        """Nothing touches it."""
+        """Reset the pad: nothing touches the skin."""
         self.depth, self.shift, self.force, self._felt = 0.0, np.zeros(3), 0.0, None
         self._exponent, self._before = FIRST_EXPONENT, (0.0, 0.0)
         self._still, self._bounds = (0.0, 0.0), []
         self.along, self._give, self._pulled = np.zeros(3), 0.0, (np.zeros(3), np.zeros(3))
 
     def press(self, contacts: Contacts, position: np.ndarray, turn: np.ndarray) -> None:
-        """Find its shift.
+        """Compute depth and shift of the skin for the next step.
 
         Args:
-            contacts: of MuJoCo's last step.
-            position: of its frame, world [m].
-            turn: of its frame, a matrix.
+            contacts: the contacts of MuJoCo's last step.
+            position: world position of the frame [m].
+            turn: orientation of the frame, a matrix.
         """
         if self.sensor is None:
             return
@@ -136,7 +149,7 @@ class Pad:
         if not len(which):
             self.clear()
             return
-        felt, self._felt = self.felt(), None
+        felt, self._felt = self.skin_force(), None
         local = (contacts.positions[which] - position) @ turn
         away = np.linalg.norm(local[:, None] - self.sensor.probes.positions[None], axis=-1).min(axis=1)
         which = which[away < self._reach]
@@ -165,7 +178,7 @@ class Pad:
             self.shift = self.shift + turn @ self.along
 
     def _drag(self, drag: np.ndarray, inward: np.ndarray, felt: float) -> None:
-        """Move the skin along what it touches, towards a drag: vectors in its frame."""
+        """Move the skin along the touched object, towards the friction force ``drag``; vectors are in its frame."""
         assert self.sensor is not None
         across = np.eye(3) - np.outer(inward, inward)
         has = across @ self.sensor.quantity("force", ground_truth=True).sum(axis=0)
@@ -192,9 +205,7 @@ class Pad:
             self._bounds = [*agree, (self.depth, felt, 0)]
 
     def _between(self, depth: float) -> float:
-        """Return a depth, or halfway between the nearest that were too small and too large, if it is not between
-        them.
-        """
+        """Return ``depth`` if it lies between the nearest depths that were too small and too large, else their mean."""
         low = max((tried for tried, felt, _ in self._bounds if felt < self.force), default=0.0)
         high = min((tried for tried, felt, _ in self._bounds if felt > self.force), default=np.inf)
         if depth == self.depth or low < depth < high or not low < high < np.inf:
@@ -202,7 +213,7 @@ class Pad:
         return (low + high) / 2
 
     def _learn(self, felt: float) -> None:
-        """How force goes with depth here, from this step and the one before."""
+        """Estimate the exponent of force over depth from this step and the one before."""
         depth, force = self._before
         known, most = (MIN_STILL_DEPTH_CHANGE, MAX_STILL_EXPONENT) if self._bounds else (MIN_DEPTH_CHANGE, MAX_EXPONENT)
         if depth > 0 and abs(self.depth / depth - 1) > known:
@@ -211,24 +222,24 @@ class Pad:
                 self._exponent = float(np.clip(slope, MIN_EXPONENT, most))
         self._before = self.depth, felt
 
-    def felt(self) -> float:
-        """What the skin felt in all at the last step [N], before anything spoilt it."""
+    def skin_force(self) -> float:
+        """Return the total normal force on the skin in the last step [N], without imperfections."""
         if self._felt is not None:
             return self._felt
-        if self.sensor is None or self.sensor.imperfections is None:  # not built yet
+        if self.sensor is None or self.sensor.imperfections is None:  # the scene is not built yet
             return 0.0
         forces = self.sensor.quantity("force", ground_truth=True)
         return float(np.maximum(-np.einsum("ij,ij->i", forces, self.sensor.probes.normals), 0.0).sum())
 
     def state(self) -> dict[str, Any]:
-        """What the next step follows from."""
-        numbers = {"depth": self.depth, "force": self.force, "felt": self.felt(), "exponent": self._exponent}
+        """Return the state on which the next step depends."""
+        numbers = {"depth": self.depth, "force": self.force, "felt": self.skin_force(), "exponent": self._exponent}
         tried = {"before": list(self._before), "still": list(self._still), "bounds": [list(b) for b in self._bounds]}
         along = {"along": self.along.copy(), "give": self._give, "pulled": np.array(self._pulled)}
         return {**numbers, **tried, **along, "shift": self.shift.copy()}
 
-    def take(self, state: dict[str, Any]) -> None:
-        """Go on from a state."""
+    def restore(self, state: dict[str, Any]) -> None:
+        """Restore a state."""
         self.depth, self.shift, self.force = float(state["depth"]), np.array(state["shift"]), float(state["force"])
         self._felt, self._exponent = float(state["felt"]), float(state["exponent"])
         self._before, self._still = tuple(map(float, state["before"])), tuple(map(float, state["still"]))

@@ -1,7 +1,7 @@
-"""The motors of a device on the joints of a MuJoCo model: what the firmware wants goes in, what they did comes back.
+"""The motors of a device on the joints of a MuJoCo model: the firmware's targets go in, the motors' motion comes back.
 
-Each joint gets an actuator of the model, a spring and a damper from the joint to where the firmware holds it, or a
-force, and both at most what the firmware allows. MuJoCo integrates them, the damper implicitly.
+Each joint gets an actuator of the model: a spring and a damper to the position at which the firmware holds the joint,
+or a force, both limited to what the firmware allows. MuJoCo integrates them, the damper implicitly.
 """
 
 # MuJoCo's functions come from a compiled module that a checker cannot see into.
@@ -23,11 +23,12 @@ from tactemu.scene.schema import JointTable
 
 _logger = logging.getLogger(__name__)
 
-MAX_RANGE_RATIO, ENDLESS_TRAVEL = 10.0, 1e3
-"""A joint's range in the model is at most so many times that of its motor, and not less than the inverse; a motor that
-goes so many radians or metres has no stops."""
+MAX_RANGE_RATIO = 10.0
+"""Largest ratio between a joint's range in the model and that of its motor, either way; beyond it units are wrong."""
+ENDLESS_TRAVEL = 1e3
+"""Travel [rad, m] from which on a motor has no stops."""
 MAX_STIFFNESS_SHARE = 0.5
-"""Of stiffness dt² / inertia: a stiffer spring would not be integrated well."""
+"""Largest stiffness dt² / inertia: a stiffer spring would not be integrated well."""
 
 
 class Drive:
@@ -35,12 +36,12 @@ class Drive:
 
     Args:
         skin: the device's name in the scene.
-        device: its firmware.
-        joints: by the name of the motor, the joint of the model that it moves.
-        local_ns: the device's own clock at a time of the scene [ns].
+        device: the firmware.
+        joints: the joint of the model that each motor moves, by the motor's name.
+        local_ns: returns the time of the device's own clock at a time of the scene [ns].
 
     Raises:
-        SceneError: it has no such motor, or none at all that an engine could move.
+        SceneError: the device has no such motor, or no motors that an engine can move.
     """
 
     def __init__(
@@ -49,7 +50,7 @@ class Drive:
         self._where, self._device, self._local_ns = f"skin {skin!r}: joints", device, local_ns
         names = device.drives.names if device.drives else ()
         if not names:
-            raise SceneError(f"{self._where}: {device.name} has no motors that an engine could move")
+            raise SceneError(f"{self._where}: {device.name} has no motors that an engine can move; remove `joints`")
         for name in joints:
             if name not in names:
                 hint = f"{nearest(name, names)} (motors: {', '.join(names)})"
@@ -61,7 +62,7 @@ class Drive:
 
     @property
     def _motors(self) -> Motors:
-        """Those of its present life: a restart makes new ones."""
+        """The device's motors since its last restart, which makes new ones."""
         motors = self._device.drives
         assert motors is not None
         return motors
@@ -69,10 +70,10 @@ class Drive:
     # -- the model ---------------------------------------------------------------------------------------------------
 
     def add_to(self, spec: Any) -> None:
-        """Give each joint an actuator.
+        """Add an actuator for each joint to the model.
 
         Raises:
-            SceneError: no such joint, one that neither turns nor slides, or one that is driven already.
+            SceneError: there is no such joint, it neither turns nor slides, or it is driven already.
         """
         mujoco = load_mujoco()
         driven = {actuator.target: actuator.name for actuator in spec.actuators}
@@ -84,11 +85,11 @@ class Drive:
                 raise SceneError(f"{self._where}: no joint {name!r} in the model{nearest(name, known)} (joints: {has})")
             if joint.type not in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE):
                 raise SceneError(
-                    f"{self._where}: joint {name!r} neither turns nor slides, as those do that motors move"
+                    f"{self._where}: joint {name!r} is neither a hinge nor a slide, so that a motor cannot move it"
                 )
             if name in driven:
                 by = driven[name] or "without a name"
-                raise SceneError(f"{self._where}: joint {name!r} has an actuator already ({by}); one motor for a joint")
+                raise SceneError(f"{self._where}: joint {name!r} already has an actuator ({by}); remove one of the two")
             driven[name] = f"{self._where}"
             spec.add_actuator(
                 name=f"{self._where}.{name}", target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT,
@@ -99,7 +100,7 @@ class Drive:
         """Find the joints in the compiled model.
 
         Raises:
-            SceneError: a range that looks like degrees for radians.
+            SceneError: a range looks like degrees instead of radians.
         """
         ids = [model.joint(name).id for name in self.joints]
         self._actuators = np.array([model.actuator(f"{self._where}.{name}").id for name in self.joints])
@@ -109,49 +110,51 @@ class Drive:
         for joint, name, span, ratio in zip(ids, self.joints, travel, self._ratio.tolist()):
             if model.jnt_limited[joint] and span < ENDLESS_TRAVEL * abs(ratio):
                 self._check_range(name, span, model.jnt_range[joint], int(model.jnt_type[joint]))
-        inertia = np.maximum(1 / model.dof_invweight0, model.dof_armature)[self._speeds]  # MuJoCo forgets it at times
+        inertia = np.maximum(1 / model.dof_invweight0, model.dof_armature)[
+            self._speeds
+        ]  # MuJoCo leaves out the armature at times
         wanted = self._motors.setpoints(0).stiffness[self._motor] / self._ratio**2
         self._stiffness = np.minimum(wanted, MAX_STIFFNESS_SHARE * inertia / model.opt.timestep**2)
         self._damping = 2 * np.sqrt(self._stiffness * inertia)
         soft = [name for name, have, want in zip(self.joints, self._stiffness, wanted) if have < want / 2]
         if soft:
             _logger.warning(
-                "%s: %s: too light for stiff motors at a time step of %g s, so they give way; a smaller `timestep`, or "
-                "the inertia of the gears as `armature`, makes them stiff", self._where, ", ".join(soft),
+                "%s: %s: too light for stiff motors at a time step of %g s, so that they give way; choose a smaller "
+                "`timestep`, or give the inertia of the gears as `armature`", self._where, ", ".join(soft),
                 model.opt.timestep,
             )  # fmt: skip
 
     def _check_range(self, name: str, travel: float, limits: np.ndarray, kind: int) -> None:
-        """Whether a joint's limits can be those of its motor."""
+        """Raise :class:`SceneError` if a joint's limits cannot be those of its motor."""
         low, high = map(float, limits)
         if travel / MAX_RANGE_RATIO <= high - low <= travel * MAX_RANGE_RATIO:
             return
         unit = "rad" if kind == load_mujoco().mjtJoint.mjJNT_HINGE else "m"
         much = high - low > travel
         hint = {
-            ("rad", True): "degrees where the file means radians?",
-            ("rad", False): 'radians where the file means degrees? <compiler angle="radian"/> says so',
-        }.get((unit, much), "another unit, or a `ratio`?")
+            ("rad", True): "are these degrees where the file should have radians?",
+            ("rad", False): 'are these radians in a file of degrees? Then add <compiler angle="radian"/>',
+        }.get((unit, much), "check the unit, or give a `ratio`")
         raise SceneError(
-            f"{self._where}: joint {name!r} goes from {low:g} to {high:g} {unit}, its motor over {travel:g} {unit}: "
+            f"{self._where}: joint {name!r} moves from {low:g} to {high:g} {unit}, its motor over {travel:g} {unit}: "
             f"{hint}"
         )
 
     # -- each step ---------------------------------------------------------------------------------------------------
 
     def release(self) -> None:
-        """The model starts anew."""
+        """Release the motors from the model, since it restarts."""
         self._motors.leave_engine()
 
     def command(self, model: Any, data: Any, t_s: float, since_s: float) -> None:
-        """What the firmware wants at ``t_s`` becomes what the actuators do.
+        """Set the actuators to the firmware's targets at ``t_s``.
 
-        The speed is the mean since ``since_s``: a short move between two steps is no kick at full speed.
+        The speed is the mean since ``since_s``, so that a short move between two steps causes no jerk at full speed.
         """
         if not self._motors.is_in_engine:
             self.report(data, t_s)
         t_ns = self._local_ns(round(t_s * 1e9))
-        self._device.joints(t_ns)  # a firmware may do something because time has passed
+        self._device.joints(t_ns)  # lets the firmware act on the time that has passed
         before = self._motors.setpoints(self._local_ns(round(since_s * 1e9))).positions
         setpoints = self._motors.setpoints(t_ns)
         of, ratio = self._motor, self._ratio
@@ -165,7 +168,7 @@ class Drive:
         model.actuator_forcerange[self._actuators] = np.stack([-most, most], axis=1)
 
     def report(self, data: Any, t_s: float) -> None:
-        """What the joints and their actuators did becomes what the firmware measures."""
+        """Give the positions, speeds and forces of the joints to the firmware as its measurements."""
         t_ns, motors, of = self._local_ns(round(t_s * 1e9)), self._motors, self._motor
         setpoints = motors.setpoints(t_ns)
         places, speeds, forces = setpoints.positions.copy(), setpoints.speeds.copy(), np.zeros(len(setpoints.positions))
@@ -179,11 +182,11 @@ def check_apart(drives: Iterable[Drive]) -> None:
     """Check that no joint has two motors.
 
     Raises:
-        SceneError: names it.
+        SceneError: a joint has two; the message names it.
     """
     seen: set[str] = set()
     for drive in drives:
         for name in drive.joints:
             if name in seen:
-                raise SceneError(f"{drive._where}: two motors on joint {name!r}; one motor for a joint")
+                raise SceneError(f"{drive._where}: there are two motors on joint {name!r}; give it one motor only")
             seen.add(name)

@@ -1,4 +1,4 @@
-"""A pose source that is somebody else's simulator: a skin on a MuJoCo body feels MuJoCo's geoms.
+"""The geoms of a MuJoCo model as bodies of a scene, so that a skin on a MuJoCo body touches MuJoCo's geoms.
 
 ::
 
@@ -14,9 +14,9 @@
         sim.step()
         skin.read()
 
-MuJoCo owns the motion and the contact forces; what the skin reads follows from where the geoms are and how they move.
-MuJoCo's contacts are soft, so that geoms overlap by a little: that overlap is the depth that is felt. Needs the extra
-``tactemu[mujoco]``.
+MuJoCo computes the motion and the contact forces; the skin's readings follow from the poses and velocities of the
+geoms. MuJoCo's contacts are soft, so that geoms overlap by a little: that overlap is the depth that the skin measures.
+It needs the extra ``tactemu[mujoco]``.
 """
 
 # MuJoCo's functions come from a compiled module that a checker cannot see into.
@@ -46,10 +46,10 @@ _AWAY = (0.0, 0.0, -100.0)
 
 
 def load_mujoco():
-    """The module.
+    """Return the module ``mujoco``.
 
     Raises:
-        SceneError: it is not installed.
+        SceneError: MuJoCo is not installed.
     """
     try:
         import mujoco
@@ -64,14 +64,14 @@ _RANGES = {
     "actuator_ctrlrange": ("actuator", "ctrlrange"), "actuator_forcerange": ("actuator", "forcerange"),
     "actuator_actrange": ("actuator", "actrange"),
 }  # fmt: skip
-"""Ranges of a model, with the kind of element and the name of the attribute."""
+"""The fields of a model that hold ranges, with the kind of element and the name of the attribute."""
 
 
 def check_ranges(model: Any, file: Any) -> None:
-    """Check that no range of a compiled model is reversed, which MuJoCo takes for no limit at all.
+    """Check that no range of a compiled model is reversed, which MuJoCo would ignore.
 
     Raises:
-        SceneError: names the element.
+        SceneError: a range is reversed; the message names the element.
     """
     for field, (kind, attribute) in _RANGES.items():
         ranges = getattr(model, field)
@@ -79,13 +79,14 @@ def check_ranges(model: Any, file: Any) -> None:
             low, high = ranges[k].tolist()
             name = getattr(model, kind)(int(k)).name or f"number {k}"
             raise SceneError(
-                f"engine: {file}: {kind} {name!r}: {attribute} is from {low:g} to {high:g}; the lower end comes first"
+                f"engine: {file}: {kind} {name!r}: {attribute} is from {low:g} to {high:g}; give the lower end first"
             )
 
 
 def shape_of(kind: str, size: list[float]) -> Shape | None:
-    """Return the shape of a geom that is no mesh, by MuJoCo's name of its kind and its half sizes [m]; ``None``:
-    none here.
+    """Return the shape of a geom that is no mesh, given MuJoCo's name of its kind and its half sizes [m].
+
+    Return ``None`` if there is no such shape.
     """
     for shape in map(shape_class, SHAPES):
         if shape.mujoco_geom == kind:
@@ -98,15 +99,15 @@ def shape_of(kind: str, size: list[float]) -> Shape | None:
 
 
 class MujocoSource:
-    """Adds the geoms of a MuJoCo model to a scene, and poses them from MuJoCo's data.
+    """The geoms of a MuJoCo model in a scene, posed from MuJoCo's data.
 
     Args:
-        scene: where the geoms become bodies, named as in the model.
+        scene: the scene in which the geoms become bodies, named as in the model.
         model: an ``mujoco.MjModel``.
         geoms: names or ids of the geoms to add; ``None``: all that take part in collisions.
 
     Raises:
-        SceneError: MuJoCo is not installed, there is no such geom, or it is of a kind that has no distance here.
+        SceneError: MuJoCo is not installed, there is no such geom, or its kind is not supported.
     """
 
     def __init__(self, scene: Scene, model: Any, geoms: Iterable[str | int] | None = None):
@@ -117,9 +118,9 @@ class MujocoSource:
         self._meshes: dict[int, Mesh] = {}
         self._pads: dict[Body, tuple[str, int]] = {}
         self.shifts: dict[Body, np.ndarray] = {}
-        """How far pads are displaced, world [m]."""
+        """The displacements of pads, world [m]."""
         self.hidden: set[int] = set()
-        """Geoms that are gone: they are posed out of reach."""
+        """The ids of broken geoms, which are posed out of reach."""
         chosen = self._collision_geoms() if geoms is None else [self._id("geom", geom) for geom in geoms]
         for geom in chosen:
             self._geoms[geom] = scene.add_body(self._shape(geom), name=self._name("geom", geom))
@@ -130,17 +131,17 @@ class MujocoSource:
         """Return the body of a geom, to put a skin on or to track.
 
         Raises:
-            SceneError: there is none, or it was not added.
+            SceneError: there is no such geom, or it was not added.
         """
         found = self._id("geom", which)
         if found not in self._geoms:
-            raise SceneError(f"geom {which!r} is not in the scene; there are: {self._listed(self._geoms)}")
+            raise SceneError(f"geom {which!r} is not in the scene (geoms: {self._listed(self._geoms)})")
         return self._geoms[found]
 
     def link(self, which: str | int) -> Body:
         """Return a frame that follows a MuJoCo body, to put a skin on. Call it before the scene is built.
 
-        Such a skin feels the geoms of its own body too, unless ``filter_link_idx`` names them: see :meth:`geoms_of`.
+        Such a skin also touches the geoms of its own body, unless ``filter_link_idx`` names them: see :meth:`geoms_of`.
         """
         found = self._id("body", which)
         if found not in self._links:
@@ -148,40 +149,40 @@ class MujocoSource:
         return self._links[found]
 
     def pad(self, which: str, name: str) -> Body:
-        """Return a frame of its own that follows a geom or MuJoCo body, and can be displaced: see :attr:`shifts`."""
+        """Return a new frame that follows a geom or MuJoCo body and can be displaced: see :attr:`shifts`."""
         kind = "GEOM" if self.has("geom", which) else "BODY"
         body = self._scene.add_body(name=f"{name} (pad)")
         self._pads[body] = kind, self._id(kind.lower(), which)
         return body
 
     def place(self, data: Any, pad: Body) -> tuple[np.ndarray, np.ndarray]:
-        """Where a pad is, not displaced, and how it is turned, a matrix: as kinematics were run last."""
+        """Return a pad's position without displacement and its orientation, a matrix, by the last kinematics."""
         kind, index = self._pads[pad]
         if kind == "GEOM":
             return data.geom_xpos[index], data.geom_xmat[index].reshape(3, 3)
         return data.xpos[index], data.xmat[index].reshape(3, 3)
 
     def body_of(self, name: str) -> Body:
-        """Return the body to put a skin on, of the geom or MuJoCo body of this name.
+        """Return the body that carries a skin on the geom or MuJoCo body of this name.
 
         Raises:
-            SceneError: there is neither.
+            SceneError: there is neither a geom nor a body of this name.
         """
         self.check(name)
         return self.geom(name) if self.has("geom", name) else self.link(name)
 
     def check(self, name: str) -> None:
-        """Raise :class:`SceneError` unless there is a geom or MuJoCo body of this name."""
+        """Raise :class:`SceneError` if there is neither a geom nor a MuJoCo body of this name."""
         if not self.has("geom", name) and not self.has("body", name):
             raise SceneError(f"engine: no geom or body {name!r}; {self.names()}")
 
     def has(self, kind: str, name: str) -> bool:
-        """Whether the model has a ``geom`` or ``body`` of this name."""
+        """Return True if the model has an element of this kind (``geom``, ``body``, ``joint``) and name."""
         return self._mujoco.mj_name2id(self._model, getattr(self._mujoco.mjtObj, f"mjOBJ_{kind.upper()}"), name) >= 0
 
     @property
     def bodies(self) -> list[Body]:
-        """All that were added to the scene."""
+        """All bodies that were added to the scene."""
         return [*self._geoms.values(), *self._links.values(), *self._pads]
 
     @property
@@ -190,7 +191,7 @@ class MujocoSource:
         return dict(self._geoms)
 
     def names(self) -> str:
-        """What there is, in words for a message."""
+        """Return the names of geoms and bodies, for a message."""
         return f"geoms: {self._listed(self._geoms)}; bodies: {self._names('body', range(self._model.nbody))}"
 
     def geoms_of(self, which: str | int) -> list[Body]:
@@ -200,16 +201,16 @@ class MujocoSource:
 
     @property
     def free_bodies(self) -> dict[str, int]:
-        """MuJoCo bodies that move freely, by name: where their position and quaternion begin in a row of ``qpos``."""
+        """The index of each free MuJoCo body's first number in a row of ``qpos``, by the body's name."""
         model = self._model
         free = np.flatnonzero(model.jnt_type == self._mujoco.mjtJoint.mjJNT_FREE)
         return {self._name("body", int(model.jnt_bodyid[k])): int(model.jnt_qposadr[k]) for k in free}
 
     def column(self, name: str) -> int:
-        """Where the numbers of a joint, or of a body that moves freely, begin in a row of ``qpos``.
+        """Return the index of the first number of a joint, or of a free body, in a row of ``qpos``.
 
         Raises:
-            SceneError: there is neither.
+            SceneError: there is neither a joint nor a free body of this name.
         """
         if self.has("joint", name):
             return int(self._model.joint(name).qposadr[0])
@@ -219,10 +220,10 @@ class MujocoSource:
         raise SceneError(f"no joint or free body {name!r} in the MuJoCo model (joints: {joints}; free: {list(free)})")
 
     def root(self, name: str) -> str:
-        """Return the MuJoCo body that carries a geom or body of this name, and is carried by none itself.
+        """Return the name of the root MuJoCo body under a geom or body of this name.
 
         Raises:
-            SceneError: there is neither.
+            SceneError: there is neither a geom nor a body of this name.
         """
         self.check(name)
         model = self._model
@@ -230,8 +231,10 @@ class MujocoSource:
         return self._name("body", int(model.body_rootid[body]))
 
     def ignored_bodies(self, name: str) -> tuple[int, ...]:
-        """Return the places in the scene of geoms that the skin of a geom or MuJoCo body does not feel: those that
-        move with it, and those that MuJoCo lets none of them touch."""
+        """Return the indices of the scene's bodies that a skin on a geom or MuJoCo body ignores.
+
+        These are the geoms that move with it, and those that MuJoCo lets none of them touch.
+        """
         mine = self.moving_with(name)
         felt = {
             int(geom)
@@ -241,16 +244,16 @@ class MujocoSource:
         return tuple(body.index for geom, body in self._geoms.items() if geom not in felt)
 
     def moving_with(self, name: str) -> np.ndarray:
-        """Return the geoms that move with a geom or MuJoCo body, and take part in collisions."""
+        """Return the ids of the geoms that move with a geom or MuJoCo body and take part in collisions."""
         model = self._model
         body = int(model.geom(name).bodyid[0]) if self.has("geom", name) else model.body(name).id
         together = model.body_weldid[model.geom_bodyid] == model.body_weldid[body]
-        if model.body_weldid[body] == 0:  # of what stands still, only what is on the body itself
+        if model.body_weldid[body] == 0:  # of a static body only its own geoms count
             together = model.geom_bodyid == body
         return np.flatnonzero(together & ((model.geom_contype != 0) | (model.geom_conaffinity != 0)))
 
     def _may_touch(self, a: int, b: int) -> bool:
-        """Whether MuJoCo would let two geoms touch."""
+        """Return True if MuJoCo lets two geoms touch."""
         model = self._model
         types, affinities = model.geom_contype, model.geom_conaffinity
         if not (types[a] & affinities[b] or types[b] & affinities[a]):
@@ -294,12 +297,12 @@ class MujocoSource:
         if (shape := shape_of(kind, size)) is not None:
             return shape
         raise SceneError(
-            f"geom {self._name('geom', geom)!r} is of kind {kind}, which has no distance here; "
-            "name the geoms to add without it: MujocoSource(scene, model, geoms=[...])"
+            f"geom {self._name('geom', geom)!r} is of kind {kind}, which is not supported; "
+            "name the other geoms to add: MujocoSource(scene, model, geoms=[...])"
         )
 
     def _mesh(self, mesh: int) -> Mesh:
-        """Return a mesh as MuJoCo holds it: centred, in the geom's frame. MuJoCo itself collides its convex hull."""
+        """Return a mesh in MuJoCo's form: centred, in the geom's frame. MuJoCo itself collides its convex hull."""
         if mesh not in self._meshes:
             m = self._model
             first, count = m.mesh_vertadr[mesh], m.mesh_vertnum[mesh]
@@ -311,8 +314,9 @@ class MujocoSource:
     # -- poses ------------------------------------------------------------------------------------------------------
 
     def update(self, sim: Simulation, data: Any | Sequence[Any]) -> None:
-        """Pose all bodies as they are in MuJoCo *now*: kinematics are run first, since ``mj_step`` leaves them at the
-        configuration before the step.
+        """Pose all bodies by MuJoCo's present configuration.
+
+        Kinematics are computed first, since ``mj_step`` leaves them at the configuration before the step.
 
         Args:
             sim: the built scene.
@@ -327,8 +331,9 @@ class MujocoSource:
         sim.world.put_all(self._places, rows)
 
     def bind(self, sim: Simulation, data: Any) -> None:
-        """Take poses from MuJoCo Warp's data at each step, on the device: as its kinematics left them, which its step
-        runs *before* it moves on.
+        """Bind the scene's poses to MuJoCo Warp's data, which are read at each step on the device.
+
+        They are those of its last kinematics, which MuJoCo Warp computes *before* it integrates a step.
 
         Args:
             sim: the built scene, of as many environments as ``data`` has worlds.
@@ -352,13 +357,12 @@ class MujocoSource:
 
     @cached_property
     def _places(self) -> np.ndarray:
-        """Where all that was added is in the scene."""
+        """The indices in the scene of all bodies that were added."""
         return np.array([body.index for body in self.bodies])
 
     @cached_property
     def _followed(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Of all that was added: its place among MuJoCo's bodies and then geoms; the body that it is on, and how it is
-        turned there."""
+        """The index of each added body among MuJoCo's bodies and then geoms, its MuJoCo body and rotation on it."""
         model, on = self._model, [("GEOM", geom) for geom in self._geoms] + [("BODY", link) for link in self._links]
         on += self._pads.values()
         of_geom = np.array([kind == "GEOM" for kind, _ in on])
@@ -371,7 +375,7 @@ class MujocoSource:
         )
 
     def _rows(self, data: Any, velocities: bool) -> np.ndarray:
-        """Return position, quaternion, velocity and turning of all that was added, shape ``(n, 13)``."""
+        """Return position, quaternion, linear and angular velocity of all bodies that were added, ``(n, 13)``."""
         places, bodies, turns = self._followed
         rows = np.zeros((len(bodies), 13))
         position = np.concatenate([data.xpos, data.geom_xpos])[places]

@@ -1,4 +1,4 @@
-"""``[engine] kind = "mujoco-warp"``: many environments of a MuJoCo model, on the simulation's device.
+"""The engine ``mujoco-warp`` of a scene file: many environments of a MuJoCo model, on the simulation's device.
 
 ::
 
@@ -6,12 +6,12 @@
     engine = tt.MujocoWarpEngine(scene, "hand.xml")
     skin = scene.add_sensor(tt.KinematicTaxel(...), link=engine.source.geom("fingertip"))
     sim = scene.build(4096, device="cuda:0")
-    orders = torch.from_dlpack(engine.data.ctrl)  # (n_envs, actuators)
+    commands = torch.from_dlpack(engine.data.ctrl)  # (n_envs, actuators)
     while True:
-        orders[:] = policy(torch.from_dlpack(skin.force_array))
+        commands[:] = policy(torch.from_dlpack(skin.force_array))
         sim.step()
 
-Needs the extra ``tactemu[mujoco-warp]``.
+It needs the extra ``tactemu[mujoco-warp]``.
 """
 
 # MuJoCo's functions come from a compiled module that a checker cannot see into.
@@ -44,7 +44,7 @@ STATE = (
     "time", "qpos", "qvel", "act", "history", "qacc_warmstart", "ctrl", "qfrc_applied", "xfrc_applied", "eq_active",
     "mocap_pos", "mocap_quat", "userdata",
 )  # fmt: skip
-"""What MuJoCo's integration depends on: ``mjSTATE_INTEGRATION``."""
+"""The arrays on which MuJoCo's integration depends: ``mjSTATE_INTEGRATION``."""
 
 
 def open_engine(scene: Scene, loaded: LoadedScene, motors: Sequence[JointMotors]) -> MujocoWarpEngine:
@@ -67,12 +67,12 @@ class MujocoWarpEngine(BatchEngine):
     Its geoms that take part in collisions are bodies of the scene, under their names.
 
     Args:
-        scene: where they are added.
+        scene: the scene to which the geoms are added.
         file: the model, MJCF or URDF, or an ``mujoco.MjModel``.
         table: the options.
 
     Raises:
-        SceneError: MuJoCo Warp is not installed, cannot read the file, or cannot simulate what is in it.
+        SceneError: MuJoCo Warp is not installed, or cannot read or simulate the model.
     """
 
     kind = "mujoco-warp"
@@ -95,28 +95,28 @@ class MujocoWarpEngine(BatchEngine):
         super().__init__(scene, Path(file if isinstance(file, str | Path) else "model"), self.model.opt.timestep)
         self._source = MujocoSource(scene, self.model)
         self.data: Any = None
-        """The ``mujoco_warp.Data`` of the scene that was built last, on its device: ``ctrl`` is written there."""
+        """The ``mujoco_warp.Data`` of the scene that was built last, on its device; write your commands to ``ctrl``."""
 
     @property
     def source(self) -> MujocoSource:
-        """Its geoms and bodies, by their names."""
+        """The model's geoms and bodies, by their names."""
         return self._source
 
     @property
     def start(self) -> np.ndarray:
-        """A row of ``qpos`` as the model has it at its start."""
+        """A row of ``qpos`` at the model's start."""
         return self._start.qpos
 
     def create_worlds(self, simulation: Simulation) -> _Worlds:
-        """As many worlds as the simulation has environments, on its device."""
+        """Create as many worlds as the simulation has environments, on its device."""
         self.data = self._warp.put_data(self.model, self._start, nworld=simulation.n_envs, **self._sizes)
         model = self._warp.put_model(self.model)
-        model.opt.warn_overflow = 0  # in our words, and once
+        model.opt.warn_overflow = 0  # BatchEngine warns instead, and once only
         return _Worlds(self._warp, model, self.data, self._source, self.steps)
 
 
 class _Worlds:
-    """Of one simulation."""
+    """The worlds of one simulation."""
 
     def __init__(self, warp: Any, model: Any, data: Any, source: MujocoSource, steps: int):
         self._warp, self._model, self._source, self._steps = warp, model, source, steps
@@ -140,7 +140,7 @@ class _Worlds:
         return self.data.overflow
 
     def refresh(self) -> None:
-        self._warp.kinematics(self._model, self.data)  # a step leaves them as they were before it
+        self._warp.kinematics(self._model, self.data)  # a step leaves poses as they were before it
         if self._with_velocity:
             self._warp.com_pos(self._model, self.data)
             self._warp.com_vel(self._model, self.data)

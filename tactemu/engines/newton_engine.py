@@ -1,4 +1,4 @@
-"""``[engine] kind = "newton"``: many environments of a model that Newton reads, moved by its MuJoCo solver.
+"""The engine ``newton`` of a scene file: many environments of a model that Newton's MuJoCo solver moves.
 
 ::
 
@@ -9,7 +9,7 @@
     targets = torch.from_dlpack(engine.control.joint_target_q)
     sim.step()
 
-A loop and a solver of one's own: :class:`tactemu.NewtonSource`. Needs the extra ``tactemu[newton]``.
+For a loop and a solver of your own use :class:`tactemu.NewtonSource`. It needs the extra ``tactemu[newton]``.
 """
 
 # pyright: reportInvalidTypeForm=false
@@ -38,9 +38,9 @@ if TYPE_CHECKING:
     from tactemu.sensors.simulation import Simulation
 
 TIMESTEP_S = 2e-3
-"""Of a model that says none, at most."""
+"""The largest time step of a model that gives none."""
 STATE = "time", "act", "history", "qacc_warmstart"
-"""What of the solver's own lasts from step to step."""
+"""The solver's own arrays that are part of the state."""
 
 
 def open_engine(scene: Scene, loaded: LoadedScene, motors: Sequence[JointMotors]) -> NewtonEngine:
@@ -63,11 +63,11 @@ class NewtonEngine(BatchEngine):
     Its shapes that collide are bodies of the scene, under their names.
 
     Args:
-        scene: where they are added.
+        scene: the scene to which the shapes are added.
         file: the model, MJCF (``.xml``) or URDF, or a ``newton.ModelBuilder`` of one environment.
         table: the options.
-        timestep: of the solver [s]; default: the file's (``<option timestep=...>``); where it says none, the largest
-            part of the scene's ``dt`` that is at most 2 ms.
+        timestep: time step of the solver [s]; default: the file's (``<option timestep=...>``); if it gives none, the
+            largest fraction of the scene's ``dt`` that is at most 2 ms.
 
     Raises:
         SceneError: Newton is not installed, cannot read the file, or ``dt`` is no multiple of the time step.
@@ -95,45 +95,46 @@ class NewtonEngine(BatchEngine):
         self.model: Any = None
         """The ``newton.Model`` of the scene that was built last, on its device."""
         self.state: Any = None
-        """Its ``newton.State``."""
+        """The model's ``newton.State``."""
         self.control: Any = None
-        """Its ``newton.Control``: ``joint_target_q`` has a target where :attr:`positions` has a position, for position
-        servos; what other actuators of an MJCF file are told is in ``mujoco.ctrl``, in the order of the file."""
+        """The model's ``newton.Control``: ``joint_target_q`` has the targets of position servos, in the order of
+        :attr:`positions`; ``mujoco.ctrl`` has the commands of other actuators of an MJCF file, in its order."""
         self.solver: Any = None
-        """Its ``newton.solvers.SolverMuJoCo``."""
+        """The model's ``newton.solvers.SolverMuJoCo``."""
 
     @property
     def source(self) -> NewtonSource:
-        """Its shapes and bodies, by their names."""
+        """The model's shapes and bodies, by their names."""
         return self._source
 
     @property
     def start(self) -> np.ndarray:
-        """A row of ``joint_q`` as the model has it at its start."""
+        """A row of ``joint_q`` at the model's start."""
         return np.asarray(self._builder.joint_q, np.float64)
 
     def _read(self, file: Path) -> Any:
         builder = self._newton.ModelBuilder()
-        builder.rigid_gap = 0.0  # else pairs up to 0.1 m apart fill the room for contacts, and MuJoCo uses none of them
+        # Otherwise pairs up to 0.1 m apart, none of which MuJoCo uses, would fill the capacity for contacts.
+        builder.rigid_gap = 0.0
         self._newton.solvers.SolverMuJoCo.register_custom_attributes(builder)
         try:
             if not file.is_file():
                 raise OSError("no such file")
             read = builder.add_urdf if file.suffix.lower() == ".urdf" else builder.add_mjcf
             read(str(file))
-        except Exception as error:  # whatever its parsers raise
+        except Exception as error:  # Newton's parsers may raise anything
             raise SceneError(f"engine: {file}: Newton cannot read it: {str(error).strip()}") from None
         _check_ranges(builder, file)
         return builder
 
     def create_worlds(self, simulation: Simulation) -> _Worlds:
-        """As many worlds as the simulation has environments, on its device."""
+        """Create as many worlds as the simulation has environments, on its device."""
         worlds = self._newton.ModelBuilder()
         worlds.replicate(self._builder, simulation.n_envs)
         self.model = worlds.finalize(device=str(simulation.device))
         self.state, self.control = self.model.state(), self.model.control()
         self.solver = self._newton.solvers.SolverMuJoCo(self.model, **self._sizes)
-        self.solver.mjw_model.opt.warn_overflow = 0  # in our words, and once
+        self.solver.mjw_model.opt.warn_overflow = 0  # BatchEngine warns instead, and once only
         return _Worlds(self, self._newton, simulation.n_envs)
 
 
@@ -141,21 +142,21 @@ def _check_ranges(builder: Any, file: Path) -> None:
     """Check that no joint's range is reversed.
 
     Raises:
-        SceneError: names the joint.
+        SceneError: a range is reversed; the message names the joint.
     """
     for k, (low, high) in enumerate(zip(builder.joint_limit_lower, builder.joint_limit_upper)):
         if low > high:
             name = builder.joint_label[bisect_right(builder.joint_qd_start, k) - 1].rpartition("/")[2]
             raise SceneError(
-                f"engine: {file}: joint {name!r}: range is from {low:g} to {high:g}; the lower end comes first"
+                f"engine: {file}: joint {name!r}: range is from {low:g} to {high:g}; give the lower end first"
             )
 
 
 def _timestep(file: Path) -> float | None:
-    """Return the time step of an MJCF file and what it includes [s], which Newton leaves out, or None.
+    """Return the time step of an MJCF file and its includes [s], which Newton does not read, or None.
 
     Raises:
-        SceneError: it is no number.
+        SceneError: the time step is no number.
     """
     if file.suffix.lower() == ".urdf":
         return None
@@ -163,11 +164,11 @@ def _timestep(file: Path) -> float | None:
         root = ElementTree.parse(file).getroot()
     except (OSError, ElementTree.ParseError):
         return None
-    said = [each.get("timestep") for each in root.iter("option") if each.get("timestep")]
+    given = [each.get("timestep") for each in root.iter("option") if each.get("timestep")]
     try:
-        found = [float(text) for text in said if text]
+        found = [float(text) for text in given if text]
     except ValueError:
-        raise SceneError(f"engine: {file}: timestep must be a number, got {said[-1]!r:.40}") from None
+        raise SceneError(f"engine: {file}: timestep must be a number, got {given[-1]!r:.40}") from None
     found += [
         step for each in root.iter("include") if (step := _timestep(file.parent / each.get("file", ""))) is not None
     ]
@@ -176,13 +177,13 @@ def _timestep(file: Path) -> float | None:
 
 @wp.kernel(module="unique", enable_backward=False)
 def remember(now: wp.array(dtype=wp.int32), so_far: wp.array(dtype=wp.int32)):
-    """Flags that the solver forgets at its next step."""
+    """Collect flags that the solver clears at its next step."""
     e = wp.tid()
     so_far[e] = so_far[e] | now[e]
 
 
 class _Worlds:
-    """Of one simulation."""
+    """The worlds of one simulation."""
 
     def __init__(self, engine: NewtonEngine, newton: Any, n_envs: int):
         self._newton, self._model, self._solver = newton, engine.model, engine.solver
@@ -200,7 +201,7 @@ class _Worlds:
             self._solver.step(now, then, self._control, None, self._dt)
             wp.launch(remember, dim=self._n_envs, inputs=[self.data.overflow], outputs=[self.overflow])
             now, then = then, now
-        if now is not self._state:  # the skins look at one of the two
+        if now is not self._state:  # the skins read this one of the two
             self._state.assign(now)
 
     def refresh(self) -> None:

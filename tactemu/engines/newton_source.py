@@ -1,4 +1,4 @@
-"""The shapes of a Newton model as bodies of a scene, posed by Newton's state on the device: a tactile skin for it.
+"""The shapes of a Newton model as bodies of a scene, posed from Newton's state on the device.
 
 ::
 
@@ -15,8 +15,8 @@
         solver.step(state, state, control, contacts, 4e-3)
         sim.step()
 
-Newton owns the motion and the contact forces; what the skin reads follows from where its shapes are and how they move.
-Needs the extra ``tactemu[newton]``.
+Newton computes the motion and the contact forces; the skin's readings follow from the poses and velocities of the
+shapes. It needs the extra ``tactemu[newton]``.
 """
 
 from __future__ import annotations
@@ -38,21 +38,22 @@ if TYPE_CHECKING:
     from tactemu.sensors.simulation import Simulation
 
 MESHES = ("mesh", "convex_mesh")
+"""The kinds of shapes that are meshes."""
 COLLIDES = 1 << 1
-"""``newton.ShapeFlags.COLLIDE_SHAPES``."""
+"""The flag ``newton.ShapeFlags.COLLIDE_SHAPES``."""
 
 
 class NewtonSource:
-    """Adds the shapes of one world of a Newton model that collide to a scene, and poses them from Newton's state.
+    """The colliding shapes of one world of a Newton model in a scene, posed from Newton's state.
 
-    Shapes and bodies go by the last part of their labels, or by the whole where that is not one's own.
+    The name of a shape or body is the last part of its label, or the full label where the last part is not unique.
 
     Args:
-        scene: where they become bodies.
-        model: a ``newton.Model``; all its worlds are alike.
+        scene: the scene in which the shapes become bodies.
+        model: a ``newton.Model`` whose worlds are alike.
 
     Raises:
-        SceneError: the worlds are not alike, or a shape has no distance here.
+        SceneError: the worlds are not alike, or the kind of a shape is not supported.
     """
 
     def __init__(self, scene: Scene, model: Any):
@@ -90,7 +91,7 @@ class NewtonSource:
         """Return the body of a shape, to put a skin on or to track.
 
         Raises:
-            SceneError: there is none that collides.
+            SceneError: there is no colliding shape of this name.
         """
         found = self._find("shape", which)
         if found is None or found not in self._shapes:
@@ -101,7 +102,7 @@ class NewtonSource:
         """Return a frame that follows a Newton body, to put a skin on. Call it before the scene is built.
 
         Raises:
-            SceneError: there is none.
+            SceneError: there is no such body.
         """
         found = self._find("body", which)
         if found is None:
@@ -111,16 +112,16 @@ class NewtonSource:
         return self._links[found]
 
     def body_of(self, name: str) -> Body:
-        """Return the body to put a skin on, of the shape or Newton body of this name.
+        """Return the body that carries a skin on the shape or Newton body of this name.
 
         Raises:
-            SceneError: there is neither.
+            SceneError: there is neither a shape nor a body of this name.
         """
         return self.link(name) if self._find("shape", name) is None else self.shape(name)
 
     @property
     def free_bodies(self) -> dict[str, int]:
-        """Newton bodies that move freely, by name: where position and quaternion begin in a row of ``joint_q``."""
+        """The index of each free Newton body's first number in a row of ``joint_q``, by the body's name."""
         import newton
 
         free = np.flatnonzero(self.model.joint_type.numpy()[: len(self._labels["joint"])] == newton.JointType.FREE)
@@ -128,10 +129,10 @@ class NewtonSource:
         return {self._short("body", int(children[k])): int(starts[k]) for k in free}
 
     def column(self, name: str) -> int:
-        """Where the numbers of a joint, or of a body that moves freely, begin in a row of ``joint_q``.
+        """Return the index of the first number of a joint, or of a free body, in a row of ``joint_q``.
 
         Raises:
-            SceneError: there is neither.
+            SceneError: there is neither a joint nor a free body of this name.
         """
         joint = self._find("joint", name)
         if joint is not None:
@@ -142,11 +143,10 @@ class NewtonSource:
         raise SceneError(f"no joint or free body {name!r} in the Newton model (joints: {joints}; free: {list(free)})")
 
     def root(self, name: str) -> str:
-        """Return the Newton body that carries a shape or body of this name, and is carried by none itself; empty:
-        the world.
+        """Return the name of the root Newton body under a shape or body of this name; it is empty for the world.
 
         Raises:
-            SceneError: there is neither.
+            SceneError: there is neither a shape nor a body of this name.
         """
         shape = self._find("shape", name)
         body = self._find("body", name) if shape is None else int(self._on[shape])
@@ -156,15 +156,17 @@ class NewtonSource:
         return "" if top < 0 else self._short("body", top)
 
     def ignored_bodies(self, name: str) -> tuple[int, ...]:
-        """Return the places in the scene of shapes that the skin of a shape or Newton body does not feel: those that
-        move with
-        it, those that Newton lets none of them touch, and those on the other side of its joint or of a joint on it."""
+        """Return the indices of the scene's bodies that a skin on a shape or Newton body ignores.
+
+        These are the shapes that move with it, those that Newton lets none of them touch, and those on the other side
+        of its joint or of a joint on it.
+        """
         shape = self._find("shape", name)
         body = int(self._on[shape]) if shape is not None else self._find("body", name)
-        whole = -1 if body is None else self._above(body, welded=True)
-        wholes = {k: self._above(int(self._on[k]), welded=True) for k in self._shapes}
-        mine = {k for k, each in wholes.items() if each == whole}
-        beside = {k for k, each in wholes.items() if each in self._jointed(whole) or whole in self._jointed(each)}
+        group = -1 if body is None else self._above(body, welded=True)
+        groups = {k: self._above(int(self._on[k]), welded=True) for k in self._shapes}
+        mine = {k for k, each in groups.items() if each == group}
+        beside = {k for k, each in groups.items() if each in self._jointed(group) or group in self._jointed(each)}
         apart = {frozenset(pair) for pair in self.model.shape_collision_filter_pairs}
         others = [k for k in self._shapes if k not in mine | beside]
         felt = {k for k in others if not all(frozenset((k, own)) in apart for own in mine)}
@@ -174,7 +176,7 @@ class NewtonSource:
 
     @property
     def bodies(self) -> list[Body]:
-        """All that were added to the scene."""
+        """All bodies that were added to the scene."""
         return [*self._shapes.values(), *self._links.values()]
 
     def _find(self, kind: str, name: str) -> int | None:
@@ -190,29 +192,30 @@ class NewtonSource:
         return short if self._find(kind, short) in (index, None) and not self._taken(short) else label
 
     def _short(self, kind: str, index: int) -> str:
-        """Return the last part of a label where it is one's own, else the whole."""
+        """Return the last part of a label if it is unique, else the full label."""
         label = self._labels[kind][index]
         short = label.rpartition("/")[2]
         return short if self._find(kind, short) == index else label
 
     def _above(self, body: int, *, welded: bool = False) -> int:
-        """Return the body that carries this one, and is carried by none itself: by joints, or only by those that are
-        fixed.
-        """
+        """Return the root body under this one, along all joints, or with ``welded`` only along fixed joints."""
         while (joint := self._held_by.get(body)) is not None and (joint[1] or not welded):
             body = joint[0]
         return body
 
-    def _jointed(self, whole: int) -> tuple[int, ...]:
-        """What carries bodies that are welded together, unless it stands still: MuJoCo lets the two not touch."""
-        if whole not in self._held_by:
+    def _jointed(self, group: int) -> tuple[int, ...]:
+        """Return the group to which a group of welded bodies is jointed, unless it is static.
+
+        MuJoCo does not let the two touch.
+        """
+        if group not in self._held_by:
             return ()
-        parent = self._above(self._held_by[whole][0], welded=True)
+        parent = self._above(self._held_by[group][0], welded=True)
         return () if parent in self._still else (parent,)
 
     @cached_property
     def _joints(self) -> list[tuple[int, int, bool]]:
-        """Each body, what carries it, and whether they are welded. Joints that close a loop come after those."""
+        """Each body, its parent, and whether they are welded, without the joints that close a loop, which come last."""
         import newton
 
         model = self.model
@@ -224,12 +227,12 @@ class NewtonSource:
 
     @cached_property
     def _held_by(self) -> dict[int, tuple[int, bool]]:
-        """Of each body that another carries: by which, and whether they are welded."""
+        """The parent of each body that has one, and whether they are welded."""
         return {child: (parent, welded) for child, parent, welded in self._joints if parent >= 0}
 
     @cached_property
     def _still(self) -> set[int]:
-        """Bodies that are welded to the world."""
+        """The bodies that are welded to the world."""
         return {child for child, parent, welded in self._joints if parent < 0 and welded}
 
     def _taken(self, name: str) -> bool:
@@ -243,7 +246,7 @@ class NewtonSource:
     # -- shapes ------------------------------------------------------------------------------------------------------
 
     def _place(self, shape: int) -> tuple[np.ndarray, np.ndarray]:
-        """Where a shape is on its body, position and quaternion (w, x, y, z)."""
+        """Return the position and quaternion (w, x, y, z) of a shape on its body."""
         row = self._places[shape]
         return row[:3], row[[6, 3, 4, 5]]
 
@@ -256,13 +259,13 @@ class NewtonSource:
             vertices = np.asarray(source.vertices, np.float64) * size
             return Mesh(source=(vertices, np.asarray(source.indices).reshape(-1, 3)))
         if (found := shape_of(kind, size)) is None:
-            raise SceneError(f"shape {self._labels['shape'][shape]!r} is of kind {kind}, which has no distance here")
+            raise SceneError(f"shape {self._labels['shape'][shape]!r} is of kind {kind}, which is not supported")
         return found
 
     # -- poses -------------------------------------------------------------------------------------------------------
 
     def bind(self, sim: Simulation, state: Any) -> None:
-        """Take poses from Newton's state at each step, on the device.
+        """Bind the scene's poses to Newton's state, which is read at each step on the device.
 
         Args:
             sim: the built scene, of as many environments as the state has worlds.
@@ -271,8 +274,8 @@ class NewtonSource:
         if state.body_q is None or state.body_q.shape[0] != sim.n_envs * self._n_bodies:
             got = 0 if state.body_q is None else state.body_q.shape[0]
             raise SceneError(
-                f"NewtonSource.bind: the state is of {got} bodies; {sim.n_envs} environments of {self._n_bodies} "
-                f"have {sim.n_envs * self._n_bodies}"
+                f"NewtonSource.bind: the state has {got} bodies; expected {sim.n_envs * self._n_bodies} "
+                f"({sim.n_envs} environments of {self._n_bodies})"
             )
         carried = {k: body for k, body in self._shapes.items() if self._on[k] >= 0}
         index = {body: int(self._on[k]) for k, body in carried.items()} | {b: k for k, b in self._links.items()}
@@ -292,7 +295,7 @@ class NewtonSource:
 
 
 def _kinds() -> dict[int, str]:
-    """Newton's kinds of shapes, by MuJoCo's names, which are the same where there is one."""
+    """Return the names of Newton's kinds of shapes, which equal MuJoCo's names if MuJoCo has the kind."""
     import newton
 
     return {int(kind): kind.name.lower() for kind in newton.GeoType}

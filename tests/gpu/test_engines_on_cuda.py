@@ -9,7 +9,8 @@ import warp as wp
 
 import tactemu as tt
 from tests.physics.test_split import N_ENVS, run, scene
-from tests.scene.test_batch_engines import DROP, LINE, MOTORS, hand
+from tests.scene.engine_models import DROP
+from tests.scene.test_batch_engines import LINE, MOTORS, hand
 
 pytestmark = pytest.mark.gpu
 ENGINES = {"mujoco-warp": "MujocoWarpEngine", "newton": "NewtonEngine"}

@@ -1,4 +1,4 @@
-"""Motors, MuJoCo and skins in one loop: forces agree, runs repeat, wild models stay bounded, mistakes are said."""
+"""Motors, MuJoCo and skins in one loop: forces agree, runs repeat, wild models stay bounded."""
 
 # MuJoCo's functions come from a compiled module that a checker cannot see into.
 # pyright: reportAttributeAccessIssue=false, reportOptionalMemberAccess=false
@@ -11,47 +11,12 @@ import numpy as np
 import pytest
 
 import tactemu as tt
-from firmware_protocols import CanFrame
 from tactemu.base.clock import LockstepClock, VirtualClock
-from tactemu.base.errors import PoseError, SceneError
-from tactemu.emulator.assembly import RunOptions, assemble
-from tactemu.scene import file
-from tactemu.scene.steering import steered
+from tactemu.base.errors import PoseError
 from tactemu.truth import Passage, Sample, Truth, entries
 from tests.emulator.test_lockstep import go_on
-from tests.hands.holding import ALL, HANDS, contact_forces, scene_of
-
-L6 = ALL["linker_l6"]
-MS = 1_000_000
-OPEN, CLOSED, THUMB = 255, 0, 32
-
-
-def frame(*data: int) -> CanFrame:
-    return CanFrame(arbitration_id=0x28, data=bytes(data))
-
-
-def made(scene, clock=None, truth=None, **run_options):
-    """An emulator of a scene, its simulation and its engine."""
-    loaded = steered(file.load(scene))
-    whole = assemble(
-        loaded, RunOptions(port="memory:", seed=5, **run_options), clock=clock or VirtualClock(), truth=truth
-    )
-    return whole.emulator, whole.simulation, whole.simulation.posers[0].__self__
-
-
-def grasping(emulator, *, torque: int = 25, close_s: float = 0.8) -> None:
-    """Have the hand grasp by a script: frames and their times."""
-    write = emulator.channels[0].wire.transport.driver.write
-    orders = [
-        (0.01, (0x05, *[128] * 6)),
-        (0.02, (0x02, 255, 255, torque, 255, 255, 255)),
-        (0.03, (0x01, THUMB, *[OPEN] * 5)),
-        (close_s, (0x01, THUMB, OPEN, CLOSED, OPEN, OPEN, OPEN)),
-        *((1.0 + 0.05 * k, (0xB1 + k % 5, 0xC6)) for k in range(40)),
-        *((1.01 + 0.05 * k, (code,)) for k, code in enumerate([0x01, 0x35, 0x36] * 10)),
-    ]
-    for t_s, data in orders:
-        emulator.at(round(t_s * 1e9), functools.partial(write, frame(*data)))
+from tests.hands.closed_loop import CLOSED, L6, MS, OPEN, THUMB, frame, grasping, made, replaced
+from tests.hands.holding import HANDS, contact_forces, scene_of
 
 
 @pytest.mark.parametrize("thing", ["ball", "box"])
@@ -64,7 +29,7 @@ def test_what_a_pad_feels_is_mujocos_contact_force(thing, tmp_path):
         steady = simulation.bodies[[body.name for body in simulation.bodies].index("table")].motion
         steady.put(2.0, position=(0, 0, -0.3))
         emulator.run(1.0)
-        felt = [pad.felt() for pad in engine.pads.values()]
+        felt = [pad.skin_force() for pad in engine.pads.values()]
         pads = contact_forces(engine, L6.pads)
         counts = emulator.truth.latest("linker_hand_l6").counts.reshape(5, -1).sum(axis=1)
         weight = engine.model.body("object").mass[0] * 9.81
@@ -110,7 +75,7 @@ def test_what_is_light_and_lies_still_reads_its_weight(mass, place, tmp_path):
         emulator.run(0.3)
         for _ in range(100):
             emulator.run(1e-3)
-            felt.append(pad.felt())
+            felt.append(pad.skin_force())
     np.testing.assert_allclose(felt, mass * 9.81, rtol=0.02)  # float32 poses of a nanometre are 1 % of 0.1 g
     assert np.mean(felt) == pytest.approx(mass * 9.81, rel=0.01)
 
@@ -175,7 +140,7 @@ def test_a_hand_of_the_examples_stands_open(scene):
     emulator, _, engine = made(scene)
     with emulator:
         emulator.run(0.2)
-        assert len(engine.pads) > 1 and not any(pad.felt() for pad in engine.pads.values())
+        assert len(engine.pads) > 1 and not any(pad.skin_force() for pad in engine.pads.values())
         assert np.abs(engine.data.qvel).max() < 0.1
 
 
@@ -229,7 +194,7 @@ def test_a_hand_may_be_a_urdf(tmp_path):
         for k, data in enumerate(orders):
             emulator.at((k + 1) * 10 * MS, functools.partial(write, frame(*data)))
         emulator.run(2.0)
-        felt = list(engine.pads.values())[-1].felt()
+        felt = list(engine.pads.values())[-1].skin_force()
         motor = float(np.abs(engine.data.actuator_force).max())
     weight = 0.05 * 9.81
     assert motor > 1.0 and felt == pytest.approx(motor - weight, rel=0.02)
@@ -333,84 +298,6 @@ def test_wild_configurations_stay_bounded(name, tmp_path):
     assert most < 1.0 + work, f"{most:.3g} J"
     deepest = -min((contact.dist for contact in data.contact[: data.ncon]), default=0.0)
     assert deepest < 2e-3
-
-
-def replaced(folder, old: str, new: str, thing: str = "ball"):
-    scene = scene_of(L6, thing, folder)
-    text = scene.read_text()
-    assert old in text
-    scene.write_text(text.replace(old, new))
-    return scene
-
-
-JOINT = 'index = "index",'
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "said"),
-    [
-        (
-            JOINT,
-            'index2 = "index",',
-            r"joints: linker_hand_l6 has no 'index2'; did you mean 'index'\? \(motors: thumb_flex",
-        ),
-        (JOINT, 'index = "index2",', r"joints: no joint 'index2' in the model; did you mean 'index'\?"),
-        (JOINT, 'index = "middle",', "two motors on joint 'middle'; one motor for a joint"),
-        (JOINT, 'index = { joint = "index", ratio = 0.0 },', "ratio: expected a number that is not 0"),
-        (
-            JOINT,
-            'index = { joint = "index", ratio = 40.0 },',
-            "joint 'index' goes from 0 to 1.6 rad, its motor over 64 rad",
-        ),
-        ("friction = 0.8", 'friction = "much"', "engine.friction"),
-        ("friction = 0.8", "breaks = { ball = 1.0 }", "breaks: no geom 'ball'"),
-        ("friction = 0.8", 'on_late = "never"', "engine.on_late"),
-        ('device = "linker_hand_l6"', 'device = "anyskin"', "joints: anyskin has no motors that an engine could move"),
-        ('body = "index_tip"', 'body = "index_tp"', "no geom or body 'index_tp'; geoms:"),
-    ],
-)
-def test_a_mistake_is_said_before_a_port_opens(old, new, said, tmp_path):
-    with pytest.raises(SceneError, match=said):
-        made(replaced(tmp_path, old, new))
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "said"),
-    [
-        (
-            'angle="radian"',
-            'angle="degree"',
-            r"from 0 to 0\.020944 rad, its motor over 1\.2 rad: radians where the file",
-        ),
-        ('range="0 1.6"/>', 'range="0 90"/>', "from 0 to 90 rad, its motor over 1.6 rad: degrees where the file"),
-        ("</worldbody>", '</worldbody><actuator><motor name="m" joint="index"/></actuator>', "has an actuator already"),
-        ('<joint name="index" range="0 1.6"/>', '<joint name="index" type="ball"/>', "neither turns nor slides"),
-    ],
-)
-def test_a_mistake_in_the_model_is_said(old, new, said, tmp_path):
-    scene = scene_of(L6, "ball", tmp_path)
-    model = tmp_path / "linker_l6_ball.xml"
-    path = model.read_text().split('"')[1]
-    source = open(path).read()
-    assert old in source
-    if "ball" in new:
-        source = source.replace(
-            '<joint joint1="index_outer" joint2="index" polycoef="0 0.5 0 0 0" solref="0.005 1"/>', ""
-        )
-    (tmp_path / "hand.xml").write_text(source.replace(old, new))
-    model.write_text(model.read_text().replace(path, str(tmp_path / "hand.xml")))
-    with pytest.raises(SceneError, match=said):
-        made(scene)
-
-
-def test_joints_without_an_engine_and_mujoco_missing_are_said(tmp_path, monkeypatch):
-    with pytest.raises(SceneError, match=r"joints: they are those of an engine's model; there is no \[engine\]"):
-        file.parse(
-            '[[body]]\nname = "b"\nshape = "frame"\n[[skin]]\ndevice = "anyskin"\nlink = "b"\njoints = { a = "b" }'
-        )
-    monkeypatch.setitem(__import__("sys").modules, "mujoco", None)
-    with pytest.raises(SceneError, match=r"MuJoCo is not installed: pip install 'tactemu\[mujoco\]'"):
-        made(scene_of(L6, "ball", tmp_path))
 
 
 def test_a_state_that_is_not_finite_ends_the_run_and_says_so(tmp_path):

@@ -61,7 +61,7 @@ def test_what_hangs_weighs_on_the_pads_and_slips_at_their_rims_first(tmp_path):
         emulator.run(0.5)
         rest, weight = object_.xpos[2], 0.1 * 9.81
         drag = sum(pad.sensor.quantity("force", ground_truth=True).sum(axis=0)[2] for pad in engine.pads.values())
-        felt = [pad.felt() for pad in engine.pads.values()]
+        felt = [pad.skin_force() for pad in engine.pads.values()]
         for k in range(30):
             bodies["hook"].put(2.0 + 0.008 * k, position=(0, 0, 0.02 - 0.0008 * k))
             emulator.run(0.008)

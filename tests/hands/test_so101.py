@@ -36,7 +36,7 @@ def test_the_jaws_grasp_and_the_arm_lifts():
         assert contact_forces(engine, PADS).max() == 0, "open"
         emulator.run(1.5)
         lifted, pressed = box.xpos[2] - rest, contact_forces(engine, PADS)
-        felt = [pad.felt() for pad in engine.pads.values()]
+        felt = [pad.skin_force() for pad in engine.pads.values()]
     assert lifted > 0.01
     assert pressed.min() > 2.0
     np.testing.assert_allclose(felt, pressed, rtol=0.05)

@@ -7,46 +7,15 @@ import pytest
 
 import tactemu as tt
 from tactemu.base.errors import PoseError, SceneError
-from tactemu.engines.engine import MujocoEngine
-from tactemu.scene import file as scene_file
-from tactemu.scene.building import build_scene, make_devices
 from tactemu.scene.engine_tables import MujocoWarpTable, NewtonTable
+from tests.scene.engine_models import BUILT, DROP, ENGINES, FINGER
 
 mujoco = pytest.importorskip("mujoco")
 mujoco_warp = pytest.importorskip("mujoco_warp")
 newton = pytest.importorskip("newton")
 
-FINGER = """
-<mujoco>
-  <option timestep="0.002"/>
-  <worldbody>
-    <geom name="floor" type="plane" size="1 1 0.1" pos="0 0 -0.5"/>
-    <body name="hand" pos="0.1 0.2 0.3" euler="10 20 30">
-      <freejoint/>
-      <geom name="palm" type="box" size=".02 .03 .01" pos=".01 .02 0" euler="0 40 0" mass=".2"/>
-      <body name="finger" pos="0.06 0 0.01">
-        <joint name="bend" type="hinge" axis="0 1 0.3"/>
-        <geom name="tip" type="capsule" size=".006 .02" pos="0.02 0 0.01" euler="30 0 0" mass=".05"/>
-      </body>
-    </body>
-    <body name="ball" pos="0 0 0.02"><freejoint/><geom name="ball" type="sphere" size=".01" mass=".1"/></body>
-  </worldbody>
-</mujoco>
-"""
-DROP = """
-<mujoco>
-  <option timestep="0.002"/>
-  <worldbody>
-    <geom name="floor" type="plane" size="1 1 0.1"/>
-    <body name="ball" pos="0 0 0.02"><freejoint/><geom name="ball" type="sphere" size=".01" mass=".1"/></body>
-  </worldbody>
-</mujoco>
-"""
 HAND = Path(__file__).parents[2] / "examples" / "hands" / "ability_hand_motors.xml"
 MOTORS = {"index": 1.4, "middle": 1.4, "ring": 1.4, "pinky": 1.4, "thumb_flexor": 1.0, "thumb_rotator": -0.2}
-ENGINES = {"mujoco-warp": tt.MujocoWarpEngine, "newton": tt.NewtonEngine}
-BUILT = ["mujoco-warp", pytest.param("newton", marks=pytest.mark.nightly)]
-"""Newton's solver compiles kernels for a minute where none are cached."""
 N_ENVS = 3
 LINE = np.stack([np.linspace(-8e-3, 8e-3, 5), np.zeros(5), np.full(5, 0.0)], -1)
 BODIES = "palm", "tip", "ball"
@@ -304,7 +273,7 @@ def test_where_the_numbers_of_a_joint_are(file, kind):
 
 
 def test_a_skin_feels_neither_what_moves_with_it_nor_what_its_joint_is_on(tmp_path):
-    """As MuJoCo has it: bodies without a joint are part of what carries them."""
+    """As in MuJoCo: bodies without a joint are part of the body that carries them."""
     nail = (
         '<body name="pad"><geom name="pad" size=".01"/><body name="nail"><geom name="nail" size=".01"/></body></body>'
     )
@@ -314,22 +283,15 @@ def test_a_skin_feels_neither_what_moves_with_it_nor_what_its_joint_is_on(tmp_pa
             "</body>", nail + "</body>", 1
         )
     )
-    unfelt = {}
+    ignored = {}
     for kind, engine in ENGINES.items():
         scene = tt.Scene(dt=4e-3)
         source = engine(scene, path).source
-        unfelt[kind] = {name: {scene.bodies[k].name for k in source.unfelt(name)} for name in ("nail", "palm", "ball")}
-    assert unfelt["newton"] == unfelt["mujoco-warp"]
-    assert unfelt["newton"]["nail"] == {"palm", "bone", "pad", "nail"} and unfelt["newton"]["ball"] == {"ball"}
-
-
-def test_newton_makes_room_for_what_touches(tmp_path):
-    """The gap of a geom is what its file says, and not the 0.1 m that Newton takes for its own contacts."""
-    path = tmp_path / "gap.xml"
-    path.write_text(DROP.replace('type="sphere"', 'type="sphere" gap="0.003"'))
-    engine = tt.NewtonEngine(tt.Scene(dt=4e-3), path)
-    names = [label.rpartition("/")[2] for label in engine.source.model.shape_label]
-    assert dict(zip(names, engine.source.model.shape_gap.numpy())) == pytest.approx({"floor": 0.0, "ball": 0.003})
+        ignored[kind] = {
+            name: {scene.bodies[k].name for k in source.ignored_bodies(name)} for name in ("nail", "palm", "ball")
+        }
+    assert ignored["newton"] == ignored["mujoco-warp"]
+    assert ignored["newton"]["nail"] == {"palm", "bone", "pad", "nail"} and ignored["newton"]["ball"] == {"ball"}
 
 
 @pytest.mark.parametrize("kind", BUILT)
@@ -359,7 +321,7 @@ def test_bodies_start_where_each_environment_has_them(drop, kind):
     with pytest.raises(SceneError, match=r"up to 5, got \(5, 3\) and \(5, 4\)"):
         scene.build(2, first_env=4)
     engine.starts = {"bal": (places, turns)}
-    with pytest.raises(SceneError, match=r"'bal' is no body that moves freely.*'ball'"):
+    with pytest.raises(SceneError, match=r"'bal' is no free body.*'ball'"):
         scene.build(2)
 
 
@@ -379,90 +341,3 @@ def test_a_model_that_blows_up_is_said(file):
         sim.step()
     depths = skin.read()
     assert np.isnan(depths[1]).all() and np.isfinite(depths[[0, 2]]).all()
-
-
-SCENE = """
-[scene]
-dt = 0.004
-[engine]
-kind = "{kind}"
-file = "{file}"
-{more}
-[[skin]]
-device = "flexitac"
-link = "{link}"
-{skin}
-"""
-
-
-@pytest.mark.parametrize("kind", ["mujoco-warp", "newton"])
-@pytest.mark.parametrize(
-    ("changes", "said"),
-    [
-        ({"file": "nothing.xml"}, "nothing.xml"),
-        ({"link": "bal"}, "no .*'bal'"),
-        ({"more": "felt = 'force'"}, "felt"),
-        ({"more": "njmax = 0"}, "njmax"),
-        ({"skin": 'joints = { thumb = "bend" }'}, "joints"),
-    ],
-)
-def test_a_file_that_asks_for_what_an_engine_has_not(drop, kind, changes, said):
-    values = {"kind": kind, "file": "drop.xml", "link": "ball", "more": "", "skin": ""} | changes
-    path = drop.parent / "scene.toml"
-    path.write_text(SCENE.format(**values))
-    with pytest.raises(SceneError, match=said):
-        loaded = scene_file.load(path)
-        build_scene(loaded, make_devices(loaded))
-
-
-def test_a_time_step_that_does_not_fit(drop):
-    with pytest.raises(SceneError, match="make dt a multiple"):
-        tt.MujocoWarpEngine(tt.Scene(dt=5e-3), drop)
-
-
-@pytest.mark.parametrize("included", [False, True])
-def test_newton_takes_the_time_step_of_the_file(tmp_path, included):
-    """Newton's own reader leaves it out."""
-    path, option = tmp_path / "slow.xml", '<option timestep="0.003"/>'
-    (tmp_path / "option.xml").write_text(f"<mujoco>{option}</mujoco>")
-    said = '<include file="option.xml"/>' if included else option
-    path.write_text(DROP.replace('<option timestep="0.002"/>', said))
-    with pytest.raises(SceneError, match=r"time step of 0\.003 s, the scene's dt is 0\.001 s; make dt a multiple"):
-        tt.NewtonEngine(tt.Scene(dt=1e-3), path)
-    assert tt.NewtonEngine(tt.Scene(dt=6e-3), path).steps == 2
-    path.write_text(DROP.replace('<option timestep="0.002"/>', ""))
-    assert tt.NewtonEngine(tt.Scene(dt=5e-3), path).steps == 3, "it says none"
-
-
-@pytest.mark.parametrize("kind", BUILT)
-def test_bodies_are_where_the_model_has_them_before_the_first_step(drop, tmp_path, kind):
-    """In memory and in the log of a scene file, also after a reset."""
-    scene = drop.with_name("scene.toml")
-    skin = 'name = "pad"\ndevice = "flexitac"\nlink = "floor"\nposition = [0.0, 0.0, 0.0]'
-    scene.write_text(f'[scene]\ndt = 0.002\n[engine]\nkind = "{kind}"\nfile = "drop.xml"\n[[skin]]\n{skin}\n')
-    with tt.serve(scene, port="memory:", clock="lockstep", truth=tmp_path / "log.mcap") as dev:
-        dev.step(seconds=0.02)
-    first, second = tt.read_log(tmp_path / "log.mcap").bodies["ball"].position[:2]
-    np.testing.assert_allclose(first, [0, 0, 0.02], atol=1e-9)
-    assert second[2] < first[2]
-    of_engine = tt.Scene(dt=0.002)
-    source = ENGINES[kind](of_engine, drop).source
-    simulation = of_engine.build(2)
-    ball = (source.geom("ball") if kind == "mujoco-warp" else source.shape("ball")).index
-    for reset in (None, [1]):
-        simulation.step()
-        simulation.reset(reset)
-        heights = simulation.pose_array.numpy()[:, ball, 2]
-        assert heights[1] == pytest.approx(0.02, abs=1e-9)
-        assert (heights[0] < 0.02 - 1e-9) == (reset is not None)
-
-
-@pytest.mark.parametrize("kind", ["mujoco", *ENGINES])
-def test_a_reversed_range_is_refused(tmp_path, kind):
-    path = tmp_path / "reversed.xml"
-    joint = '<joint name="bend" type="hinge" axis="0 1 0.3" range="1.6 0"/>'
-    text = FINGER.replace('<joint name="bend" type="hinge" axis="0 1 0.3"/>', joint)
-    path.write_text(text.replace("<mujoco>", '<mujoco><compiler angle="radian"/>'))
-    engine = {"mujoco": MujocoEngine, **ENGINES}[kind]
-    with pytest.raises(SceneError, match=r"joint 'bend': range is from 1\.6 to 0; the lower end comes first"):
-        engine(tt.Scene(dt=0.002), path)
