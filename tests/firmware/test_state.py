@@ -9,6 +9,8 @@ import firmware_protocols as fp
 from firmware_protocols.framing import Packets
 from firmware_protocols.state import NotPlain, from_bytes, to_bytes
 from firmware_protocols.tables import Frame
+from tactemu.base.errors import StateError
+from tactemu.emulator.saving.leaves import LeafCheck
 
 TABLE = Frame("""
     image
@@ -70,3 +72,27 @@ def test_bytes_hold_the_whole_state():
     plain, array, number, recent = other.kept
     assert plain == value and np.array_equal(array, device.kept[1]) and array.dtype == device.kept[1].dtype
     assert number == 1.5 and type(number) is np.float32 and recent == device.kept[3] and recent.maxlen == 2
+
+
+class Forgets(Keeps):
+    """A device with attributes that are None at times."""
+
+    def __init__(self):
+        super().__init__()
+        self.later = None
+        self.annotated: bytes | None = b"x"
+        self.bare = b"x"
+
+
+@pytest.mark.parametrize(
+    "name, value, is_taken", [("later", b"x", True), ("annotated", None, True), ("bare", None, False)]
+)
+def test_an_attribute_that_is_none_at_times_is_none_at_power_up_or_annotated(name, value, is_taken):
+    """As docs/adding-a-device.md says of saved states."""
+    here = {key: getattr(Forgets(), key) for key in ("later", "annotated", "bare")}
+    check = LeafCheck(t_ns=0)
+    if is_taken:
+        check.attributes(Forgets, here | {name: value}, [here], "keeps")
+    else:
+        with pytest.raises(StateError, match=r"keeps\.bare: expected bytes, got null"):
+            check.attributes(Forgets, here | {name: value}, [here], "keeps")
