@@ -87,8 +87,8 @@ def _why_not_carried(frame: Any, connector: Connector) -> str:
     """Return why the line of a connector cannot carry a frame; empty if it can."""
     if not isinstance(connector, Can):
         fits = isinstance(frame, bytes) and frame
-        said = str(frame) if isinstance(frame, CanFrame) else repr(frame)
-        return "" if fits else f"sent {said}: expected bytes that are not empty"
+        shown = str(frame) if isinstance(frame, CanFrame) else repr(frame)
+        return "" if fits else f"sent {shown}: expected bytes that are not empty"
     if not isinstance(frame, CanFrame):
         return f"sent {frame!r}: expected a CanFrame"
     size, top = len(frame.data), 1 << 29 if frame.is_extended_id else 1 << 11
@@ -120,9 +120,9 @@ def error_of_exception(cls: type, name: str, method: str, args: tuple, error: Ex
     calls = traceback.extract_tb(error.__traceback__)
     own = next((call for call in reversed(calls) if call.filename in files), None)
     file, line, source = (own.filename, own.lineno or 0, own.line) if own else (*source_line(cls, method), "")
-    said = f"{name}.{method}{f' on {data}' if data else ''} raised {type(error).__name__}: {error}"
+    text = f"{name}.{method}{f' on {data}' if data else ''} raised {type(error).__name__}: {error}"
     where = f" at {Path(file).name}:{line}" + (f": {source}" if source else "")
-    return AuthorError(said + where, data=data, file=file, line=line)
+    return AuthorError(text + where, data=data, file=file, line=line)
 
 
 def error_of_result(device: Device, method: str, what: str) -> AuthorError:
