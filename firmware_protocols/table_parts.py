@@ -128,17 +128,17 @@ class OpenField:
         self._name = field.name if field.kind == "bytes" else None
 
     def pack(self, values: Mapping[str, Any], before: bytes) -> bytes:
-        """Return the bytes of the field; ``before`` are those of the parts before."""
+        """Return the bytes of the field; none if the firmware ignores them."""
         return values[self._name] if self._name is not None else b""
 
     def unpack(self, data: bytes, at: int, end: int, values: dict[str, Any]) -> bool:
-        """Read the field from ``data[at:end]`` into ``values``; return False if the bytes contradict the table."""
+        """Read the field, if it is named, from ``data[at:end]`` into ``values``; return True."""
         if self._name is not None:
             values[self._name] = bytes(data[at:end])
         return True
 
     def fill(self, frames: np.ndarray, at: int, end: int, values: Mapping[str, Any]) -> None:
-        """Write the field into the columns ``at:end`` of ``frames``, uint8, shape ``(n, size)``."""
+        """Raise AssertionError: a table with an open field has no frames of one size."""
         raise AssertionError("pack_many() needs a frame of fixed size")
 
 
@@ -156,7 +156,7 @@ class SumField:
         return self._function(before[self._start :]).to_bytes(self.size, self._order)
 
     def unpack(self, data: bytes, at: int, end: int, values: dict[str, Any]) -> bool:
-        """Read the sum from ``data[at:end]`` into ``values``; return False if the bytes contradict the table."""
+        """Return True if ``data[at:end]`` is the sum of the bytes before it."""
         return self.pack(values, data[:at]) == data[at:end]
 
     def fill(self, frames: np.ndarray, at: int, end: int, values: Mapping[str, Any]) -> None:
