@@ -49,6 +49,21 @@ def learned(make, *, taken=None, late=0.1, every=1, channels=CHANNELS):
     return learn(sorted(rows, key=lambda printed: printed.t), taken, frames(taken), channels)
 
 
+def held(seed, width=3, length=12):
+    """Return samples of which each is held for a while, as many as fit."""
+    kept = np.random.default_rng(seed).integers(-1500, 1500, (N // length, width)).astype(float)
+    return [Sample(k * PERIOD, k, kept[k // length]) for k in range(N // length * length)]
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_random_numbers_beside_held_samples_follow_no_channel(seed):
+    random, taken, channels = np.random.default_rng(seed + 100), held(seed), CHANNELS[:3]
+    rows = [DriverRow(sample.t + PERIOD // 10, {"0": random.random(), "1": random.random()}) for sample in taken]
+    assert not learn(rows, taken, frames(taken), channels, seed, steps=True).values
+    rows = [DriverRow(sample.t + PERIOD // 10, {"0": 0.05 * sample.counts[1], "1": 1.0}) for sample in taken]
+    assert [column.channel for column in learn(rows, taken, frames(taken), channels, seed, steps=True).values] == [1]
+
+
 def permuted(x, k):
     order = [4, 2, 0, 1, 3, 5, 8, 7, 6]
     return {f"c{i}": float(0.05 * x[at] * (-1) ** i + 3 * i) for i, at in enumerate(order)}
