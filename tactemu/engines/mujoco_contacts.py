@@ -112,7 +112,7 @@ class Pad:
         """Force and overlap of MuJoCo's contact since it stands still."""
         self._bounds: list[tuple[float, float, int]] = []
         """Depths tried since then, the skin's force at each [m, N], and the number of steps since."""
-        self._felt: float | None = None
+        self._measured: float | None = None
         """The skin's force in a restored state, whose step was not computed here."""
         self._friction = 0.0
         self.along = np.zeros(3)
@@ -129,7 +129,7 @@ class Pad:
 
     def clear(self) -> None:
         """Reset the pad: nothing touches the skin."""
-        self.depth, self.shift, self.force, self._felt = 0.0, np.zeros(3), 0.0, None
+        self.depth, self.shift, self.force, self._measured = 0.0, np.zeros(3), 0.0, None
         self._exponent, self._before = FIRST_EXPONENT, (0.0, 0.0)
         self._still, self._bounds = (0.0, 0.0), []
         self.along, self._give, self._pulled = np.zeros(3), 0.0, (np.zeros(3), np.zeros(3))
@@ -149,7 +149,7 @@ class Pad:
         if not len(which):
             self.clear()
             return
-        felt, self._felt = self.skin_force(), None
+        measured, self._measured = self.skin_force(), None
         local = (contacts.positions[which] - position) @ turn
         away = np.linalg.norm(local[:, None] - self.sensor.probes.positions[None], axis=-1).min(axis=1)
         which = which[away < self._reach]
@@ -162,30 +162,30 @@ class Pad:
         inward = pulls.sum(axis=0)
         length = float(np.linalg.norm(inward))
         overlap = float(contacts.depths[which] @ contacts.forces[which]) / self.force
-        self._bound(felt, overlap)
-        if self._bounds and abs(felt - self.force) <= FORCE_TOLERANCE * self.force:
+        self._bound(measured, overlap)
+        if self._bounds and abs(measured - self.force) <= FORCE_TOLERANCE * self.force:
             depth = self.depth
-        elif felt > 0 and self.depth > 0:
-            self._learn(felt)
-            depth = self.depth * float(np.clip((self.force / felt) ** (1 / self._exponent), 0.5, 2.0))
+        elif measured > 0 and self.depth > 0:
+            self._learn(measured)
+            depth = self.depth * float(np.clip((self.force / measured) ** (1 / self._exponent), 0.5, 2.0))
         else:
             depth = max(2 * self.depth, FIRST_DEPTH_M) if self._bounds else max(2 * self.depth, overlap, FIRST_DEPTH_M)
         self.depth = min(self._between(depth), MAX_DEPTH_M)
         self.shift = inward / length * (self.depth - overlap) if length > 0.2 * self.force else np.zeros(3)
-        if self._friction and felt > 0:
+        if self._friction and measured > 0:
             drag = -(sides[:, None] * contacts.drags[which]).sum(axis=0)
-            self._drag(drag @ turn, inward / length @ turn, felt)
+            self._drag(drag @ turn, inward / length @ turn, measured)
             self.shift = self.shift + turn @ self.along
 
-    def _drag(self, drag: np.ndarray, inward: np.ndarray, felt: float) -> None:
+    def _drag(self, drag: np.ndarray, inward: np.ndarray, measured: float) -> None:
         """Move the skin along the touched object, towards the friction force ``drag``; vectors are in its frame."""
         assert self.sensor is not None
         across = np.eye(3) - np.outer(inward, inward)
         has = across @ self.sensor.quantity("force", ground_truth=True).sum(axis=0)
         wanted = across @ drag
-        most, pull = self._friction * felt, float(np.linalg.norm(wanted))
+        most, pull = self._friction * measured, float(np.linalg.norm(wanted))
         wanted *= min(1.0, SLIDING_SHARE * most / max(pull, MIN_FORCE_N))
-        stiff = felt / self.depth
+        stiff = measured / self.depth
         moved, had = self._pulled
         if (way := float(moved @ moved)) > (MIN_SHIFT_SHARE * self.depth) ** 2:
             learnt = float((had - has) @ moved) / way
@@ -194,38 +194,40 @@ class Pad:
         along *= min(1.0, most / (MIN_SHEAR_STIFFNESS * stiff) / max(float(np.linalg.norm(along)), FIRST_DEPTH_M))
         self._pulled, self.along = (along - self.along, has), along
 
-    def _bound(self, felt: float, overlap: float) -> None:
+    def _bound(self, measured: float, overlap: float) -> None:
         """Remember the depth of this step while MuJoCo's contact stands still."""
         force, deep = self._still
         if abs(self.force - force) > STILL_SHARE * force or abs(overlap - deep) > STILL_SHARE * abs(deep):
             self._still, self._bounds = (self.force, overlap), []
         elif self.depth > 0:
             kept = [(depth, had, steps + 1) for depth, had, steps in self._bounds if steps < BOUND_STEPS]
-            agree = [each for each in kept if (each[0] < self.depth) == (each[1] < felt) or each[1] == felt == 0]
-            self._bounds = [*agree, (self.depth, felt, 0)]
+            agree = [
+                each for each in kept if (each[0] < self.depth) == (each[1] < measured) or each[1] == measured == 0
+            ]
+            self._bounds = [*agree, (self.depth, measured, 0)]
 
     def _between(self, depth: float) -> float:
         """Return ``depth`` if it lies between the nearest depths that were too small and too large, else their mean."""
-        low = max((tried for tried, felt, _ in self._bounds if felt < self.force), default=0.0)
-        high = min((tried for tried, felt, _ in self._bounds if felt > self.force), default=np.inf)
+        low = max((tried for tried, measured, _ in self._bounds if measured < self.force), default=0.0)
+        high = min((tried for tried, measured, _ in self._bounds if measured > self.force), default=np.inf)
         if depth == self.depth or low < depth < high or not low < high < np.inf:
             return depth
         return (low + high) / 2
 
-    def _learn(self, felt: float) -> None:
+    def _learn(self, measured: float) -> None:
         """Estimate the exponent of force over depth from this step and the one before."""
         depth, force = self._before
         known, most = (MIN_STILL_DEPTH_CHANGE, MAX_STILL_EXPONENT) if self._bounds else (MIN_DEPTH_CHANGE, MAX_EXPONENT)
         if depth > 0 and abs(self.depth / depth - 1) > known:
-            slope = np.log(felt / force) / np.log(self.depth / depth)
+            slope = np.log(measured / force) / np.log(self.depth / depth)
             if slope >= MIN_EXPONENT or not self._bounds:  # a solver that has not converged yet is noise
                 self._exponent = float(np.clip(slope, MIN_EXPONENT, most))
-        self._before = self.depth, felt
+        self._before = self.depth, measured
 
     def skin_force(self) -> float:
         """Return the total normal force on the skin in the last step [N], without imperfections."""
-        if self._felt is not None:
-            return self._felt
+        if self._measured is not None:
+            return self._measured
         if self.sensor is None or self.sensor.imperfections is None:  # the scene is not built yet
             return 0.0
         forces = self.sensor.quantity("force", ground_truth=True)
@@ -241,9 +243,9 @@ class Pad:
     def restore(self, state: dict[str, Any]) -> None:
         """Restore a state."""
         self.depth, self.shift, self.force = float(state["depth"]), np.array(state["shift"]), float(state["force"])
-        self._felt, self._exponent = float(state["felt"]), float(state["exponent"])
+        self._measured, self._exponent = float(state["felt"]), float(state["exponent"])
         self._before, self._still = tuple(map(float, state["before"])), tuple(map(float, state["still"]))
-        self._bounds = [(float(depth), float(felt), int(steps)) for depth, felt, steps in state["bounds"]]
+        self._bounds = [(float(depth), float(measured), int(steps)) for depth, measured, steps in state["bounds"]]
         self.along, self._give = np.array(state["along"]), float(state["give"])
         moved, had = np.array(state["pulled"])
         self._pulled = moved, had

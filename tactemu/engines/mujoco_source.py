@@ -236,12 +236,12 @@ class MujocoSource:
         These are the geoms that move with it, and those that MuJoCo lets none of them touch.
         """
         mine = self.moving_with(name)
-        felt = {
+        touched = {
             int(geom)
             for geom in self._geoms
             if geom not in mine and (not len(mine) or any(self._may_touch(int(own), int(geom)) for own in mine))
         }
-        return tuple(body.index for geom, body in self._geoms.items() if geom not in felt)
+        return tuple(body.index for geom, body in self._geoms.items() if geom not in touched)
 
     def moving_with(self, name: str) -> np.ndarray:
         """Return the ids of the geoms that move with a geom or MuJoCo body and take part in collisions."""

@@ -169,10 +169,10 @@ class NewtonSource:
         beside = {k for k, each in groups.items() if each in self._jointed(group) or group in self._jointed(each)}
         apart = {frozenset(pair) for pair in self.model.shape_collision_filter_pairs}
         others = [k for k in self._shapes if k not in mine | beside]
-        felt = {k for k in others if not all(frozenset((k, own)) in apart for own in mine)}
+        touched = {k for k in others if not all(frozenset((k, own)) in apart for own in mine)}
         if not mine:
-            felt = set(self._shapes)
-        return tuple(self._shapes[k].index for k in self._shapes if k not in felt)
+            touched = set(self._shapes)
+        return tuple(self._shapes[k].index for k in self._shapes if k not in touched)
 
     @property
     def bodies(self) -> list[Body]:
