@@ -49,7 +49,7 @@ Rates = Annotated[
 
 def _seconds(text: str, option: str = "--seconds") -> float:
     from tactemu.base.options import number
-    from tactemu.geometry.limits import MAX_TIME_S
+    from tactemu.base.units import MAX_TIME_S
 
     try:
         given: float | str = float(text)

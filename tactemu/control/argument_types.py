@@ -10,9 +10,18 @@ from typing import Annotated, Any
 
 from tactemu.base.errors import SceneError, shown
 from tactemu.base.options import number, numbers
-from tactemu.base.units import LENGTHS_M, SPEEDS_M_S, TIMES_S, scaled
+from tactemu.base.units import (
+    LENGTH_UNIT,
+    LENGTHS_M,
+    MAX_DEPTH_M,
+    MAX_POSITION_M,
+    MAX_TIME_S,
+    SPEED_RANGE_M_S,
+    SPEEDS_M_S,
+    TIMES_S,
+    scaled,
+)
 from tactemu.geometry import rotation
-from tactemu.geometry.limits import LENGTH_UNIT, MAX_DEPTH_M, MAX_POSITION_M, MAX_TIME_S, SPEED_RANGE_M_S
 
 MAX_TAXELS = 1_000_000
 """Largest number of taxels, and largest taxel number, in an argument; bounds the memory that a request takes."""

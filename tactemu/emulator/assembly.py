@@ -14,6 +14,7 @@ from tactemu.base.clock import Clock, VirtualClock
 from tactemu.base.errors import DeviceError, SceneError, TactemuError
 from tactemu.base.options import number
 from tactemu.base.random_streams import stream_key
+from tactemu.base.units import RATE_RANGE_HZ
 from tactemu.emulator.channel import Channel, Source
 from tactemu.emulator.emulator import Emulator
 from tactemu.emulator.playback import Playback, RecordedReadings, recorded_readings
@@ -22,7 +23,6 @@ from tactemu.emulator.sampling import SampleClock
 from tactemu.emulator.scenario import faults_of, laws_needed, schedule
 from tactemu.emulator.sensing import NullSource, SenseReader
 from tactemu.emulator.sources import resolve_source, without_replaced
-from tactemu.geometry.limits import RATE_RANGE_HZ
 from tactemu.geometry.motion import Joint
 from tactemu.scene.building import build_scene, make_devices
 from tactemu.scene.description import SceneDescription

@@ -129,9 +129,8 @@ class _ColumnFitter:
     def _keep_settled_rows(self) -> None:
         """Keep only the rows that come when a sample has been held longest."""
         changes = np.append(np.any(np.diff(self.x, axis=0) != 0, axis=1), False)
-        still = (
-            np.convolve(~changes, np.ones(_HELD_SAMPLES))[: len(changes)] == _HELD_SAMPLES - 1
-        )  # except the change after it
+        # Except the change after it.
+        still = np.convolve(~changes, np.ones(_HELD_SAMPLES))[: len(changes)] == _HELD_SAMPLES - 1
         last = changes & still  # a device may filter too: its samples go on changing for a while
         settled = (self.newest >= 0) & last[self.newest] if len(last) else np.zeros(len(self.t), bool)
         self.t, self.y, self.newest = self.t[settled], self.y[settled], self.newest[settled]
@@ -142,9 +141,8 @@ class _ColumnFitter:
         """Learn the columns and return them."""
         if self.open and len(self.live):
             index = self._aligned()
-            # Again with the rows at their own samples. Held samples are not matched again, and they are few: with the
-            # lower share, some mistake of some channel explains random numbers.
-            for least in (_MIN_SHARE_SECOND,) if self.steps else (_MIN_SHARE_FIRST, _MIN_SHARE_SECOND):
+            # Again with the rows at their own samples. Random numbers beside few held samples reach the lower share.
+            for least in (_MIN_SHARE_FIRST, _MIN_SHARE_SECOND)[self.steps :]:
                 for k in self.open:
                     self.columns_[k] = self._fit(k, index, least)
                 found = Columns(self.columns_, list(self.channels))

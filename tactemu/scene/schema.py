@@ -24,7 +24,7 @@ from pydantic import (
 )
 
 from tactemu.base.errors import SceneError, nearest
-from tactemu.geometry.limits import (
+from tactemu.base.units import (
     LENGTH_UNIT,
     MAX_POSITION_M,
     MAX_RADIUS_M,

@@ -9,7 +9,7 @@ import numpy as np
 
 from tactemu.base.errors import SceneError
 from tactemu.base.options import number
-from tactemu.geometry.limits import LENGTH_UNIT, MAX_TIME_S, MAX_TRAVEL_M, SPEED_RANGE_M_S
+from tactemu.base.units import LENGTH_UNIT, MAX_TIME_S, MAX_TRAVEL_M, SPEED_RANGE_M_S
 from tactemu.geometry.motion.pose import Motion
 
 

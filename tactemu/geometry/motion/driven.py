@@ -10,8 +10,8 @@ import numpy as np
 
 from tactemu.base.errors import SceneError
 from tactemu.base.options import number
+from tactemu.base.units import LENGTH_UNIT, MAX_ANGLE_RAD, MAX_POSITION_M, MAX_TRAVEL_M
 from tactemu.geometry import rotation
-from tactemu.geometry.limits import LENGTH_UNIT, MAX_ANGLE_RAD, MAX_POSITION_M, MAX_TRAVEL_M
 from tactemu.geometry.motion.free import FromFunction
 from tactemu.geometry.motion.pose import Motion, Pose, Vector
 

@@ -12,8 +12,8 @@ import numpy as np
 
 from tactemu.base.errors import SceneError
 from tactemu.base.options import numbers
+from tactemu.base.units import LENGTH_UNIT, MAX_TIME_S, MAX_TRAVEL_M
 from tactemu.geometry import rotation
-from tactemu.geometry.limits import LENGTH_UNIT, MAX_TIME_S, MAX_TRAVEL_M
 from tactemu.geometry.motion.pose import Motion, Pose, Quaternion, Vector
 
 

@@ -9,8 +9,8 @@ from functools import cached_property
 import numpy as np
 
 from tactemu.base.options import number
+from tactemu.base.units import LENGTH_UNIT, MAX_ANGLE_RAD, MAX_DEPTH_M, MAX_RADIUS_M, SIZE_RANGE_M
 from tactemu.geometry import rotation
-from tactemu.geometry.limits import LENGTH_UNIT, MAX_ANGLE_RAD, MAX_DEPTH_M, MAX_RADIUS_M, SIZE_RANGE_M
 from tactemu.geometry.motion.distance_profile import (
     DistanceProfile,
     check_direction,

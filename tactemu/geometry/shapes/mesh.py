@@ -12,7 +12,7 @@ from typing import Annotated, Any
 import numpy as np
 
 from tactemu.base.errors import MeshError, SceneError
-from tactemu.geometry.limits import SIZE_RANGE_M
+from tactemu.base.units import SIZE_RANGE_M
 from tactemu.geometry.shapes.rays import bound_function
 from tactemu.geometry.shapes.shape import FAR, Length, Row, Shape, ShapeKind, box_outline, table_type
 from tactemu.geometry.shapes.surface import sample_triangles
