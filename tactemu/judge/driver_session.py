@@ -88,8 +88,8 @@ class DriverSession:
             if not self.starts:  # the command is wrong, and not the driver
                 raise
             return f"died: {error}"
-        patience = DriverTimeout(self.options.start_s)
-        while not driver.rows and driver.exit is None and not driver.flooded and not patience.is_over():
+        timeout = DriverTimeout(self.options.start_s)
+        while not driver.rows and driver.exit is None and not driver.flooded and not timeout.is_over():
             self.budget.sleep(POLL_PERIOD_S / 2)
         if not driver.rows:
             return self._why_silent(driver)
@@ -123,14 +123,14 @@ class DriverSession:
         """
         assert self.driver is not None
         tracker = tracker or RowTracker(self.columns, self.known)
-        patience = DriverTimeout(seconds)
+        timeout = DriverTimeout(seconds)
         while True:
             record = self._observed(since - 500_000_000)
             fresh = RowTracker(self.columns, self.known)
             fresh.feed(record)
             if recovered(record, fresh.matches, self.known, since, left_times(record)) is not None:
                 return True
-            if self.driver.exit is not None or patience.is_over():
+            if self.driver.exit is not None or timeout.is_over():
                 return False
             self.budget.sleep(POLL_PERIOD_S + 0.5 * self.facts.row_s)
 

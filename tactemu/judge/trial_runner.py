@@ -252,11 +252,11 @@ class Judge(DriverSession):
         assert driver is not None
         unread, events = self.rig.recorder.unread, len(driver.notes)
         on, off = self._inject(trial, counter)
-        well = self._wait_for_recovery(off, trial)
+        has_recovered = self._wait_for_recovery(off, trial)
         for _ in range(trial.times - 1):
-            if well:
+            if has_recovered:
                 _, off = self._inject(trial)
-                well = self._wait_for_recovery(off, trial)
+                has_recovered = self._wait_for_recovery(off, trial)
         found = self._observed(on - round(BEFORE_S * 1e9))
         found.name, found.trial = record.name, record.trial
         found.on, found.off, found.end = on, off, time.monotonic_ns()
@@ -301,31 +301,31 @@ class Judge(DriverSession):
             made = sum(change.t >= on for change in recorder.injected_faults[-2000:])
             if made > seen:
                 progress, seen = now, made
-            if now >= end and (made >= edits or now - progress > self._patience + 8 * self.facts.row_s):
+            if now >= end and (made >= edits or now - progress > self._recovery_timeout_s + 8 * self.facts.row_s):
                 return
             self.budget.sleep(min(POLL_PERIOD_S / 2, max(0.001, end - now)) if now < end else POLL_PERIOD_S / 4)
 
     @property
-    def _patience(self) -> float:
+    def _recovery_timeout_s(self) -> float:
         return max(self.options.patience_s, 14 * self.facts.row_s, 1.5e-3 * self.known.p99_ms + 0.5)
 
     def _wait_for_recovery(self, off: int, trial: Trial) -> bool:
         """Return True once the driver has recovered, or False after the timeout."""
         assert self.driver is not None
-        driver, patience = self.driver, self._patience
-        well = self._recovers(off, patience)
-        if well or driver.exit is not None:
+        driver, timeout_s = self.driver, self._recovery_timeout_s
+        has_recovered = self._recovers(off, timeout_s)
+        if has_recovered or driver.exit is not None:
             time.sleep(0.03 + 0.5 * self.facts.row_s)  # for a row on its way, and for last messages
-            return well
-        if not any(printed.t > off for printed in driver.rows[-100:]) and self._silent_timeout_s > patience:
+            return has_recovered
+        if not any(printed.t > off for printed in driver.rows[-100:]) and self._silent_timeout_s > timeout_s:
             # A silent driver may wait for a long timeout of its own. The judge waits for it once.
             begun = time.monotonic()
-            well = self._recovers(off, self._silent_timeout_s - patience)
-            if well:
-                self.options = replace(self.options, patience_s=1.5 * (patience + time.monotonic() - begun))
+            has_recovered = self._recovers(off, self._silent_timeout_s - timeout_s)
+            if has_recovered:
+                self.options = replace(self.options, patience_s=1.5 * (timeout_s + time.monotonic() - begun))
             else:
-                self._silent_timeout_s = patience
-        return well
+                self._silent_timeout_s = timeout_s
+        return has_recovered
 
     def _bring_near_rollover(self, counter: RolloverCounter) -> tuple[str, str]:
         """Start the driver and bring the counter close to its rollover while the driver reads correctly.

@@ -150,10 +150,10 @@ def test_waiting_for_a_processor_prolongs_patience_within_limits(monkeypatch):
     clock, queued = [100.0], [5.0]
     monkeypatch.setattr("tactemu.judge.lateness.time", SimpleNamespace(monotonic=lambda: clock[0]))
     monkeypatch.setattr("tactemu.judge.lateness.queued_ns", lambda pid: 1e9 * queued[0])
-    patience = DriverTimeout(2.0)
+    timeout = DriverTimeout(2.0)
     over = []
     for clock[0], queued[0] in ((101.9, 5.0), (102.1, 5.0), (102.1, 6.0), (103.5, 6.0), (107.9, 99.0), (108.1, 99.0)):
-        over.append(patience.is_over())
+        over.append(timeout.is_over())
     assert over == [False, True, False, True, False, True]
 
 
