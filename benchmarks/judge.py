@@ -82,7 +82,7 @@ def _measured(jobs: list[Job], out: Path, more: dict[str, Any]) -> dict[str, Any
     began = time.monotonic()
     rows = sweep(jobs, out, **more)
     seconds = time.monotonic() - began
-    tried = [row for row in rows if not row["verdict"].startswith("skipped")]
+    tried = [row for row in rows if not row["verdict"].startswith("not tried")]
     failed = sum(bool(row["fails"]) for row in rows)
     return {"seconds": seconds, "trials": len(tried), "trials_per_minute": 60 * len(tried) / seconds, "failed": failed}
 
