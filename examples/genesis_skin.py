@@ -1,9 +1,9 @@
-"""Genesis's own taxels behind a driver: what its sensor reads goes on the wire as it is; tactemu simulates nothing.
+"""Genesis's own taxels behind a driver: tactemu sends the readings of Genesis's sensor and simulates no contact.
 
 pip install genesis-world torch
 python examples/genesis_skin.py
 
-A ball drops on a pad that carries Genesis's KinematicTaxel at the places of AnySkin's five chips.
+A ball drops on a pad with a KinematicTaxel of Genesis at the positions of AnySkin's five chips.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ import tactemu as tt
 
 FRAME = 82
 TOP = 0.01
-"""Of the pad [m]."""
+"""Height of the pad's top [m]."""
 
 
-def built():
-    """A pad, a ball above it, and a sensor on the pad."""
+def build():
+    """Build a scene with a pad, a ball above it and a sensor on the pad; return the scene and the sensor."""
     gs.init(backend=gs.cpu, logging_level="warning")
     scene = gs.Scene(sim_options=gs.options.SimOptions(dt=0.002), show_viewer=False)
     pad = scene.add_entity(gs.morphs.Box(size=(0.03, 0.03, TOP), pos=(0, 0, TOP / 2), fixed=True))
@@ -41,16 +41,16 @@ def built():
     return scene, sensor
 
 
-class Running(threading.Thread):
-    """Genesis at its own pace, in a thread of its own: what its sensor has read last is what the skin feels.
+class GenesisSource(threading.Thread):
+    """A source of readings: Genesis runs at its own pace in a thread, and the skin measures its latest reading.
 
-    The normal part of its force acts on the skin, as devices measure it (its shear part, left out here, on the body).
+    The sensor's normal force acts on the skin, as devices measure it. Its shear force acts on the body; it is 0 here.
     """
 
     def __init__(self, scene, sensor):
         super().__init__(daemon=True)
         self.scene, self.sensor, self.stopped = scene, sensor, False
-        self.step()  # compiles Genesis's kernels, before a driver waits for the first frame
+        self.step()  # compiles the kernels before a driver waits for the first frame
 
     def step(self) -> None:
         self.scene.step()
@@ -65,17 +65,17 @@ class Running(threading.Thread):
 
 
 def main() -> None:
-    source = Running(*built())
+    source = GenesisSource(*build())
     source.start()
     with tt.serve("anyskin", source=source, rate_hz=50) as dev:
         with serial.Serial(dev.port, 115_200, timeout=10) as port:
             frames = [port.read(FRAME) for _ in range(100)]
-        pushes = [-float(np.asarray(sample.ideal)[:, 2].sum()) for sample in dev.truth.samples]
+        forces = [-float(np.asarray(sample.ideal)[:, 2].sum()) for sample in dev.truth.samples]
     source.stopped = True
     source.join()
     fields = np.array([np.frombuffer(frame[:80], "<f4").reshape(5, 4)[0, 3] for frame in frames])
     print(f"{len(frames)} frames; Bz of the middle chip from {fields.min():.0f} to {fields.max():.0f} µT")
-    print(f"the skin was pushed with up to {max(pushes):.2f} N")
+    print(f"the largest force on the skin was {max(forces):.2f} N")
 
 
 if __name__ == "__main__":

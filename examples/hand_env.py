@@ -1,12 +1,12 @@
-"""A vector environment of a hand that feels: MuJoCo Warp or Newton moves it, tactemu feels, torch decides, all on one
-device.
+"""A vector environment of a hand with touch: MuJoCo Warp or Newton simulates the motion, tactemu the taxels, and torch
+runs the policy, all on one device.
 
     pip install 'tactemu[newton]' torch  # or tactemu[mujoco-warp]
     python examples/hand_env.py --envs 4096 --device cuda:0
     python examples/hand_env.py --envs 4096 --device cuda:0 --engine newton --steps 10000
 
-The interface is that of ``gymnasium.vector.VectorEnv``; environments that end are reset within ``step``. Nothing in a
-step waits for the device.
+The interface is that of ``gymnasium.vector.VectorEnv``; ``step`` resets the environments that end. No part of a step
+waits for the device.
 """
 
 import argparse
@@ -25,11 +25,11 @@ HAND = Path(__file__).parent / "hands" / "ability_hand_motors.xml"
 JOINTS = "index", "middle", "ring", "pinky", "thumb_flexor", "thumb_rotator"
 PAD = np.stack([*np.meshgrid(np.linspace(-5e-3, 5e-3, 6), np.linspace(-8e-3, 8e-3, 6)), np.full((6, 6), 4e-3)], -1)
 CLOSED = 1.4, 1.4, 1.4, 1.4, 1.0, 0.0  # [rad]
-WANTED_N, HORIZON, FALLEN_M = 2.0, 250, 0.03
+TARGET_FORCE_N, MAX_STEPS, DROP_HEIGHT_M = 2.0, 250, 0.03
 
 
 class HandEnv:
-    """Hold a ball: the fingertips shall feel :data:`WANTED_N` together. Actions are angles of :data:`JOINTS` [rad]."""
+    """A task: hold a ball with :data:`TARGET_FORCE_N` on the fingertips. Actions are angles of :data:`JOINTS` [rad]."""
 
     def __init__(self, num_envs: int, device: str, engine: str = "mujoco-warp"):
         self.num_envs = num_envs
@@ -44,21 +44,21 @@ class HandEnv:
         self.touch = [torch.from_dlpack(skin.force_array) for skin in skins]  # the steps write into them
         self.positions = torch.from_dlpack(self.engine.positions)
         columns = [model.column(joint) for joint in JOINTS]
-        if engine == "newton":  # a target for each position, of all environments in one row
-            orders, motors = self.engine.control.joint_target_q, columns
+        if engine == "newton":  # one row has the target of each position of all environments
+            targets, motors = self.engine.control.joint_target_q, columns
         else:
-            orders, motors = self.engine.data.ctrl, [self.engine.model.actuator(joint).id for joint in JOINTS]
-        self.orders = torch.from_dlpack(orders).view(num_envs, -1)
-        self.motors = torch.tensor(motors, device=self.orders.device)
-        self.joints = torch.tensor(columns, device=self.orders.device)
+            targets, motors = self.engine.data.ctrl, [self.engine.model.actuator(joint).id for joint in JOINTS]
+        self.targets = torch.from_dlpack(targets).view(num_envs, -1)
+        self.motors = torch.tensor(motors, device=self.targets.device)
+        self.joints = torch.tensor(columns, device=self.targets.device)
         ball = model.column("object")
         self.ball = self.positions[:, ball : ball + 3]
-        self.age = torch.zeros(num_envs, dtype=torch.int32, device=self.orders.device)
+        self.age = torch.zeros(num_envs, dtype=torch.int32, device=self.targets.device)
 
     def observation(self) -> torch.Tensor:
-        """Angles [rad], where the ball is [m], and the push on each taxel [N]: ``(num_envs, 189)``."""
-        felt = [force[..., 2].flatten(1) for force in self.touch]
-        return torch.cat([self.positions[:, self.joints], self.ball, *felt], dim=1)
+        """Return angles [rad], the ball's position [m] and the normal force on each taxel [N]: ``(num_envs, 189)``."""
+        normal = [force[..., 2].flatten(1) for force in self.touch]
+        return torch.cat([self.positions[:, self.joints], self.ball, *normal], dim=1)
 
     def reset(self):
         self.sim.reset()
@@ -66,64 +66,64 @@ class HandEnv:
         return self.observation(), {}
 
     def step(self, actions: torch.Tensor):
-        self.orders[:, self.motors] = actions
+        self.targets[:, self.motors] = actions
         self.sim.step()
         self.age += 1
-        felt = torch.stack([force[..., 2].abs().flatten(1).sum(1) for force in self.touch]).sum(0)
-        terminated, truncated = self.ball[:, 2] < FALLEN_M, self.age >= HORIZON
+        force = torch.stack([force[..., 2].abs().flatten(1).sum(1) for force in self.touch]).sum(0)
+        terminated, truncated = self.ball[:, 2] < DROP_HEIGHT_M, self.age >= MAX_STEPS
         done = terminated | truncated
         self.sim.reset(done)
         self.age.masked_fill_(done, 0)
-        return self.observation(), -(felt - WANTED_N).abs(), terminated, truncated, {"force": felt}
+        return self.observation(), -(force - TARGET_FORCE_N).abs(), terminated, truncated, {"force": force}
 
 
 def memory(device: wp.Device) -> str:
-    """What is in use now, of the process and of the GPU."""
+    """Return the memory in use by the process and on the GPU, as text."""
     with open("/proc/self/statm") as file:
-        said = f"{int(file.read().split()[1]) * os.sysconf('SC_PAGESIZE') / 1e6:.0f} MB"
+        used = f"{int(file.read().split()[1]) * os.sysconf('SC_PAGESIZE') / 1e6:.0f} MB"
     return (
-        f"{said} and {(device.total_memory - device.free_memory) / 1e6:.0f} MB of the GPU" if device.is_cuda else said
+        f"{used} and {(device.total_memory - device.free_memory) / 1e6:.0f} MB of the GPU" if device.is_cuda else used
     )
 
 
 def main() -> None:
-    ask = argparse.ArgumentParser(
-        description="Closes a hand in many environments, and says how fast, and what it feels."
+    parser = argparse.ArgumentParser(
+        description="Closes a hand in many environments; prints the speed and the force on the fingertips."
     )
-    ask.add_argument("--envs", type=int, default=4096)
-    ask.add_argument("--device", default="cuda:0")
-    ask.add_argument("--steps", type=int, default=1000)
-    ask.add_argument("--engine", choices=ENGINES, default="mujoco-warp")
-    told = ask.parse_args()
-    env = HandEnv(told.envs, told.device, told.engine)
-    seen, _ = env.reset()
-    widths = seen.shape[1], 64, len(JOINTS)
+    parser.add_argument("--envs", type=int, default=4096)
+    parser.add_argument("--device", default="cuda:0")
+    parser.add_argument("--steps", type=int, default=1000)
+    parser.add_argument("--engine", choices=ENGINES, default="mujoco-warp")
+    args = parser.parse_args()
+    env = HandEnv(args.envs, args.device, args.engine)
+    observed, _ = env.reset()
+    widths = observed.shape[1], 64, len(JOINTS)
     torch.manual_seed(0)
     policy = torch.nn.Sequential(torch.nn.Linear(*widths[:2]), torch.nn.Tanh(), torch.nn.Linear(*widths[1:]))
-    policy.to(seen.device)
-    closed = torch.tensor(CLOSED, device=seen.device)
+    policy.to(observed.device)
+    closed = torch.tensor(CLOSED, device=observed.device)
 
     def act():
         return env.step(closed + 0.1 * policy(env.observation()))
 
     with torch.no_grad():
-        for name, turn in (("step alone", env.sim.step), ("whole loop", act)):
+        for name, turn in (("step alone", env.sim.step), ("step and policy", act)):
             for _ in range(10):
                 turn()
             wp.synchronize()
             before, start = memory(env.sim.device), time.perf_counter()
-            for _ in range(told.steps):
+            for _ in range(args.steps):
                 turn()
             wp.synchronize()
             took = time.perf_counter() - start
-            print(f"{name}: {told.steps / took:.0f} steps/s of {told.envs}: {1e6 * took / told.steps:.0f} µs")
-        print(f"memory: {before} when the loop begins, {memory(env.sim.device)} after {told.steps} steps")
+            print(f"{name}: {args.steps / took:.0f} steps/s of {args.envs}: {1e6 * took / args.steps:.0f} µs")
+        print(f"memory: {before} before the loop, {memory(env.sim.device)} after {args.steps} steps")
         env.reset()
         for _ in range(79):
             act()
         *_, about = act()
         env.sim.check()
-        print(f"felt: {about['force'].mean().item():.2f} N on average, {about['force'].max().item():.2f} N at most")
+        print(f"force: {about['force'].mean().item():.2f} N on average, {about['force'].max().item():.2f} N at most")
 
 
 if __name__ == "__main__":

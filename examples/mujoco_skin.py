@@ -1,4 +1,4 @@
-"""A skin on a MuJoCo body: a ball drops on a tilted pad, rolls over it and off; MuJoCo moves, the skin feels.
+"""A skin on a MuJoCo body: a ball drops on a tilted pad and rolls off; MuJoCo moves it, tactemu computes the taxels.
 
 pip install 'tactemu[mujoco]'
 python examples/mujoco_skin.py
@@ -27,7 +27,7 @@ SHADES = " .:-=+*#%@"
 
 
 def picture(pressure: np.ndarray) -> str:
-    """Rows of the skin, dark where it is pressed."""
+    """Draw the rows of the skin as text: the darker, the larger the pressure."""
     level = (pressure / max(pressure.max(), 1e-9) * (len(SHADES) - 1)).astype(int)
     return "\n".join("  " + "".join(SHADES[v] * 2 for v in row) for row in level)
 

@@ -1,7 +1,7 @@
-"""A simulator of one's own behind a driver: once its poses press a skin, once its readings are what the skin feels.
+"""Your own simulator behind a driver: first it gives the pose of a ball, then the readings of the skin.
 
-The simulator is a ball on a spring in ten lines of Python. An AnySkin feels it through ``tactemu``'s own contact, or
-feels forces that the simulator computes itself; the driver reads the same bytes from the same kind of port.
+The simulator is a ball on a spring in ten lines of Python. With poses, ``tactemu`` computes the contact of the ball
+with an AnySkin; with readings, the simulator computes the forces itself. The driver reads the same format of frames.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ import tactemu as tt
 
 FRAME = 82
 CHIPS = np.array([[0.0, 0.0], [-0.007, 0.0], [0.007, 0.0], [0.0, 0.007], [0.0, -0.007]])
-"""Where AnySkin's five chips are [m], in the order in which it sends them."""
+"""Positions of AnySkin's five chips [m], in the order in which it sends them."""
 TOUCHES = 0.023
-"""Height of the ball's centre at which it touches the skin [m], in AnySkin's own scene."""
+"""Height of the ball's centre at which it touches the skin [m], in AnySkin's default scene."""
 
 
 class Spring:
@@ -35,12 +35,13 @@ class Spring:
 
 
 def poses_of(spring: Spring):
-    """Where the ball of AnySkin's own scene is: its lowest point swings from 5 mm above the skin to 1 mm below."""
+    """Return a source of poses for the ball of AnySkin's default scene: its lowest point swings from 5 mm above to 1 mm
+    below the skin."""
     return lambda t_s: {"ball": ((0.0, 0.0, TOUCHES + 0.002 + spring.height_at(t_s)), (1.0, 0.0, 0.0, 0.0))}
 
 
 def readings_of(spring: Spring):
-    """What each chip feels [N], as the simulator has it: a push that falls off with the distance from the ball."""
+    """Return a source of readings: the force on each chip [N], which falls off with its distance from the ball."""
 
     def forces(t_s: float) -> np.ndarray:
         push = 300.0 * max(0.0, -spring.height_at(t_s)) * np.exp(-((CHIPS**2).sum(1) / 0.005**2))
@@ -50,14 +51,14 @@ def readings_of(spring: Spring):
 
 
 def read(title: str, source) -> None:
-    """Read for a second as a driver would, and print how the field of the middle chip swings."""
+    """Read for a second, as a driver does, and print the range of the middle chip's field."""
     with tt.serve("anyskin", source=source, rate_hz=100) as dev:
         with serial.Serial(dev.port, 115_200, timeout=2) as port:
             frames = [port.read(FRAME) for _ in range(100)]
         deepest = min(float(np.asarray(sample.ideal)[0, 2]) for sample in dev.truth.samples)
     fields = np.array([np.frombuffer(frame[:80], "<f4").reshape(5, 4)[0, 3] for frame in frames])
     print(f"{title}: {len(frames)} frames; Bz of the middle chip from {fields.min():.0f} to {fields.max():.0f} µT")
-    print(f"  the skin was pushed with up to {-deepest:.2f} N")
+    print(f"  the largest force on the skin was {-deepest:.2f} N")
 
 
 def main() -> None:

@@ -1,7 +1,7 @@
-"""Testing a driver with the pytest plugin: ``python -m pytest examples/test_my_driver.py``.
+"""Tests of a driver with the pytest plugin: ``python -m pytest examples/test_my_driver.py``.
 
-``SkinDriver`` stands for your driver: it reads AnySkin frames from a serial port and counts what it had to throw away.
-The tests wait for what they need, not for a time, so that they hold on a busy machine, too.
+``SkinDriver`` stands for your driver: it reads AnySkin frames from a serial port and counts the frames it discards.
+The tests wait for events instead of a fixed time, so that they also pass on a busy machine.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import serial
 
 
 class SkinDriver:
-    """Reads frames of five chips, T Bx By Bz each, float32, closed by CR LF; reopens the port when it is lost."""
+    """A driver that reads frames of five chips (T Bx By Bz each, float32, then CR LF) and reopens a lost port."""
 
     SIZE = 82
 
@@ -22,7 +22,7 @@ class SkinDriver:
         self.port = serial.Serial(path, 115200, timeout=0.05)
 
     def read(self, seconds: float) -> list[tuple[float, ...]]:
-        """The frames that arrive within this time."""
+        """Return the frames that arrive within this time."""
         frames, end = [], time.monotonic() + seconds
         while time.monotonic() < end:
             try:
@@ -38,7 +38,7 @@ class SkinDriver:
             if self.buffer[self.SIZE - 2 : self.SIZE] == b"\r\n":
                 found.append(struct.unpack("<20f", self.buffer[: self.SIZE - 2]))
                 self.buffer = self.buffer[self.SIZE :]
-            elif (end := self.buffer.find(b"\r\n")) >= 0:  # out of step: go on after the next end of a frame
+            elif (end := self.buffer.find(b"\r\n")) >= 0:  # out of step: continue after the next end of a frame
                 self.buffer = self.buffer[end + 2 :]
                 self.lost_frames += 1
             else:
@@ -60,21 +60,21 @@ class SkinDriver:
 
 
 def bz(frame: tuple[float, ...], chip: int) -> float:
-    """Field along the normal of one chip [µT]."""
+    """Return the field along the normal of one chip [µT]."""
     return frame[4 * chip + 3]
 
 
 def read_until(driver: SkinDriver, happened, at_most: float = 10) -> list[tuple[float, ...]]:
-    """Read until ``happened(frames)``; fail after so many seconds."""
+    """Read until ``happened(frames)`` is true; fail after ``at_most`` seconds."""
     frames, end = [], time.monotonic() + at_most
     while not happened(frames):
-        assert time.monotonic() < end, f"it did not happen; read {len(frames)} frames"
+        assert time.monotonic() < end, f"still waiting after {at_most} s and {len(frames)} frames"
         frames += driver.read(0.05)
     return frames
 
 
 def latest(driver: SkinDriver) -> tuple[float, ...]:
-    """A frame that came after what the port held already."""
+    """Return a frame that arrived after those that the port had already buffered."""
     driver.read(0.1)
     return read_until(driver, len)[-1]
 
@@ -95,7 +95,7 @@ def test_it_counts_what_was_truncated(tactile_device):
         driver = SkinDriver(dev.port)
         read_until(driver, lambda _: dev.truth.injected["truncate"] >= 9)
         truncated = dev.truth.injected["truncate"]
-        assert abs(driver.lost_frames - truncated) <= 1  # the last may be on its way
+        assert abs(driver.lost_frames - truncated) <= 1  # the last one may not have arrived yet
         driver.port.close()
 
 

@@ -1,8 +1,8 @@
-"""One press, two sensors, two unmodified drivers: what the simulation felt beside what each driver read.
+"""One press, two sensors, two unmodified drivers: the simulated forces beside the values that each driver read.
 
-A ball is pressed into a simulated AnySkin, which the ``anyskin`` package reads from a virtual serial port, and the same
-way into a simulated LinkerHand fingertip, which the ``linkerbot`` SDK reads over CAN. Neither driver knows of tactemu;
-each runs in a process of its own. Run it with ``scripts/try``, or ``python examples/two_drivers.py``.
+A ball presses a simulated AnySkin, which the ``anyskin`` package reads from a virtual serial port, and then a simulated
+LinkerHand fingertip, which the ``linkerbot`` SDK reads over CAN. Both drivers are unmodified, and each runs in its own
+process. Start this program with ``scripts/try`` or ``python examples/two_drivers.py``.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ from rich.text import Text
 
 import tactemu
 from tactemu.base.kernels import start_quietly
-from tactemu.session.heatmap import draw, felt
+from tactemu.session.heatmap import draw, taxel_magnitudes
 
 DEPTH = 1.5e-3
 TIME_LIMIT_S = 90
 
 FRAMES = 50
-"""That a driver reads before the press, in it and after it: as long as that takes on a slow machine."""
+"""Number of frames that a driver reads before the press, and again during and after it."""
 
 ANYSKIN_DRIVER = """
 import contextlib, json, sys
@@ -46,7 +46,7 @@ with L6("left", sys.argv[1], sys.argv[2]) as hand:
     while True:
         try:
             data = hand.force_sensor.get_blocking(timeout_ms=500)
-        except TimeoutError:  # it asks before it waits: on a busy machine the answer can come in between
+        except TimeoutError:  # the SDK asks before it waits: on a busy machine it may miss an answer
             continue
         fingers = [getattr(data, name).values.tolist() for name in ("thumb", "index", "middle", "ring", "pinky")]
         print(json.dumps(fingers), flush=True)
@@ -54,13 +54,15 @@ with L6("left", sys.argv[1], sys.argv[2]) as hand:
 
 
 def ended(process: subprocess.Popen[str]) -> NoReturn:
-    """Say what a driver said that has ended."""
-    said = process.communicate()[1].strip().splitlines() or ["nothing"]
-    sys.exit(f"the driver has ended and said: {said[-1]}\n(pip install 'tactemu[drivers]' installs both)")
+    """Exit with the last line that an ended driver printed."""
+    lines = process.communicate()[1].strip().splitlines() or ["nothing"]
+    sys.exit(
+        f"The driver has ended; its last line: {lines[-1]}\nTo install both drivers: pip install 'tactemu[drivers]'"
+    )
 
 
 def wait_for(process: subprocess.Popen[str], dev) -> None:
-    """Return when the driver has opened the port; where it ends instead, end with what it said."""
+    """Return when the driver has opened the port; exit with its message if it ends instead."""
     deadline = time.monotonic() + TIME_LIMIT_S
     while True:
         try:
@@ -100,36 +102,40 @@ def read_while_pressed(dev, driver: str, *arguments: str, taxel: int) -> np.ndar
 
 
 def compare(console: Console, dev, read: np.ndarray, counts_of, title: str, unit: str, patch_name: str) -> bool:
-    """Print felt beside read at the deepest moment; every frame read must be one that was sent."""
+    """Print simulated beside read values at the deepest moment; return True if every frame read equals a sent one."""
     device = dev.device()
     layout = device.layout
     samples = list(dev.truth.samples)
     sent = {counts_of(sample.counts).tobytes(): sample for sample in samples}
-    known = [sent.get(frame.tobytes()) for frame in read]
+    matched = [sent.get(frame.tobytes()) for frame in read]
     deepest = int(np.argmax(np.abs(read - read[0]).reshape(len(read), -1).sum(axis=1)))
     change = np.abs((read[deepest] - read[0]).reshape(len(layout), -1)[:, -1])
     patch = next(patch for patch in layout.patches if patch.name == patch_name)
-    pushed = felt(layout, device.senses, known[deepest].ideal) if known[deepest] else np.zeros(len(layout))
+    forces = (
+        taxel_magnitudes(layout, device.senses, matched[deepest].ideal) if matched[deepest] else np.zeros(len(layout))
+    )
     console.print(Text(f"\n{title}", style="bold"))
     console.print(
         Columns(
             [
-                Group(Text("felt: push per taxel"), draw(layout, pushed, pushed.max(), patch=patch),
-                      Text(f"peak {pushed.max():.3g} N", style="dim")),
+                Group(Text("simulated: force per taxel"), draw(layout, forces, forces.max(), patch=patch),
+                      Text(f"peak {forces.max():.3g} N", style="dim")),
                 Group(Text("read: change per taxel"), draw(layout, change, change.max(), patch=patch),
                       Text(f"peak {change.max():.4g} {unit}", style="dim")),
             ],
             padding=(0, 6),
         )
     )  # fmt: skip
-    same = sum(entry is not None for entry in known)
-    verdict = "every one as it was sent, bit for bit" if same == len(read) else "NOT ALL AS SENT"
-    console.print(f"the driver read {len(read)} frames; {same} of them are in the truth log: {verdict}")
+    same = sum(entry is not None for entry in matched)
+    verdict = "." if same == len(read) else ": THE OTHERS WERE NEVER SENT."
+    console.print(
+        f"The driver read {len(read)} frames; {same} of them equal a frame of the truth log, bit for bit{verdict}"
+    )
     return same == len(read) and change.max() > 0
 
 
 def anyskin(console: Console) -> bool:
-    """AnySkin on a virtual serial port."""
+    """Run the ``anyskin`` package against an AnySkin on a virtual serial port; return True if it read every frame."""
     with tactemu.serve("anyskin", rate_hz=100) as dev:
         read = read_while_pressed(dev, ANYSKIN_DRIVER, dev.port, taxel=2)
         title = f"AnySkin on the serial port {dev.port}, read by the anyskin package"
@@ -137,32 +143,32 @@ def anyskin(console: Console) -> bool:
 
 
 def linker_hand(console: Console) -> bool:
-    """LinkerHand L6 over CAN (UDP multicast, which needs no CAN in the kernel)."""
+    """Run the ``linkerbot`` SDK against a LinkerHand L6 over CAN (UDP multicast, which needs no CAN in the kernel)."""
     with tactemu.serve("linker_hand_l6", rate_hz=100) as dev:
         index = next(patch for patch in dev.device().layout.patches if "index" in patch.name)
         middle = index.start + 6 * index.cols + index.cols // 2
         read = read_while_pressed(dev, LINKERBOT_DRIVER, dev.can["channel"], dev.can["interface"], taxel=middle)
         title = f"LinkerHand L6, index finger, on the CAN bus {dev.port}, read by the linkerbot SDK"
-        # A hand answers finger by finger, so a reading may join two samples: judge the pressed finger alone.
+        # A hand answers finger by finger, so a reading may join two samples: compare the pressed finger alone.
         fingers = read.reshape(len(read), 5, -1)
         order = [patch.name for patch in dev.device().layout.patches].index(index.name)
-        whole = np.zeros((len(read), 5, fingers.shape[-1]), np.float32)
-        whole[:, order] = fingers[:, order]
+        padded = np.zeros((len(read), 5, fingers.shape[-1]), np.float32)
+        padded[:, order] = fingers[:, order]
 
         def counts_of(counts: np.ndarray) -> np.ndarray:
-            kept = np.zeros(len(dev.device().layout), np.float32)
-            kept[index.taxels] = np.ravel(counts)[index.taxels]
-            return kept
+            selected = np.zeros(len(dev.device().layout), np.float32)
+            selected[index.taxels] = np.ravel(counts)[index.taxels]
+            return selected
 
-        return compare(console, dev, whole.reshape(len(read), -1), counts_of, title, "counts", index.name)
+        return compare(console, dev, padded.reshape(len(read), -1), counts_of, title, "counts", index.name)
 
 
 def main() -> int:
-    """Both; exit code 0 when both drivers read what was felt."""
+    """Run both drivers; return exit code 0 if every frame that they read equals a sent one."""
     console = Console(highlight=False)
     start_quietly()
-    # Linux gives a program on one multicast group the frames of all groups that others here have joined on its UDP
-    # port. python-can reads this variable: a port of our own keeps, say, a second run of this program out.
+    # Linux delivers to a program on one multicast group the frames of every group that this machine has joined on the
+    # same UDP port. python-can reads this variable: another port separates this run from, say, a second run.
     os.environ.setdefault("CAN_CONFIG", json.dumps({"port": 20_000 + os.getpid() % 20_000}))
     return 0 if all([anyskin(console), linker_hand(console)]) else 1
 

@@ -1,6 +1,6 @@
-"""Reading skins without any wire: many environments at once, measured beside true.
+"""Skins without a wire: many environments at once, measured values beside true ones.
 
-Eight fingertips of 16 x 16 taxels with worn sensors; in each, a ball is pressed to another depth.
+There are eight fingertips of 16 x 16 taxels with worn sensors; a ball presses each to a different depth.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ TOP = 0.005
 
 
 def build():
-    """A pad with a worn skin, and a ball that is posed from outside."""
+    """Build a pad with a worn skin and a ball that the caller poses; return simulation, ball and skin."""
     line = np.linspace(-0.008, 0.008, 16)
     grid = np.stack([*np.meshgrid(line, line), np.full((16, 16), TOP - 0.001)], axis=-1)
     scene = tt.Scene(dt=1e-3)
@@ -35,7 +35,7 @@ def build():
 
 
 def main() -> None:
-    """Press, and print the total force of every environment."""
+    """Press every skin, and print its total force."""
     sim, ball, skin = build()
     print(sim.plan, "\n")
     depths = np.linspace(0.0, 1.4e-3, N_ENVS)

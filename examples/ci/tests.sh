@@ -1,5 +1,5 @@
 #!/bin/sh
-# Anywhere else: run it in your driver's folder. TACTEMU is what pip installs: a version, a wheel, or git+https://....
+# For any other CI: run it in your driver's folder. pip installs TACTEMU: a version, a wheel, or git+https://....
 set -eu
 python3 -m venv .tactile
 .tactile/bin/python -m pip install --quiet "${TACTEMU:-tactemu}" pytest pytest-timeout

@@ -1,9 +1,10 @@
-"""Hold what is between thumb and index of a LinkerHand L6 or O6 at a force, by touch; with the vendor's SDK alone.
+"""Hold an object between thumb and index of a LinkerHand L6 or O6 at a args force, by touch; uses the vendor's SDK.
 
     python grasp_linker_l6.py CHANNEL [INTERFACE] [--newtons 1] [--seconds 6] [--side left] [--hand L6]
 
-The thumb goes where the index will meet it. The index closes slowly, with little torque, and what its pad and the
-thumb's read sets that torque from then on. A line of JSON says what came of it. On a real hand, CHANNEL is can0.
+The thumb moves to the position where the index will meet it. The index closes slowly with little torque until the two
+pads measure a force; the force then controls the torque. The program prints the result as a line of JSON. On a real
+hand, CHANNEL is can0.
 """
 
 import argparse
@@ -12,24 +13,24 @@ import time
 
 from linkerbot import L6, O6, TimeoutError
 
-COUNTS_PER_NEWTON = 500.0  # of a pad's taxels in all; a real hand wants this measured
+COUNTS_PER_NEWTON = 500.0  # sum of a pad's taxels; measure this value on a real hand
 TOUCH = 25.0  # counts
-CLOSING = 6.0  # torque [%] while nothing is touched
-PERCENT_PER_NEWTON_S = 30.0  # change of torque, for each newton that is missing, in a second
+CLOSING = 6.0  # torque [%] before contact
+PERCENT_PER_NEWTON_S = 30.0  # change of torque per second and newton of error
 OPEN, NEAR, CLOSED, THUMB = 100.0, 44.0, 0.0, 12.5
 
 
-def pushed(hand: L6 | O6, finger: str) -> float:
-    """What all taxels of a pad read together."""
+def total_counts(hand: L6 | O6, finger: str) -> float:
+    """Return the sum of all taxels of a pad."""
     while True:
         try:
             return float(hand.force_sensor.get_finger(finger).get_blocking(timeout_ms=100).values.sum())
-        except TimeoutError:  # the SDK asks before it waits, so that an early answer is lost
+        except TimeoutError:  # the SDK asks before it waits, so it loses an early answer
             continue
 
 
 def grasp(hand: L6 | O6, newtons: float, seconds: float) -> dict:
-    """Close, and hold for so long."""
+    """Close, hold for ``seconds``, and return the result."""
     hand.speed.set_speeds([50.0] * 6)
     hand.torque.set_torques([100.0] * 6)
     hand.angle.set_angles([THUMB, OPEN, NEAR, OPEN, OPEN, OPEN])
@@ -40,7 +41,7 @@ def grasp(hand: L6 | O6, newtons: float, seconds: float) -> dict:
     hand.angle.set_angles([THUMB, OPEN, CLOSED, OPEN, OPEN, OPEN])
     began = last = time.monotonic()
     while time.monotonic() < began + 5 if touched is None else time.monotonic() < touched + seconds:
-        counts = (pushed(hand, "thumb") + pushed(hand, "index")) / 2
+        counts = (total_counts(hand, "thumb") + total_counts(hand, "index")) / 2
         now, reads = time.monotonic(), reads + 1
         passed, last = min(now - last, 0.2), now
         if counts > TOUCH:
@@ -55,7 +56,7 @@ def grasp(hand: L6 | O6, newtons: float, seconds: float) -> dict:
 
 
 def main() -> None:
-    """The command."""
+    """Parse the command line and run."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("channel")
     parser.add_argument("interface", nargs="?", default="socketcan")
@@ -63,10 +64,10 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=6.0)
     parser.add_argument("--side", default="left")
     parser.add_argument("--hand", choices=["L6", "O6"], default="L6")
-    given = parser.parse_args()
-    with {"L6": L6, "O6": O6}[given.hand](given.side, given.channel, given.interface) as hand:
+    args = parser.parse_args()
+    with {"L6": L6, "O6": O6}[args.hand](args.side, args.channel, args.interface) as hand:
         hand.stop_polling()
-        print(json.dumps(grasp(hand, given.newtons, given.seconds)))
+        print(json.dumps(grasp(hand, args.newtons, args.seconds)))
 
 
 if __name__ == "__main__":

@@ -10,11 +10,15 @@ from tests.cli.command import ROOT, environment, plugin_options, tactemu
 
 EXPECTED = {
     "without_a_wire.py": ["relative poses", "depth [mm]"],
-    "own_simulator.py": ["poses: 100 frames", "readings: 100 frames", "pushed with up to 1.00 N"],
-    "genesis_skin.py": ["100 frames", "the skin was pushed with up to"],
+    "own_simulator.py": ["poses: 100 frames", "readings: 100 frames", "largest force on the skin was 1.00 N"],
+    "genesis_skin.py": ["100 frames", "the largest force on the skin was"],
     "mujoco_skin.py": ["t = 0.80 s, ball at x =", "force on the skin"],
-    "hand_env.py": ["step alone", "whole loop", "memory:", "felt: 6."],
-    "two_drivers.py": ["read by the anyskin package", "read by the linkerbot SDK", "every one as it was sent"],
+    "hand_env.py": ["step alone", "step and policy", "memory:", "force: 6."],
+    "two_drivers.py": [
+        "read by the anyskin package",
+        "read by the linkerbot SDK",
+        "150 of them equal a frame of the truth log",
+    ],
 }
 ON_THE_CPU = ["--device", "cpu", "--envs", "2", "--steps", "5"]
 ARGUMENTS = {"hand_env.py": [[*ON_THE_CPU, "--engine", engine] for engine in ("mujoco-warp", "newton")]}
