@@ -9,7 +9,7 @@ import warp as wp
 
 import tactemu as tt
 from tactemu.base.errors import PoseError
-from tests.physics.genesis_case import Case
+from tests.sensors.genesis_case import Case
 
 pytestmark = pytest.mark.gpu
 

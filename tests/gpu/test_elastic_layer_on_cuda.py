@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import tactemu as tt
-from tests.physics.elastic_layer_rig import LayerRig, coordinates
+from tests.sensors.elastic_layer_rig import LayerRig, coordinates
 
 pytestmark = pytest.mark.gpu
 

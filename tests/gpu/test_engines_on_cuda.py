@@ -8,9 +8,9 @@ import pytest
 import warp as wp
 
 import tactemu as tt
-from tests.physics.test_split import N_ENVS, run, scene
 from tests.scene.engine_models import DROP
 from tests.scene.test_batch_engines import LINE, MOTORS, hand
+from tests.sensors.test_split import N_ENVS, run, scene
 
 pytestmark = pytest.mark.gpu
 ENGINES = {"mujoco-warp": "MujocoWarpEngine", "newton": "NewtonEngine"}

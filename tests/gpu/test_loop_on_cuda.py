@@ -9,8 +9,8 @@ import warp as wp
 
 import tactemu as tt
 from tactemu.base.errors import PoseError, SceneError
-from tests.physics.test_poses_on_the_device import N_ENVS, mujoco_warp, newton, one_array, scene, truth
-from tests.physics.test_views import GRID
+from tests.sensors.test_poses_on_the_device import N_ENVS, mujoco_warp, newton, one_array, scene, truth
+from tests.sensors.test_views import GRID
 
 pytestmark = pytest.mark.gpu
 DEVICE = "cuda:0"

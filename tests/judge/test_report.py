@@ -16,7 +16,7 @@ from tactemu.judge.report import Report
 from tactemu.judge.trial_record import TrialRecord
 from tactemu.judge.verdicts import judge_record
 from tests.judge.trial_records import record_of, row, usual
-from tests.page.browser import browsing
+from tests.view.page.browser import browsing
 
 CASE = {
     "version": 1, "device": "optoforce", "command": ["./reader", "{port}"], "trial": "flipped", "finding": "wrong",
