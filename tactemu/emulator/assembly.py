@@ -21,14 +21,13 @@ from tactemu.emulator.playback import Playback, RecordedReadings, recorded_readi
 from tactemu.emulator.port_assignment import PortAssignment, assign_ports
 from tactemu.emulator.sampling import SampleClock
 from tactemu.emulator.scenario import faults_of, laws_needed, schedule
-from tactemu.emulator.sensing import NullSource, SenseReader
 from tactemu.emulator.sources import resolve_source, without_replaced
 from tactemu.geometry.motion import Joint
 from tactemu.scene.building import build_scene, make_devices
 from tactemu.scene.description import SceneDescription
 from tactemu.scene.file import LoadedScene
 from tactemu.scene.measured_defaults import with_measured_defaults
-from tactemu.scene.placement import PlacedSkin
+from tactemu.scene.placement import NullSource, PlacedSkin, SenseReader
 from tactemu.scene.schema import EventTable, SceneTable, SkinTable
 from tactemu.scene.steering import Steered
 from tactemu.truth import Truth

@@ -24,14 +24,15 @@ from tactemu.base.agenda import Action, Agenda, ScheduledCallback
 from tactemu.base.clock import Clock
 from tactemu.emulator import actions
 from tactemu.emulator.channel import Channel, SampledReadings, Source
-from tactemu.emulator.lifecycle import Lifecycle
-from tactemu.emulator.stepping import MAX_LAG_NS, Simulated, step_ahead
+from tactemu.emulator.lifecycle import Lifecycle, Simulated
 from tactemu.transports.transport import Closed, Event, LinesChanged, Noted, Opened, SettingChanged
 from tactemu.truth import Truth
 from tactemu.wire.wire import ReceivedData, Wire
 
 _MAX_SAMPLING_NS = 1_000_000
 """Longest time for which the samples of a turn delay the frames that are ready to leave."""
+MAX_LAG_NS = 10_000_000_000
+"""Longest time that the simulation makes up in whole steps; bounds the wait of a sample after a long idle time."""
 
 
 class Emulator(Lifecycle):
@@ -203,7 +204,15 @@ class Emulator(Lifecycle):
             return None
         arrivals = [wire.next_due_ns() for wire in self.wires] if clock.virtual else []
         until = min(self._deadlines(self._agenda.next_ns, self._calls.next_ns, clock.end_ns, end_ns, *arrivals))
-        return step_ahead(simulation, clock, until, self.look_ahead_ns)
+        t_ns = simulation.time_ns + simulation.dt_ns
+        if t_ns > until:
+            return None
+        if self.look_ahead_ns is not None and not clock.virtual:
+            begin_ns = t_ns - max(self.look_ahead_ns, simulation.dt_ns)
+            if begin_ns > clock.now_ns():
+                return begin_ns
+        simulation.advance_to(t_ns)
+        return clock.now_ns()
 
     def _count(self, channel: Channel, stream: str, count: int, due: int) -> None:
         """Update the statistics and the timer; samples that are late by a whole period are missed, never made up."""

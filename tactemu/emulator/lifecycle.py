@@ -5,13 +5,35 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, Protocol
 
-from tactemu.base.agenda import Action, Agenda, ScheduledCallback
-from tactemu.base.calls import Calls
+from tactemu.base.agenda import Action, Agenda, Calls, ScheduledCallback
 from tactemu.base.clock import Clock, RealClock
 from tactemu.emulator.channel import Channel
 from tactemu.truth import Truth
+
+if TYPE_CHECKING:
+    from tactemu.plan.plan import Plan
+
+
+class Simulated(Protocol):
+    """A simulation, as the loop uses it."""
+
+    time_ns: int
+
+    @property
+    def plan(self) -> Plan | None:
+        """The plan of a step; ``None`` where nothing is simulated."""
+        ...
+
+    @property
+    def dt_ns(self) -> int:
+        """Length of a step."""
+        ...
+
+    def advance_to(self, t_ns: int, max_steps: int | None = None) -> bool:
+        """Step until no whole step fits before ``t_ns``; return True if a step was stretched to keep ``max_steps``."""
+        ...
 
 
 class Lifecycle(ABC):

@@ -8,8 +8,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from firmware_protocols import Can, Connector, Serial
-from tactemu.base.agenda import ScheduledCallback
-from tactemu.base.calls import Calls
+from tactemu.base.agenda import Calls, ScheduledCallback
 from tactemu.base.clock import Clock
 from tactemu.base.errors import TactemuError, TransportError
 from tactemu.transports import create

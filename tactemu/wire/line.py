@@ -14,8 +14,7 @@ from typing import ClassVar
 
 from firmware_protocols import WireFrame
 from firmware_protocols.can_frames import CanFrames
-from tactemu.wire.line_models.line_model import LineModel
-from tactemu.wire.pending import Pending
+from tactemu.wire.line_models.line_model import LineModel, Pending
 
 MAX_CATCH_UP_NS = 5_000_000
 """Maximum time that a line makes up for after a stall of its caller; prevents bursts."""

@@ -9,9 +9,7 @@ noise.
 from __future__ import annotations
 
 import time
-from collections import deque
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
 from typing import ClassVar
 
 from firmware_protocols import Connector, Sent, WireFrame
@@ -21,10 +19,11 @@ from tactemu.transports.transport import DROPPED, Closed, Event, Noted, Received
 from tactemu.truth import Truth
 from tactemu.wire.faults import Fault
 from tactemu.wire.line import Line
-from tactemu.wire.line_models.line_model import DRIVER, Pacing
-from tactemu.wire.pending import Pending
-from tactemu.wire.wire_port import WirePort
+from tactemu.wire.line_models.line_model import DRIVER, Pacing, Pending
+from tactemu.wire.wire_port import ReceivedData, WirePort
 
+MAX_INBOUND_AHEAD_NS = 50_000_000
+"""Maximum lead of a driver over its line; beyond it the wire stops reading, and the driver blocks as on a real port."""
 MAX_LEFT_BEHIND_NS = 1_000_000_000
 """Maximum lead of a driver over its line when it closes the port; its bytes beyond that are lost."""
 DEFAULT_CLOSE_CODE = 1011
@@ -33,20 +32,9 @@ MAX_READ_BYTES_PER_TURN = 16_384
 """Maximum number of bytes delivered per loop iteration; bounds the delay that a flooding driver can cause."""
 MAX_TRAFFIC_FRAMES_PER_FLUSH = 4
 """Maximum number of frames that a node of a fault queues per flush: a device does not wait long for them."""
-MAX_POLLS_AT_CLOSE = 100
-"""Maximum number of polls of a port that closes, for frames that are left there; bounds the time of closing."""
 MAX_TRAFFIC_TIME_SHARE = 0.4
 """Largest share of the loop's time that such frames may take, so that devices sample at their rate on a machine too
 slow for all of them; frames that are left out are counted as missed."""
-
-
-@dataclass(frozen=True, slots=True)
-class ReceivedData:
-    """A chunk of bytes or a CAN frame that has arrived at the devices of a wire."""
-
-    data: WireFrame
-    source: str = DRIVER
-    """The sender: the driver, or one of the devices."""
 
 
 class Wire(WirePort):
@@ -102,33 +90,17 @@ class Wire(WirePort):
         """The time at which frames of other nodes were last sent."""
         self._has_paused_request = False
         """True after a request of the driver that arrived while the clock was paused, until the next flush."""
-        self._arrived: deque[tuple[int, ReceivedData]] = deque()
-        """Data that have left the line but are not delivered yet, each with the time of its last bit."""
         self._flushed_ns = 0
         """The time of the last flush; frames that wait since then are late because of the caller, not of the line."""
 
-    def close(self) -> None:
-        """Remove the port, and count the driver's data that no device has received. Safe to call twice."""
-        if self._is_plugged:
-            self._count_unprocessed()
-        self._is_open = self._is_plugged = False
-        self.transport.close()
-        self.line.clear()
-        self.inbound.clear()
-        self._arrived.clear()
+    def filenos(self) -> list[int]:
+        """Return file descriptors to select for reading."""
+        return self.transport.filenos(self._is_reading)
 
-    def _count_unprocessed(self) -> None:
-        waiting: list[object] = list(self.inbound.withdraw(DRIVER))
-        waiting += [received for _, received in self._arrived if received.source == DRIVER]
-        for _ in range(MAX_POLLS_AT_CLOSE):  # data that the loop was too late to take
-            events = self.transport.poll()
-            waiting += [event for event in events if isinstance(event, Received)]
-            for event in events:
-                self._count_overflow(event)
-            if not events:
-                break
-        if waiting:
-            self.counters["unprocessed"] += len(waiting)
+    @property
+    def _is_reading(self) -> bool:
+        """True while the line has room for more data of the driver."""
+        return self.inbound.waiting_ns(DRIVER) <= MAX_INBOUND_AHEAD_NS
 
     def next_due_ns(self) -> int | None:
         """Return when :meth:`receive` or :meth:`flush` must be called next, whether or not a descriptor is readable."""
@@ -174,6 +146,15 @@ class Wire(WirePort):
                 for changed, held_ns in self._injector.corrupt(frame, now_ns, source, "to_driver"):
                     at = self._after_held("to_driver", ready_ns, held_ns)
                     self.line.put(changed, at, source, turn=turn, sample=sample)
+
+    def _after_held(self, direction: str, ready_ns: int, held_ns: int) -> int:
+        """Return when a frame leaves that a fault holds back by ``held_ns``; later bytes of a stream wait for it."""
+        ready_ns += held_ns
+        if self.line_model.is_byte_stream:
+            ready_ns = max(ready_ns, self._held_ns[direction])
+            if held_ns:
+                self._held_ns[direction] = ready_ns
+        return ready_ns
 
     def _seen_ns(self, now_ns: int) -> int:
         """Return the time that the line has reached: a real loop may be late with it, a virtual one never is."""
@@ -281,6 +262,14 @@ class Wire(WirePort):
         chip.put(frame)
         self._note(now_ns, self._source, "latency", "")
         return True
+
+    def _as_received(self, frame: WireFrame, source: str, *, to_driver: bool) -> WireFrame:
+        """Return a frame as the other end, whose settings may differ, receives it."""
+        connector = self.connectors.get(source, self.line_model.connector)
+        result = self.line_model.as_received(frame, connector, self.transport.setting, to_driver=to_driver)
+        if result is not frame:
+            self.counters["misheard"] += result != frame
+        return result
 
     # -- from the driver ---------------------------------------------------------------------------------------------
 

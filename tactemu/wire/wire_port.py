@@ -2,19 +2,29 @@
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 
 from firmware_protocols import Connector, WireFrame
-from tactemu.transports.transport import Closed, Event, LinesChanged, Opened, Overflowed, Transport
+from tactemu.transports.transport import Closed, Event, LinesChanged, Opened, Overflowed, Received, Transport
 from tactemu.truth import Truth
 from tactemu.wire.faults import Fault, Injector
 from tactemu.wire.line import Line
 from tactemu.wire.line_models import line_model_for
 from tactemu.wire.line_models.line_model import DRIVER, Pacing
 
-MAX_INBOUND_AHEAD_NS = 50_000_000
-"""Maximum lead of a driver over its line; beyond it the wire stops reading, and the driver blocks as on a real port."""
+MAX_POLLS_AT_CLOSE = 100
+"""Maximum number of polls of a port that closes, for frames that are left there; bounds the time of closing."""
+
+
+@dataclass(frozen=True, slots=True)
+class ReceivedData:
+    """A chunk of bytes or a CAN frame that has arrived at the devices of a wire."""
+
+    data: WireFrame
+    source: str = DRIVER
+    """The sender: the driver, or one of the devices."""
 
 
 class WirePort:
@@ -59,6 +69,8 @@ class WirePort:
         """The device that sent last."""
         self._held_ns: Counter[str] = Counter()
         """The time until which a fault holds a byte stream up, by direction."""
+        self._arrived: deque[tuple[int, ReceivedData]] = deque()
+        """Data that have left the line but are not delivered yet, each with the time of its last bit."""
         self._now_ns = 0
         self._down: Fault | None = None
         """The fault that has the link down."""
@@ -89,6 +101,29 @@ class WirePort:
         self._is_open = True
         self._plug()
 
+    def close(self) -> None:
+        """Remove the port, and count the driver's data that no device has received. Safe to call twice."""
+        if self._is_plugged:
+            self._count_unprocessed()
+        self._is_open = self._is_plugged = False
+        self.transport.close()
+        self.line.clear()
+        self.inbound.clear()
+        self._arrived.clear()
+
+    def _count_unprocessed(self) -> None:
+        waiting: list[object] = list(self.inbound.withdraw(DRIVER))
+        waiting += [received for _, received in self._arrived if received.source == DRIVER]
+        for _ in range(MAX_POLLS_AT_CLOSE):  # data that the loop was too late to take
+            events = self.transport.poll()
+            waiting += [event for event in events if isinstance(event, Received)]
+            for event in events:
+                self._count_overflow(event)
+            if not events:
+                break
+        if waiting:
+            self.counters["unprocessed"] += len(waiting)
+
     def _plug(self) -> None:
         """Open the transport, or close it where a fault has taken the port away."""
         plugged = self._is_open and (self._down is None or self._down.kind != "unplug")
@@ -111,15 +146,6 @@ class WirePort:
         if changed:
             self.line_model = line_model_for(connector, pacing=self.pacing)
             self.line.line_model = self.inbound.line_model = self.line_model
-
-    def filenos(self) -> list[int]:
-        """Return file descriptors to select for reading."""
-        return self.transport.filenos(self._is_reading)
-
-    @property
-    def _is_reading(self) -> bool:
-        """True while the line has room for more data of the driver."""
-        return self.inbound.waiting_ns(DRIVER) <= MAX_INBOUND_AHEAD_NS
 
     def _is_news(self, event: Event) -> bool:
         """Return True if the event is new to the devices: they do not see that a restored run has another port."""
@@ -183,15 +209,6 @@ class WirePort:
         self.counters[kind] += 1
         self.truth.inject(t_ns, source, kind, detail, before=before, after=after)
 
-    def _after_held(self, direction: str, ready_ns: int, held_ns: int) -> int:
-        """Return when a frame leaves that a fault holds back by ``held_ns``; later bytes of a stream wait for it."""
-        ready_ns += held_ns
-        if self.line_model.is_byte_stream:
-            ready_ns = max(ready_ns, self._held_ns[direction])
-            if held_ns:
-                self._held_ns[direction] = ready_ns
-        return ready_ns
-
     # -- what arrives, and what is lost ------------------------------------------------------------------------------
 
     def _lose(
@@ -209,14 +226,6 @@ class WirePort:
                 self._lose(lost.frames, now_ns, lost.source, "unheard", why, lost.sample)
         held = [frame for frame, _, way in self._injector.release() if way == "to_driver"]
         self._lose(held, now_ns, self._owner, "unheard", why)
-
-    def _as_received(self, frame: WireFrame, source: str, *, to_driver: bool) -> WireFrame:
-        """Return a frame as the other end, whose settings may differ, receives it."""
-        connector = self.connectors.get(source, self.line_model.connector)
-        result = self.line_model.as_received(frame, connector, self.transport.setting, to_driver=to_driver)
-        if result is not frame:
-            self.counters["misheard"] += result != frame
-        return result
 
     @property
     def _owner(self) -> str:

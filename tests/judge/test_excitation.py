@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from firmware_protocols import Reading, calls, create
-from tactemu.emulator.sensing import SenseReader
 from tactemu.emulator.sources import FunctionSkin
 from tactemu.judge.excitation import Excitation, ExcitationRange, flattened
+from tactemu.scene.placement import SenseReader
 
 N = 200
 

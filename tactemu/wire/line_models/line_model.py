@@ -1,18 +1,20 @@
-"""Line models: the time of a frame, the order of frames, what each end receives, and the ports of a line."""
+"""Line models: the time of a frame, the order of frames, what each end receives, and the ports of a line.
+
+Also the frames that wait for a line.
+"""
 
 from __future__ import annotations
 
 import itertools
 import os
 from abc import ABC, abstractmethod
-from collections.abc import Iterable
-from dataclasses import replace
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, Literal
 
 from firmware_protocols import CanFrame, Connector, WireFrame
 from firmware_protocols.can_frames import CanFrames
 from tactemu.transports.transport import CanFilter
-from tactemu.wire.pending import Pending
 
 DRIVER = "(driver)"
 """The driver as a node of a shared line."""
@@ -22,6 +24,38 @@ _fresh = itertools.count()
 
 Pacing = Literal[True, False, "strict"]
 """Pacing of frames: on, off, or ``strict``, which makes up for no stall."""
+
+
+@dataclass(order=True, slots=True)
+class Pending:
+    """A frame, or a run of frames, on its way; sorted in the order of its lane."""
+
+    order: tuple[int, int]
+    number: int
+    frame: WireFrame | CanFrames = field(compare=False)
+    """The frame, or a run of frames that follow one another."""
+    source: str = field(compare=False)
+    ready_ns: int = field(compare=False)
+    """The time from which it may leave."""
+    duration_ns: int = field(compare=False, default=0)
+    end_ns: int = field(compare=False, default=0)
+    """The time at which its last bit has gone; set when it wins the line."""
+    sample: int | None = field(compare=False, default=None)
+    """The number of the sample that it carries."""
+    ends: list[int] | None = field(compare=False, default=None)
+    """The end of each frame of a run whose first frame starts at 0 [ns]."""
+    gone: int = field(compare=False, default=0)
+    """The number of frames of a run that have left."""
+
+    @property
+    def frames(self) -> Sequence[WireFrame]:
+        """The frames that have not left."""
+        return self.frame[self.gone :] if isinstance(self.frame, CanFrames) else [self.frame]
+
+    @property
+    def head(self) -> WireFrame:
+        """The next frame."""
+        return self.frame[self.gone] if isinstance(self.frame, CanFrames) else self.frame
 
 
 class LineModel(ABC):

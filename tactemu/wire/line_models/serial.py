@@ -39,10 +39,10 @@ class SerialLine(LineModel):
         """Return noise where the two ends have different settings, else the frame; on USB settings do not matter."""
         if setting is None or (connector, setting) == self._agreed:
             return frame
-        if connector.is_cdc or not isinstance(frame, bytes):
+        if not isinstance(frame, bytes):
             return frame
         own = SerialSetting(connector.baud, connector.bytesize, connector.parity, connector.stopbits)
-        if agree(own, setting):
+        if connector.is_cdc or agree(own, setting):
             self._agreed = connector, setting
             return frame
         return as_received(frame, own, setting) if to_driver else as_received(frame, setting, own)
