@@ -219,7 +219,7 @@ class Emulator(Lifecycle):
         late_ns = self.clock.now_ns() - due
         channel.statistics.add_sample(stream, due, late_ns)
         timer = channel.timers[stream]
-        if timer.running and timer.count == count:  # unless the call has restarted it
+        if timer.running and timer.due_ns == due:  # unless the call has restarted it
             past_ns = self.clock.now_ns() - timer.sampling.due_ns(count + 1)
             missed = max(0, past_ns // timer.sampling.period_ns)
             timer.next(missed)

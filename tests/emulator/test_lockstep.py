@@ -34,6 +34,41 @@ def ask(emulator, write) -> None:
             emulator.at(round((20.3 + 7.1 * k + 1.7 * j) * MS), functools.partial(write, frame_of(request)))
 
 
+def test_a_deadline_of_the_past_does_not_turn_time_back():
+    clock = VirtualClock(5)
+    for deadline, now in ((50, 50), (20, 50), (None, 50), (51, 51)):
+        clock.wait(deadline, [])
+        assert clock.now_ns() == now
+
+
+def test_time_goes_on_to_its_end_and_no_further():
+    clock = LockstepClock(5)
+    clock.go_on(50)
+    for deadline, now in ((20, 20), (80, 50)):
+        clock.wait(deadline, [])
+        assert clock.now_ns() == now and not clock.is_paused()
+    clock.wait(80, [])
+    assert clock.is_paused() and clock.now_ns() == 50
+    clock.go_on(60)
+    assert not clock.is_paused()
+    clock.wait(None, [])
+    assert clock.now_ns() == 60
+
+
+def test_an_earlier_end_changes_nothing():
+    clock = LockstepClock()
+    clock.go_on(50)
+    clock.go_on(20)
+    assert clock.end_ns == 50
+    clock.wait(80, [])
+    clock.go_on(20)
+    assert clock.end_ns == 50 and clock.now_ns() == 50
+    clock.wait(80, [])
+    assert clock.is_paused()
+    clock.go_on(50)
+    assert clock.is_paused(), "the time at which it pauses is not later than before"
+
+
 # a stream, a bus, one that is polled on a shared line, one that is polled and streams
 @pytest.mark.parametrize("device", ["anyskin", "xela_uskin", "brainco_revo2", "paxini_gen2"])
 def test_a_thousand_steps_give_the_bytes_of_virtual_time(device):

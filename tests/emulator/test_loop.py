@@ -5,12 +5,14 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from firmware_protocols import Device, Serial, grid_layout
+from firmware_protocols import Device, Sense, Serial, grid_layout
 from tactemu.base.clock import VirtualClock
 from tactemu.emulator.emulator import Channel, Emulator
 from tactemu.emulator.sampling import SampleClock
 from tactemu.transports.transport import Closed, Opened
 from tactemu.wire.wire import ReceivedData
+
+MS = 1_000_000
 
 
 class Counter8(Device):
@@ -87,11 +89,27 @@ class Ramp:
         return np.array([self.time_ns / 1e9])
 
 
-def make(clock=None, **sampling):
-    wire, ramp, device = ListWire(), Ramp(), Counter8()
+class LateClock(VirtualClock):
+    """A clock of real time that is read without delay; a stall moves it on."""
+
+    virtual = False
+
+
+def make(clock=None, *, device=None, ramp=None, refresh_ns=0, **sampling):
+    wire, ramp, device = ListWire(), ramp or Ramp(), device or Counter8()
     clock_of_device = SampleClock(period_ns=device.period_ns, **sampling)
-    channel = Channel("a", device, ramp, {"": wire}, clock_of_device)
+    channel = Channel("a", device, ramp, {"": wire}, clock_of_device, refresh_ns=refresh_ns)
     return Emulator(ramp, [channel], clock=clock or VirtualClock()), wire, channel
+
+
+def stall(emulator, from_ms: int, until_ms: int) -> None:
+    """Let the machine do something else from one time to another."""
+    emulator.at(from_ms * MS, lambda: emulator.clock.set_ns(until_ms * MS))
+
+
+def sampled_ms(emulator) -> list[float]:
+    """Return the times of the samples after that of the boot [ms]."""
+    return [sample.t_ns / MS for sample in emulator.truth.samples[1:]]
 
 
 def test_samples_come_on_absolute_deadlines_and_see_the_simulation_of_that_time():
@@ -157,6 +175,106 @@ def test_a_slow_machine_misses_samples_and_says_so():
     assert statistics.lateness.max_ns >= 4_000_000
 
 
+@pytest.mark.parametrize("clock", [VirtualClock, LateClock])
+def test_a_stall_misses_the_samples_that_are_late_by_a_period_and_no_other(clock):
+    """Stall from 25 to 57 ms: the samples of 30 and 50 ms are late, that of 40 ms is never taken."""
+    emulator, _, channel = make(clock())
+    stall(emulator, 25, 57)
+    with emulator:
+        emulator.run(seconds=0.1)
+    statistics = channel.statistics
+    assert sampled_ms(emulator) == [10, 20, 30, 50, 60, 70, 80, 90]
+    assert (statistics.samples, statistics.missed, statistics.silent, statistics.stretched) == (8, 1, 0, 0)
+    assert statistics.lateness.max_ns == 27 * MS and statistics.lateness.percentile_ns(50) == 0.0
+
+
+def test_a_stall_of_many_periods_counts_each_of_them():
+    emulator, _, channel = make()
+    stall(emulator, 25, 80)
+    with emulator:
+        emulator.run(seconds=0.1)
+    assert sampled_ms(emulator) == [10, 20, 30, 80, 90], "a sample that is due now is not missed"
+    assert channel.statistics.missed == 4
+
+
+def test_only_samples_late_by_a_period_take_few_steps_and_each_is_counted():
+    class Steps(Ramp):
+        """A simulation that notes the number of steps that a sample may take, and stretches those of few."""
+
+        def __init__(self):
+            self.limits = {}
+
+        def advance_to(self, t_ns, max_steps=None):
+            super().advance_to(t_ns)
+            if max_steps is not None:
+                self.limits[t_ns // MS] = max_steps
+            return max_steps == 50
+
+    ramp = Steps()
+    emulator, _, channel = make(LateClock(), ramp=ramp)
+    stall(emulator, 25, 57)
+    stall(emulator, 65, 84)
+    with emulator:
+        emulator.run(seconds=0.1)
+    assert [t for t, steps in ramp.limits.items() if steps == 50] == [30, 70]
+    assert channel.statistics.stretched == 2
+    assert set(ramp.limits.values()) == {50, 10_001}, "ten seconds of whole steps, when in time"
+
+
+@pytest.mark.parametrize("sample", [1, 3])
+def test_a_device_that_changes_its_period_with_a_sample_skips_none(sample):
+    class Faster(Counter8):
+        def stream(self, t_ns, name):
+            sent = super().stream(t_ns, name)
+            if self.n == sample:
+                self.period_ns = MS
+            return sent
+
+    emulator, _, channel = make(device=Faster())
+    with emulator:
+        emulator.run(seconds=0.001 * (10 * sample + 4))
+    assert sampled_ms(emulator) == [*range(10, 10 * sample, 10), *range(10 * sample, 10 * sample + 4)]
+    assert channel.statistics.missed == 0
+
+
+def test_registers_are_refreshed_by_the_devices_own_clock():
+    """Let the device's clock be a tenth slow: 24 ms on it are 26.4 ms, so 70 ms on it are still in the third period."""
+    emulator, _, _ = make(skew_ppm=100_000.0, refresh_ns=24 * MS)
+    with emulator:
+        emulator.run(seconds=0.1)
+    measured = [round(float(sample.measured[0]) * 1e3) for sample in emulator.truth.samples]
+    assert measured == [0, 0, 0, 33, 33, 55, 55, 55, 88, 88]
+    assert [round(float(sample.ideal[0]) * 1e3) for sample in emulator.truth.samples] == list(range(0, 100, 11))
+
+
+def test_a_burst_is_spread_evenly_over_the_period():
+    class Bursting(Counter8):
+        senses = (Sense("depth", burst=4),)
+
+        def measure(self, reading, t_ns):
+            return np.round(reading["depth"] * 1e6)
+
+    class Fine(Ramp):
+        dt_ns = 500_000
+
+    emulator, _, channel = make(device=Bursting(), ramp=Fine())
+    with emulator:
+        emulator.run(seconds=0.031)
+    rows = [sample.counts.ravel().tolist() for sample in emulator.truth.samples]
+    assert rows == [[0] * 4, *([10_000 * k + 2_500 * j for j in range(1, 5)] for k in range(3))]
+    assert channel.statistics.samples == 3
+
+
+def test_a_firmware_that_leaves_samples_out_takes_the_others_on_time():
+    emulator, _, channel = make(missed=0.3, seed=1)
+    with emulator:
+        emulator.run(seconds=1.0)
+    clock = channel.timers[""].sampling
+    taken = [k for k in range(1, 100) if clock.first_taken(k) == k]
+    assert sampled_ms(emulator) == [10 * k for k in taken] and 50 < len(taken) < 90
+    assert channel.statistics.missed == 0, "the loop was in time"
+
+
 def test_scheduled_and_foreign_actions_run_in_the_loop():
     emulator, _, _ = make()
     seen = []
@@ -176,6 +294,16 @@ def test_a_hanging_device_is_silent_and_goes_on_with_its_grid():
     assert [t // 1_000_000 for t, _, _ in wire.sent] == [10, 20, 30, 80, 90]
     assert channel.statistics.silent == 4 and channel.device.counters["unheard"] == 1
     assert emulator.truth.injected["hang"] == 1
+
+
+def test_a_hang_ends_at_its_time_and_a_shorter_one_does_not_end_it():
+    emulator, _, channel = make()
+    emulator.at(35 * MS, lambda: emulator.hang(70 * MS))
+    emulator.at(45 * MS, lambda: emulator.hang(55 * MS))
+    with emulator:
+        emulator.run(seconds=0.1)
+    assert sampled_ms(emulator) == [10, 20, 30, 70, 80, 90]
+    assert channel.statistics.silent == 3 and channel.statistics.missed == 0
 
 
 def test_a_reset_device_boots_anew():

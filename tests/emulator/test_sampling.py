@@ -109,6 +109,27 @@ def test_the_oscillator_keeps_its_drift_and_its_time_when_the_rate_changes():
     assert faster.local_ns(9_000 * MS) == pytest.approx(clock.local_ns(9_000 * MS), abs=100)
 
 
+def test_the_skew_has_grown_by_the_time_since_the_last_change_of_rate():
+    clock = SampleClock(period_ns=MS, skew_ppm=10.0, drift_ppm_per_s=2.0)
+    twice = clock.restarted(5_000 * MS, MS // 2).restarted(7_000 * MS, MS)
+    assert twice.skew_ppm == pytest.approx(24.0)
+    assert twice.restarts == 2 and twice.due_ns(1) == 7_001 * MS + 24
+
+
+@pytest.mark.parametrize("clock", [{}, {"skew_ppm": 400.0}, {"skew_ppm": -400.0, "drift_ppm_per_s": 3.0}])
+def test_an_alarm_rings_when_the_devices_clock_shows_its_time(clock):
+    clock = SampleClock(period_ns=MS, start_ns=300 * MS, shown_ns=7 * MS, **clock)
+    for k in (1, 1000, 60_000):
+        assert clock.world_ns(clock.stamp_ns(k)) == clock.due_ns(k)
+    assert clock.world_ns(6 * MS) == 299 * MS, "before it counted"
+
+
+def test_an_oscillator_that_drifts_for_long_stays_within_a_tenth():
+    clock = SampleClock(period_ns=1000 * MS, drift_ppm_per_s=-1000.0)
+    assert clock.due_ns(100) == 95_000 * MS, "half of a tenth, on average"
+    assert clock.due_ns(400) == 360_000 * MS
+
+
 @pytest.mark.parametrize(
     "bad",
     [

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from firmware_protocols.can_frames import CanFrames
 from tactemu.base.errors import TactemuError
 from tactemu.emulator.assembly import truth_of
 from tactemu.scene.file import parse
@@ -49,6 +50,21 @@ def test_counters_and_the_latest():
     assert not log.samples and not log.frames and log.forgotten == 7
     assert log.latest("thumb").number == 2 and log.latest("thumb", "imu").number == 2 and log.latest("none") is None
     assert log.latest("thumb").sense == "force" and log.latest_frame("thumb") == b"\x01\xff"
+
+
+def test_frames_that_leave_together_count_one_by_one():
+    log = Truth(keep=0)
+    log.wrote(1, "pad", b"?")
+    log.wrote_all(2, "pad", CanFrames.of([1, 2, 3], np.zeros((3, 8), np.uint8)))
+    assert log.counts["tx"] == 4 and log.forgotten == 4 and log.latest_frame("pad").arbitration_id == 3
+
+
+def test_faults_belong_to_a_skin_and_its_bus_not_to_names_that_contain_its_own():
+    log = Truth()
+    for device in ("pad", "pad2", "left_pad", "thumb+pad", "thumb+pad2"):
+        log.inject(0, device, "flip")
+    assert log.injected_at("pad") == {"flip": 2} and log.injected_at("pad2") == {"flip": 2}
+    assert log.injected_at("thumb") == {"flip": 2} and log.injected_at("left_pad") == {"flip": 1}
 
 
 def test_samples_are_numbered_per_device_unless_the_loop_does():

@@ -103,15 +103,30 @@ def test_fd_at_1_and_5_megabit(extended, least_us, worst_us):
     assert max(times) / 1e3 >= worst_us - 6.0  # the bound also stuffs fixed bits of the head
 
 
-def test_fd_stuff_bits_bit_by_bit():
+@pytest.mark.parametrize(
+    ("size", "code", "crc"),
+    [
+        (0, "0000", 17 + 6), (8, "1000", 17 + 6), (12, "1001", 17 + 6), (16, "1010", 17 + 6),
+        (20, "1011", 21 + 7), (24, "1100", 21 + 7), (64, "1111", 21 + 7),
+    ],
+)  # fmt: skip
+def test_fd_stuff_bits_bit_by_bit(size, code, crc):
+    """Count the bits of ISO 11898-1: up to 16 bytes a CRC of 17 bits with 6 fixed stuff bits, beyond of 21 with 7."""
     rng = np.random.default_rng(3)
-    for _ in range(300):
-        data = rng.choice(np.array([0x00, 0xFF, 0x0F, 0x37], np.uint8), size=16).tobytes()
+    for _ in range(300 if size == 16 else 50):
+        data = rng.choice(np.array([0x00, 0xFF, 0x0F, 0x37], np.uint8), size=size).tobytes()
         ident = int(rng.integers(1 << 11))
         frame = CanFrame(arbitration_id=ident, data=data, is_fd=True)
-        bits = "0" + f"{ident:011b}" + "00" + "100" + "0" + "1010" + "".join(f"{b:08b}" for b in data)
+        bits = "0" + f"{ident:011b}" + "00" + "100" + "0" + code + "".join(f"{b:08b}" for b in data)
         stuff = plain_stuff(bits[:-1] + ("" if plain_stuff(bits) > plain_stuff(bits[:-1]) else bits[-1]))
-        assert frame_bits(frame) == (len(bits) + stuff + 4 + 17 + 6 + 13, 0)
+        assert frame_bits(frame) == (len(bits) + stuff + 4 + crc + 13, 0)
+
+
+@pytest.mark.parametrize("is_fd", [False, True])
+def test_an_error_frame_adds_two_flags_and_a_delimiter(is_fd):
+    options = {"arbitration_id": 0x123, "data": b"12345678", "is_fd": is_fd, "bitrate_switch": is_fd}
+    slow, fast = frame_bits(CanFrame(**options))
+    assert frame_bits(CanFrame(**options, is_error_frame=True)) == (slow + 6 + 6 + 8, fast)
 
 
 def test_arbitration_order():

@@ -12,6 +12,8 @@ from tactemu.truth import Truth
 from tactemu.truth.entries import Passage
 from tactemu.tune.speed.wire import run
 from tactemu.wire.can_bits import frame_ns
+from tactemu.wire.line import Line
+from tactemu.wire.line_models.serial import SerialLine
 from tactemu.wire.wire import DRIVER, ReceivedData, Wire
 
 UART = Serial(baud=115_200)
@@ -174,6 +176,18 @@ def test_on_a_half_duplex_line_too_the_last_bytes_of_a_driver_are_received():
     assert [event.data for event in heard if isinstance(event, ReceivedData)] == [b"first", b"bye"]
     assert heard[-2:] == [Closed(), DROPPED] and wire.next_due_ns() is None
     assert wire.counters["unheard"] == 1, "what the device was about to say"
+
+
+def test_a_line_that_has_settled_is_free_at_once():
+    """Settle a line while a frame of 7 ms is on it, as a request to a paused device does: the next starts then."""
+    line = Line(SerialLine(UART))
+    for frame in (FRAME, b"x"):
+        line.put(frame, 0, "pad")
+    assert line.take(0) is None and line.next_ns() == FRAME_NS
+    assert [(each.frame, each.end_ns) for each in line.settle(1_000_000)] == [(FRAME, 1_000_000), (b"x", 1_000_000)]
+    assert line.next_ns() is None and line.waiting_ns("pad") == 0
+    line.put(FRAME, 1_000_000, "pad")
+    assert line.take(1_000_000) is None and line.next_ns() == 1_000_000 + FRAME_NS
 
 
 def test_nobody_listens():

@@ -79,6 +79,12 @@ def test_formats_that_disagree_by_hand():
     assert as_received(b"AC", at(9600, stopbits=2), plain) == as_received(b"AC", plain, at(9600, stopbits=2)) == b"AC"
 
 
+@pytest.mark.parametrize(("stopbits", "received"), [(1, b"\x55\xd5"), (1.5, b"\x55\x55"), (2, b"\x55\x55")])
+def test_one_and_a_half_stop_bits_are_a_gap_too(stopbits, received):
+    """Let the receiver take the first stop bit for parity; it finds the second byte only after a longer gap."""
+    assert as_received(b"\x55\x55", at(9600, stopbits=stopbits), at(9600, parity="E")) == received
+
+
 def test_what_an_end_does_not_say_is_as_at_the_other():
     assert as_received(b"AC", SerialSetting(baud=9600), at(9600, bytesize=7, parity="E")) == b"AC"
     assert as_received(b"AC", SerialSetting(), at(9600)) == b"AC"
