@@ -1,5 +1,6 @@
 """Marks that need something of the machine: skipped with the command that provides it. A CAN port of our own."""
 
+import gc
 import json
 import os
 from pathlib import Path
@@ -24,10 +25,6 @@ from tests.drivers import rig
 
 def pytest_addoption(parser):
     parser.addoption(
-        "--realtime", choices=("all", "none", "only"), default="all",
-        help="tests that keep real time: run them too (all), leave them out (none), or run nothing else (only)",
-    )  # fmt: skip
-    parser.addoption(
         "--judges", default="changed", help="drivers to run: changed (see tests/judging.py), all, or devices"
     )
     parser.addoption(
@@ -41,15 +38,27 @@ def pytest_configure(config):
         config.pluginmanager.register(judging.Verdicts(config.getoption("--judges-to")))
 
 
+@pytest.hookimpl(wrapper=True)
+def pytest_collection():
+    """Collect without the garbage collector, which would visit all that was imported again and again."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.enable()
+
+
+@pytest.fixture(scope="module", autouse=True)
+def frozen_imports():
+    """Leave all that exists out of the garbage collections to come: each would take half a second to visit it."""
+    if not gc.get_freeze_count():  # a run of the command line in this process has unfrozen it
+        gc.collect()
+        gc.freeze()
+
+
 def pytest_collection_modifyitems(config, items):
-    """Leave out what ``--realtime`` and ``--judges`` say, and skip what this machine or this run does not offer."""
+    """Leave out what ``--judges`` and ``--devices`` say, and skip what this machine or this run does not offer."""
     judging.deselect(config, items)
-    wanted = config.getoption("--realtime")
-    if wanted != "all":
-        real = [item for item in items if item.get_closest_marker("realtime")]
-        others = [item for item in items if not item.get_closest_marker("realtime")]
-        items[:], left_out = (real, others) if wanted == "only" else (others, real)
-        config.hook.pytest_deselected(items=left_out)
     reasons = {}
     if any(item.get_closest_marker("gpu") for item in items) and not _has_gpu():
         reasons["gpu"] = "no CUDA device on this machine"

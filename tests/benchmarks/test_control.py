@@ -4,7 +4,7 @@ import pytest
 
 from benchmarks import control
 
-pytestmark = [pytest.mark.nightly, pytest.mark.realtime]
+pytestmark = pytest.mark.nightly
 
 
 def test_commands_are_felt_and_harm_no_other_skin():

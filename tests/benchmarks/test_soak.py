@@ -7,8 +7,6 @@ import pytest
 
 from benchmarks import soak
 
-pytestmark = pytest.mark.realtime
-
 
 @pytest.fixture(scope="module")
 def soaked():

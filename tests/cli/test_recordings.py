@@ -31,7 +31,6 @@ def wait_for(path):
     raise AssertionError(f"{path} never appeared")
 
 
-@pytest.mark.realtime
 def test_replay_to_record(recording, tmp_path):
     player = start("replay", str(recording), "--port", f"pty:{tmp_path / 'tty'}", "--loop")
     port = wait_for(tmp_path / "tty")
@@ -45,7 +44,6 @@ def test_replay_to_record(recording, tmp_path):
     assert len(got) > 100 and got in whole * 20
 
 
-@pytest.mark.realtime
 def test_what_befalls_a_replay_is_poked(recording, tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     player = start("replay", str(recording), "--port", f"pty:{tmp_path / 'tty'}", "--loop")
@@ -69,7 +67,6 @@ def test_what_befalls_a_replay_is_poked(recording, tmp_path, monkeypatch):
     assert player.wait(20) == 0
 
 
-@pytest.mark.realtime
 def test_replay_stepwise(recording, tmp_path):
     player = start("replay", str(recording), "--port", f"pty:{tmp_path / 'tty'}", "--step", stdin=subprocess.PIPE)
     with serial.Serial(wait_for(tmp_path / "tty"), timeout=5) as driver:

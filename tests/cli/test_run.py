@@ -24,7 +24,6 @@ def port(tmp_path) -> Path:
     return tmp_path / "skin"
 
 
-@pytest.mark.realtime
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_port_is_there_until_a_signal_ends_it(port, number):
     name = f"ended-by-{number}-{os.getpid()}"
@@ -55,7 +54,6 @@ def test_a_port_is_there_until_a_signal_ends_it(port, number):
     assert not list(endpoints.folder().glob(f"{name}.*"))
 
 
-@pytest.mark.realtime
 def test_plain_lines_where_there_is_no_terminal(port):
     done = tactemu("run", "anyskin", "--port", f"pty:{port}", "--seconds", "1.5")
     assert done.returncode == 0, done.stderr
@@ -198,7 +196,6 @@ def test_the_exit_status_of_a_mistake_and_no_traceback():
     assert done.returncode == 2 and done.stdout == "" and done.stderr.count("\n") == 1
 
 
-@pytest.mark.realtime
 def test_a_reader_that_has_had_enough_ends_it_quietly(port):
     process = start("run", "anyskin", "--port", f"pty:{port}")
     process.stdout.readline()

@@ -38,7 +38,6 @@ def test_a_stop_before_the_loop_ends_it():
         assert emulator.clock.now_ns() >= 10_000_000, "it ended one run, not the next"
 
 
-@pytest.mark.realtime
 @pytest.mark.parametrize("delay_s", [0, 0, 0.01, 0.02])
 def test_a_signal_right_after_the_port_is_there_ends_the_run(delay_s, tmp_path):
     with start("run", "anyskin", "--json", "--port", f"pty:{tmp_path}/skin") as run:
@@ -70,7 +69,6 @@ def started(busy: str, loop: float = 0) -> subprocess.Popen[str]:
     return run
 
 
-@pytest.mark.realtime
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize("busy", ["time.sleep(60)", NATIVE, LOST.format(60), "exec('time.sleep(60)')"])
 def test_a_start_ends_whatever_it_is_busy_with(busy, number):
@@ -82,7 +80,6 @@ def test_a_start_ends_whatever_it_is_busy_with(busy, number):
     assert errors == f"tactemu: ended by {number.name} before it had started\n"
 
 
-@pytest.mark.realtime
 def test_a_signal_that_a_library_has_lost_ends_the_loop_at_once():
     with started(LOST.format(0), loop=0.2) as run:
         time.sleep(0.1)
@@ -91,7 +88,6 @@ def test_a_signal_that_a_library_has_lost_ends_the_loop_at_once():
     assert run.returncode == 0
 
 
-@pytest.mark.realtime
 def test_what_was_made_for_nothing_goes_when_a_start_ends_in_native_code(tmp_path):
     log = tmp_path / "a.mcap"
     busy = f"from tactemu.truth.writer import LogWriter; held = LogWriter('{log}'); {NATIVE}"
@@ -141,7 +137,6 @@ main()
 """
 
 
-@pytest.mark.realtime
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_who_sent_a_signal_is_told_from_the_first_import_on(number):
     with subprocess.Popen(

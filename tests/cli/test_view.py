@@ -8,11 +8,7 @@ import signal
 import sys
 import time
 
-import pytest
-
 from tests.cli.command import environment
-
-pytestmark = pytest.mark.realtime
 
 
 def watch(seconds: float, *arguments: str, until: str = "", term: str = "xterm-256color") -> tuple[int, str]:

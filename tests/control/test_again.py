@@ -75,7 +75,6 @@ def test_a_run_that_was_poked_at_is_the_same_again(tmp_path, suffix):
     assert digest(other) != digest(truth), "the commands did nothing"
 
 
-@pytest.mark.realtime
 def test_a_run_in_real_time_is_felt_again(tmp_path):
     """Given from another thread at whatever moment: every sample that both have took the same values."""
     log = tmp_path / "log.jsonl"

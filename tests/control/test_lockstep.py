@@ -35,7 +35,6 @@ def of_virtual_time(tmp_path_factory):
     return [(t_ns, bytes(frame)) for t_ns, _, frame in emulator.truth.frames]  # type: ignore[arg-type]
 
 
-@pytest.mark.realtime
 def test_a_thousand_steps_by_a_client_give_the_bytes_of_virtual_time(tmp_path, of_virtual_time):
     """In a process of its own, which is stopped for a while as by a debugger; a driver reads all along."""
     log = tmp_path / "log.mcap"
@@ -66,7 +65,6 @@ def test_a_thousand_steps_by_a_client_give_the_bytes_of_virtual_time(tmp_path, o
     assert len(read) == 99 * FRAME
 
 
-@pytest.mark.realtime
 @pytest.mark.parametrize("port", ["tcp:0", "rfc2217:0", "pty:"])
 def test_a_driver_reads_what_a_step_has_sent(of_virtual_time, port):
     with tt.serve("anyskin", port, clock="lockstep", seed=7) as dev:
@@ -95,7 +93,6 @@ def asked(pause_s: float) -> list:
     return answers
 
 
-@pytest.mark.realtime
 def test_a_driver_that_asks_is_answered_while_time_stands_and_always_the_same():
     first = asked(0.0)
     assert len({tuple(answer) for answer in first}) > 3, "it feels the press"

@@ -14,7 +14,6 @@ from tactemu.control.endpoints import Endpoint, Owner, running, started
 from tests.cli.command import here, start
 
 
-@pytest.mark.realtime
 def test_two_emulators_and_a_crashed_one_are_told_apart(runtime_folder):
     victim = start("run", "anyskin", "--json")
     try:

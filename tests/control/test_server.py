@@ -19,8 +19,6 @@ from tactemu.control import server
 from tactemu.control.endpoints import running
 from tests.fuzz import examples
 
-pytestmark = pytest.mark.realtime
-
 
 @pytest.fixture(scope="module")
 def dev():

@@ -9,7 +9,7 @@ import firmware_protocols as fp
 import tactemu
 from tests.drivers.rig import EQUAL, Rig, assert_consecutive, run_driver
 
-pytestmark = [pytest.mark.driver, pytest.mark.realtime, pytest.mark.timeout(90)]
+pytestmark = [pytest.mark.driver, pytest.mark.timeout(90)]
 STALE = 50
 """Frames that the port may hold from before the driver was ready to read."""
 

@@ -14,7 +14,7 @@ from tests.drivers.test_ability_hand import documented_force
 from tests.drivers.test_inspire_rh56dftp import INDEX_TOP, PALM
 from tests.judge.cards import CARDS
 
-pytestmark = [pytest.mark.driver, pytest.mark.realtime, pytest.mark.timeout(120)]
+pytestmark = [pytest.mark.driver, pytest.mark.timeout(120)]
 
 FORCE = np.array([documented_force(count) for count in range(4096)])
 READS = {

@@ -9,7 +9,6 @@ from tests.drivers.rig import Rig, assert_consecutive, run_driver
 pytestmark = [
     pytest.mark.judge("digity_exohand", driver="digity", carrier="USB serial, packets"),
     pytest.mark.driver,
-    pytest.mark.realtime,
     pytest.mark.timeout(90),
 ]
 

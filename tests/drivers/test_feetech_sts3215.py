@@ -91,7 +91,6 @@ link = "table"
 """
 
 
-@pytest.mark.realtime
 def test_a_follower_goes_where_a_leader_is_led(tmp_path):
     scene = tmp_path / "arms.toml"
     scene.write_text(ARMS)
@@ -119,7 +118,6 @@ def test_lerobot_s_bus_reads_200_loads():
     assert len(set(places)) > 20, "the loads changed in between"
 
 
-@pytest.mark.realtime
 @pytest.mark.judge("feetech_sts3215", **LEROBOT)
 def test_lerobot_calibrates_a_leader_and_a_follower_follows_it(tmp_path):
     scene = tmp_path / "arms.toml"

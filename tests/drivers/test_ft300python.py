@@ -39,7 +39,6 @@ def test_200_frames_and_200_answers():
     assert not rig.device.streaming and rig.device.counters["requests"] == 1 + 1 + 200 + 200 + 2
 
 
-@pytest.mark.realtime
 def test_a_press_reaches_the_driver_at_19200_baud():
     """Simulation, device and a line on which bytes take their time."""
     with tactemu.serve("robotiq_ft300") as dev:

@@ -13,7 +13,6 @@ pytestmark = [
 ]
 
 
-@pytest.mark.realtime  # it waits 0.6 s for the identity
 @pytest.mark.parametrize(
     ("hardware", "hand", "identity"),
     [("3.0", "right", True), ("3.1", "left", True), ("3.2", "left", True), ("3.1", "right", False)],

@@ -10,7 +10,7 @@ from tests.cli.command import start, tactemu
 from tests.drivers.live import Live, until
 from tests.drivers.test_through_the_emulator import SCENE
 
-pytestmark = [pytest.mark.driver, pytest.mark.realtime, pytest.mark.timeout(120)]
+pytestmark = [pytest.mark.driver, pytest.mark.timeout(120)]
 
 SECONDS = 4
 

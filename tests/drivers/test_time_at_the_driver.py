@@ -8,7 +8,7 @@ import pytest
 from tests.drivers.live import Live, served, until
 from tests.drivers.test_flexitac_optoforce import SCALE
 
-pytestmark = [pytest.mark.driver, pytest.mark.realtime, pytest.mark.timeout(120)]
+pytestmark = [pytest.mark.driver, pytest.mark.timeout(120)]
 
 MS = 1_000_000
 

@@ -15,7 +15,7 @@ from tests.drivers.test_ability_hand import documented_force
 from tests.drivers.test_flexitac_optoforce import SCALE
 from tests.drivers.test_inspire_rh56dftp import PALM
 
-pytestmark = [pytest.mark.driver, pytest.mark.realtime, pytest.mark.timeout(180)]
+pytestmark = [pytest.mark.driver, pytest.mark.timeout(180)]
 
 
 def inject(live, fault, seconds=0.8):

@@ -7,7 +7,6 @@ import threading
 import tty
 
 import numpy as np
-import pytest
 
 from firmware_protocols import Serial
 from tactemu import transports
@@ -16,8 +15,6 @@ from tactemu.emulator.emulator import Channel, Emulator
 from tactemu.emulator.sampling import SampleClock
 from tactemu.wire.wire import Wire
 from tests.emulator.test_loop import Counter8, Ramp
-
-pytestmark = pytest.mark.realtime
 
 DELAY_NS, RATE_HZ, FRAMES = 3_700_000, 1000, 1500
 

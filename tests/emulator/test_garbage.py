@@ -10,6 +10,7 @@ def full_collections():
 
 
 def test_only_the_young_are_collected():
+    gc.unfreeze()
     before = gc.get_threshold()
     kept = []
     with no_full_collections():

@@ -77,7 +77,6 @@ def test_faults_apply_to_a_replay():
     assert wire.transport.driver.read() == [entry.frame for entry in STREAM.entries[::2]]
 
 
-@pytest.mark.realtime
 def test_true_time_on_a_pty_from_the_moment_the_driver_opens_it():
     player, wire, _ = replay(STREAM, "pty:", clock=RealClock())
     thread = threading.Thread(target=player.run)
@@ -111,7 +110,6 @@ class CountingRecorder(Recorder):
         super().add(entry)
 
 
-@pytest.mark.realtime
 def test_what_a_port_sends_is_recorded(tmp_path):
     """Record from the port that a replay feeds: the copy has the same bytes and about the same timing."""
     player, wire, clock = replay(STREAM, "pty:", clock=RealClock())
@@ -138,7 +136,6 @@ def test_what_a_port_sends_is_recorded(tmp_path):
         wire.close()
 
 
-@pytest.mark.realtime
 def test_what_a_bus_carries_is_recorded(tmp_path):
     frames = [CanFrame(arbitration_id=0x100 + k, data=bytes([k])) for k in range(10)]
     bus = can.Bus(interface="virtual", channel="recorded")

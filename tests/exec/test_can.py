@@ -35,7 +35,6 @@ def answers(text):
     return {name: answer for line in text.splitlines() for name, answer in json.loads(line).items()}
 
 
-@pytest.mark.realtime
 @pytest.mark.skipif("VCAN_GUEST" in os.environ, reason="here the kernel has CAN itself")
 def test_the_preload_library_behaves_as_the_kernel(preload):
     command = ["unshare", "-Urn", "bash", "-c", IN_A_NAMESPACE, str(preload), sys.executable, str(BEHAVIOUR)]

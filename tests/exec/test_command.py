@@ -55,7 +55,6 @@ def test_streams_status_and_preloaded_libraries_pass_through_and_children_are_in
     assert preload.endswith("/preload.so:libdl.so.2")
 
 
-@pytest.mark.realtime
 def test_a_signal_goes_to_the_driver_and_its_end_is_ours():
     script = (
         "import os, signal, sys, time\n"
@@ -75,7 +74,6 @@ def test_a_signal_goes_to_the_driver_and_its_end_is_ours():
         assert run.wait(10) == 128 + signal.SIGHUP
 
 
-@pytest.mark.realtime
 @pytest.mark.parametrize("ignored", [False, True])
 def test_a_hang_up_ends_a_start_unless_it_is_to_be_ignored(ignored):
     handler = signal.SIG_IGN if ignored else signal.SIG_DFL
@@ -88,7 +86,6 @@ def test_a_hang_up_ends_a_start_unless_it_is_to_be_ignored(ignored):
         assert run.stderr and run.stderr.read() == ("" if ignored else told)
 
 
-@pytest.mark.realtime
 def test_a_user_is_told_which_signal_has_ended_the_driver():
     with start(*RUN, "sh", "-c", "echo up; exec sleep 60") as run:
         assert run.stdout and run.stdout.readline() == "up\n"
@@ -169,7 +166,6 @@ else:
 """
 
 
-@pytest.mark.realtime
 @pytest.mark.parametrize(
     ("words", "place", "answer"),
     [
@@ -203,7 +199,6 @@ with serial.Serial("/dev/ttyUSB0", 921600) as port:
 """
 
 
-@pytest.mark.realtime
 def test_what_a_device_did_not_understand_is_said_and_stands_in_the_log(tmp_path):
     log = tmp_path / "truth.mcap"
     run = ("exec", "dynpick", "--truth", str(log), "--", sys.executable, "-c")

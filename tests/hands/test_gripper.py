@@ -30,7 +30,7 @@ FEW = 10
 
 def live(test):
     """In real time, with the drivers in a process of their own; each night."""
-    for mark in (pytest.mark.driver, pytest.mark.realtime, pytest.mark.nightly, pytest.mark.timeout(90)):
+    for mark in (pytest.mark.driver, pytest.mark.nightly, pytest.mark.timeout(90)):
         test = mark(test)
     return test
 

@@ -17,7 +17,7 @@ import pytest
 from tactemu.judge.processes import MARK, marked
 from tactemu.judge.trial_runner import Judge, JudgeOptions
 
-pytestmark = [pytest.mark.realtime, pytest.mark.timeout(300)]
+pytestmark = [pytest.mark.timeout(300)]
 
 DRIVERS = Path(__file__).with_name("drivers")
 NO_SUM = [sys.executable, str(DRIVERS / "over_stream.py"), "nosum", "{port}"]

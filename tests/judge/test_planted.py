@@ -24,7 +24,6 @@ def test_the_command_fails_for_a_mistake_that_is_not_named(capsys):
     assert row.name in shown and "its verdicts" in shown and "1 of 2" in shown
 
 
-@pytest.mark.realtime
 @pytest.mark.timeout(120)
 def test_a_mistake_is_judged_and_named():
     (row,) = planted.rows(["stream", "mask"])

@@ -13,7 +13,7 @@ from tactemu.judge.trial_runner import Judge, JudgeOptions
 from tests.drivers.environments import python_with
 from tests.judge.cards import CARDS, SCRIPT
 
-pytestmark = [pytest.mark.driver, pytest.mark.realtime, pytest.mark.timeout(900)]
+pytestmark = [pytest.mark.driver, pytest.mark.timeout(900)]
 
 NONE = ()
 """No finding that fails a run."""

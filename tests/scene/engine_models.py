@@ -1,5 +1,7 @@
 """Models for the tests of engines of many environments, and the engines."""
 
+import importlib.util
+
 import pytest
 
 import tactemu as tt
@@ -33,3 +35,8 @@ DROP = """
 ENGINES = {"mujoco-warp": tt.MujocoWarpEngine, "newton": tt.NewtonEngine}
 BUILT = ["mujoco-warp", pytest.param("newton", marks=pytest.mark.nightly)]
 """Newton's solver compiles kernels for a minute where none are cached."""
+NEEDS_ENGINES = pytest.mark.skipif(
+    any(importlib.util.find_spec(name) is None for name in ("mujoco_warp", "newton")),
+    reason="could not import mujoco_warp and newton: pip install 'tactemu[newton]'",
+)
+"""They are imported by the tests that use them: it takes seconds, in every process that collects the tests."""

@@ -8,11 +8,10 @@ import pytest
 import tactemu as tt
 from tactemu.base.errors import PoseError, SceneError
 from tactemu.scene.engine_tables import MujocoWarpTable, NewtonTable
-from tests.scene.engine_models import BUILT, DROP, ENGINES, FINGER
+from tests.scene.engine_models import BUILT, DROP, ENGINES, FINGER, NEEDS_ENGINES
 
 mujoco = pytest.importorskip("mujoco")
-mujoco_warp = pytest.importorskip("mujoco_warp")
-newton = pytest.importorskip("newton")
+pytestmark = NEEDS_ENGINES
 
 HAND = Path(__file__).parents[2] / "examples" / "hands" / "ability_hand_motors.xml"
 MOTORS = {"index": 1.4, "middle": 1.4, "ring": 1.4, "pinky": 1.4, "thumb_flexor": 1.0, "thumb_rotator": -0.2}
@@ -74,6 +73,8 @@ def compare(sim, carriers, model) -> None:
 
 
 def test_poses_of_mujoco_warp(file):
+    import mujoco_warp
+
     model = mujoco.MjModel.from_xml_path(str(file))
     scene = tt.Scene()
     source = tt.MujocoSource(scene, model)
@@ -92,6 +93,8 @@ def test_poses_of_mujoco_warp(file):
 
 
 def test_poses_of_newton(file):
+    import newton
+
     builder, worlds = newton.ModelBuilder(), newton.ModelBuilder()
     builder.add_mjcf(str(file))
     worlds.replicate(builder, N_ENVS)
@@ -326,6 +329,8 @@ def test_bodies_start_where_each_environment_has_them(drop, kind):
 
 
 def test_a_model_that_blows_up_is_said(file):
+    import mujoco_warp
+
     model = mujoco.MjModel.from_xml_path(str(file))
     scene = tt.Scene()
     source = tt.MujocoSource(scene, model)

@@ -8,10 +8,9 @@ from tactemu.base.errors import SceneError
 from tactemu.engines.engine import MujocoEngine
 from tactemu.scene import file as scene_file
 from tactemu.scene.building import build_scene, make_devices
-from tests.scene.engine_models import BUILT, DROP, ENGINES, FINGER
+from tests.scene.engine_models import BUILT, DROP, ENGINES, FINGER, NEEDS_ENGINES
 
-pytest.importorskip("mujoco_warp")
-pytest.importorskip("newton")
+pytestmark = NEEDS_ENGINES
 
 
 @pytest.fixture

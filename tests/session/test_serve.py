@@ -10,8 +10,6 @@ import serial
 from tactemu.base.errors import SceneError, TactemuError, TransportError
 from tactemu.session.serving import serve
 
-pytestmark = pytest.mark.realtime
-
 FRAME = 82
 
 

@@ -162,7 +162,6 @@ def test_a_name_that_no_interface_can_have_is_no_reason_to_make_one():
         create("can:socketcan:a_name_of_sixteen").open()
 
 
-@pytest.mark.realtime
 def test_a_node_receives_its_own_group_only():
     with create("can:udp_multicast:239.74.77.1") as one, create("can:udp_multicast:239.74.77.2") as other:
         with can.Bus(interface="udp_multicast", channel="239.74.77.1") as driver:

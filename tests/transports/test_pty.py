@@ -27,8 +27,6 @@ from tactemu.transports.transport import (
 )
 from tactemu.wire.wire import Wire
 
-pytestmark = pytest.mark.realtime
-
 ROOT = Path(__file__).parents[2]
 
 

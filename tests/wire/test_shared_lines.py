@@ -73,7 +73,6 @@ def scene(tmp_path):
 
 
 @pytest.mark.driver
-@pytest.mark.realtime
 def test_six_servos_in_two_devices_on_one_line_answer_a_sync_read_in_turn(scene, tmp_path):
     skins = "".join(
         f'[[skin]]\nname = "{name}"\ndevice = "{DEVICES}/servo_bus.py:ServoBus"\nlink = "pad"\n'
@@ -88,7 +87,6 @@ def test_six_servos_in_two_devices_on_one_line_answer_a_sync_read_in_turn(scene,
 
 
 @pytest.mark.driver
-@pytest.mark.realtime
 def test_two_modbus_units_on_one_line(scene, tmp_path):
     skins = "".join(
         f'[[skin]]\nname = "unit {unit}"\ndevice = "{DEVICES}/modbus_unit.py:ModbusUnit"\nlink = "pad"\n'

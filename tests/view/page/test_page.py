@@ -18,7 +18,7 @@ from tests.control.conftest import runtime_folder  # noqa: F401
 from tests.view.page.browser import browsing, colours_drawn, drag, opened
 
 pytest.importorskip("viser", reason="the page comes with the extra web")
-pytestmark = [pytest.mark.realtime, pytest.mark.timeout(180)]
+pytestmark = [pytest.mark.timeout(180)]
 
 
 class Seen:
