@@ -16,7 +16,7 @@ from tactemu.emulator.sampling import SampleClock
 from tactemu.wire.wire import Wire
 from tests.emulator.test_loop import Counter8, Ramp
 
-DELAY_NS, RATE_HZ, FRAMES = 3_700_000, 1000, 1500
+DELAY_NS, RATE_HZ, FRAMES = 3_700_000, 1000, 500
 
 
 class Numbered(Counter8):
@@ -53,5 +53,4 @@ def test_frames_arrive_after_the_delay_and_never_before():
     taken = [sample.t_ns for sample in emulator.truth.samples]
     late = np.array([now - taken[n - 1] for n, now in arrivals.items()])
     assert len(late) >= FRAMES
-    assert late.min() >= DELAY_NS
-    assert np.median(late) < DELAY_NS + 10_000_000, f"median {np.median(late) / 1e6} ms"
+    assert DELAY_NS <= late.min() < DELAY_NS + 1_000_000, "the quickest: a busy machine delays most of them more"

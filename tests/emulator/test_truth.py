@@ -68,8 +68,8 @@ def test_a_log_in_real_time_says_where_on_the_machines_clock_it_is(tmp_path):
 
 
 def test_keep_bounds_what_a_served_device_remembers():
-    with tt.serve("anyskin", rate_hz=1000, keep="20kB") as dev:
-        dev.wait(0.2)
+    with tt.serve("anyskin", "memory:", rate_hz=1000, keep="20kB", clock="lockstep") as dev:
+        dev.step(seconds=0.2)
     assert 0 < len(dev.truth.samples) < 20 < dev.truth.forgotten
     assert dev.sample() is not None
 
