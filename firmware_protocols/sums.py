@@ -13,6 +13,28 @@ from typing import NamedTuple
 
 from crcmod.predefined import mkPredefinedCrcFun
 
+__all__ = [
+    "SUMS",
+    "Sum",
+    "crc8",
+    "crc8_maxim",
+    "crc16_arc",
+    "crc16_ccitt_false",
+    "crc16_kermit",
+    "crc16_modbus",
+    "crc16_umts",
+    "crc16_weiss",
+    "crc16_x25",
+    "crc16_xmodem",
+    "crc32",
+    "crc32_mpeg",
+    "inv8",
+    "lrc8",
+    "sum8",
+    "sum16",
+    "xor8",
+]
+
 
 def sum8(data: bytes) -> int:
     """Return the low byte of the sum of the bytes."""

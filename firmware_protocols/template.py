@@ -22,15 +22,15 @@ from firmware_protocols import (
     Command,
     Counts,
     Device,
+    Frame,
     Option,
     Reading,
     Serial,
     Transmissions,
     assumed,
     grid_layout,
+    quantize,
 )
-from firmware_protocols.adc import quantize
-from firmware_protocols.tables import Frame
 
 REQUEST = 0x3F
 ROWS, COLUMNS = 4, 4

@@ -23,8 +23,9 @@ ROOMS = set(
     "base plan geometry imperfections transducers sensors scene engines transports wire truth emulator control session "
     "tune datasets fit view judge exec integrations cli".split()
 )
-FILES = {"__init__.py", "__main__.py", "version.py", "py.typed"}
-"""What stands beside the folders."""
+FACES = {"tactemu", "tactemu.models", "tactemu.devices"}
+FILES = {"__init__.py", "__main__.py", "version.py", "models.py", "devices.py", "py.typed"}
+"""Every file beside the folders; three of them are faces."""
 
 
 def test_imports_point_down():
@@ -38,16 +39,31 @@ def test_the_folders_are_those_of_the_picture():
     assert {path.name for path in here if path.is_file() or any(path.glob("**/*.py"))} == ROOMS | FILES
 
 
-def test_nobody_imports_the_face():
+def test_no_file_of_the_packages_imports_a_face():
     """``import tactemu`` inside the package would be a way to everything, past the layers."""
-    for path in (ROOT / "tactemu").rglob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text())):
-            if not isinstance(node, ast.Import | ast.ImportFrom):
-                continue
-            names = {alias.name for alias in node.names}
-            face = isinstance(node, ast.Import) and "tactemu" in names
-            face |= isinstance(node, ast.ImportFrom) and node.module == "tactemu" and not names <= ROOMS
-            assert not face, f"{path.relative_to(ROOT)}:{node.lineno}"
+    for package in ("tactemu", "firmware_protocols"):
+        for path in (ROOT / package).rglob("*.py"):
+            for node in ast.walk(ast.parse(path.read_text())):
+                assert not imports_a_face(node), f"{path.relative_to(ROOT)}:{node.lineno}"
+
+
+def imports_a_face(node: ast.AST) -> bool:
+    """Return True for ``import FACE``, ``from FACE import name`` and ``from tactemu import models``."""
+    match node:
+        case ast.Import(names=names):
+            return any(alias.name in FACES for alias in names)
+        case ast.ImportFrom(module="tactemu", names=names):
+            return not {alias.name for alias in names} <= ROOMS
+        case ast.ImportFrom(module=str() as module):
+            return module in FACES
+    return False
+
+
+@pytest.mark.parametrize(
+    "code", ["import tactemu", "import tactemu.models", "from tactemu import models", "from tactemu.devices import x"]
+)
+def test_an_import_of_a_face_is_found(code):
+    assert imports_a_face(ast.parse(code).body[0])
 
 
 NAMED = {**MODELS, **SHAPES, **OPENERS, **CONVERTERS, **TRANSDUCERS, **DEVICES}

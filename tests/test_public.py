@@ -31,22 +31,34 @@ def test_an_unknown_name_is_an_attribute_error():
 
 
 LAZY = {
-    # package: each of its public names, and the module that defines it
+    # package: each of its public names, and the module that defines it; a public module defines itself
     "tactemu": tactemu._PUBLIC,
-    "firmware_protocols": {name: f"firmware_protocols.{module}" for name, module in fp._MODULE_OF.items()},
+    "firmware_protocols": fp._MODULE_OF | fp._MODULES,
 }
+
+
+def names_for_editors(package: str) -> dict[str, str]:
+    """Each name that a type checker sees, and its module: of the stub, or of ``if TYPE_CHECKING:``."""
+    stub = ROOT / package / "__init__.pyi"
+    body = ast.parse((stub if stub.exists() else ROOT / package / "__init__.py").read_text()).body
+    if not stub.exists():
+        body = next(n for n in body if isinstance(n, ast.If) and ast.unparse(n.test) == "TYPE_CHECKING").body
+    imports = [(node.module, name) for node in body if isinstance(node, ast.ImportFrom) for name in node.names]
+    assert all(name.asname == name.name for _, name in imports), "only `X as X` is exported"
+    return {name.name: module for module, name in imports}
 
 
 @pytest.mark.parametrize("package", LAZY)
 def test_editors_and_python_are_told_the_same_names(package):
-    """``if TYPE_CHECKING:`` imports from the modules that the lazy table names."""
-    tree = ast.parse((ROOT / package / "__init__.py").read_text())
-    checked = next(node for node in tree.body if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING")
-    imports = [(node.module, name) for node in checked.body if isinstance(node, ast.ImportFrom) for name in node.names]
-    assert all(name.asname == name.name for _, name in imports), "only `X as X` is exported"
-    assert {name.name: module for module, name in imports} == LAZY[package]
+    """Editors are told to import from the modules that the lazy tables name."""
+    told = names_for_editors(package)
+    assert told.keys() == LAZY[package].keys()
     for name, module in LAZY[package].items():
-        assert getattr(importlib.import_module(package), name) is getattr(importlib.import_module(module), name)
+        public = getattr(importlib.import_module(package), name)
+        if module.endswith(f".{name}"):
+            assert public is importlib.import_module(module) and told[name] == module.rpartition(".")[0]
+        else:
+            assert public is getattr(importlib.import_module(module), name) and told[name] == module
 
 
 @pytest.mark.parametrize("package", ["tactemu", "firmware_protocols"])

@@ -34,6 +34,8 @@ from firmware_protocols.protocols import Answer
 from firmware_protocols.registers import Memory, Refused, Why
 from firmware_protocols.sums import crc16_umts
 
+__all__ = ["ALL", "DynamixelLine", "Node", "packet"]
+
 HEAD = b"\xff\xff\xfd\x00"
 ALL = 0xFE
 """The id of a broadcast."""

@@ -19,6 +19,8 @@ from firmware_protocols.protocols import Answer
 from firmware_protocols.registers import Memory, Refused
 from firmware_protocols.sums import sum8
 
+__all__ = ["Eb90", "request"]
+
 REQUEST, REPLY = b"\xeb\x90", b"\x90\xeb"
 READ, WRITE = 0x11, 0x12
 SAVE_ADDRESS = 1005

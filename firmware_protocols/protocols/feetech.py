@@ -27,6 +27,8 @@ from firmware_protocols.protocols import Answer
 from firmware_protocols.registers import Memory, Refused
 from firmware_protocols.sums import inv8
 
+__all__ = ["ALL", "Servo", "ServoLine", "packet"]
+
 HEAD = b"\xff\xff"
 ALL = 0xFE
 """The id of a broadcast."""

@@ -7,6 +7,8 @@ from collections.abc import Mapping
 
 import h11
 
+__all__ = ["Pages"]
+
 MAX_REQUEST_BYTES = 16_384
 """The largest number of bytes of a request with its body; bounds the memory that a client can use."""
 

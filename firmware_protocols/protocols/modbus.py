@@ -17,6 +17,8 @@ from dataclasses import dataclass
 from firmware_protocols.registers import Memory, Refused, Why
 from firmware_protocols.sums import crc16_modbus
 
+__all__ = ["BROADCAST", "EXCEPTIONS", "Banks", "Mbap", "Rtu", "answer", "mbap", "rtu", "silence_ns"]
+
 BROADCAST = 0
 """The unit of a broadcast."""
 MAX_RTU_FRAME_BYTES = 256

@@ -175,7 +175,7 @@ GRIP = {
     "ports: one that it does not have": (
         [
             ("return [line + b", 'return [Sent(line, port="fingr"), line + b'),
-            ("    Sense,", "    Sense, Sent,"),
+            (" Sense,\n", " Sense, Sent,\n"),
         ],
         r"sent to port 'fingr'; it has \['finger', 'motor'\]",
     ),
