@@ -14,6 +14,8 @@ LENGTHS_M = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6}
 SPEEDS_M_S = {"m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3}
 MAX_TIME_S = 1e6
 """The longest time that you may give: eleven days."""
+DEFAULT_STEP_S = 1e-3
+"""The step of the simulation, unless a scene gives another."""
 STEP_RANGE_S = (1e-7, 10.0)
 """The shortest and the longest step of the simulation."""
 RATE_RANGE_HZ = (1e-3, 1e6)

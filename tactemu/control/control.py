@@ -16,6 +16,7 @@ import numpy as np
 
 from tactemu.base.clock import LockstepClock
 from tactemu.base.errors import SceneError, TactemuError
+from tactemu.base.units import DEFAULT_STEP_S
 from tactemu.control import state
 from tactemu.control.control_commands import CONTROL_COMMANDS
 from tactemu.control.description import described
@@ -283,7 +284,7 @@ class Control:
         if until is not None and round(until * 1e9) < now:
             raise SceneError(f"step: it is {now / 1e9:g} s already, and time is not turned back to {until:g} s")
         if seconds is None:
-            dt_ns = self.simulation.dt_ns if self.simulation is not None else 1_000_000
+            dt_ns = self.simulation.dt_ns if self.simulation is not None else round(DEFAULT_STEP_S * 1e9)
             end = now + (1 if n is None else n) * dt_ns
         else:
             end = now + round(seconds * 1e9)

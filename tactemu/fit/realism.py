@@ -163,7 +163,7 @@ recordings of real sensors: eFlesh (MIT), Weiss DSA on an SDH-2 hand (GPL-3.0: m
 channel (CC BY 4.0). Each figure is the error of predictions of left-out recordings: the law was fitted on the others.
 The line of a law names the parts of a predicted recording that it uses.
 
-| recordings | law | aim | error | worst | predictions | |
+| recordings | law | aim | error | worst | predictions | result |
 | --- | --- | --- | --- | --- | --- | --- |
 """
 

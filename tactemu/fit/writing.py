@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from firmware_protocols import Device, Reading
+from tactemu.base.units import DEFAULT_STEP_S
 from tactemu.fit.estimates import Findings
 from tactemu.fit.recording import Recorded
 from tactemu.scene.default import tables_for
@@ -27,7 +28,7 @@ def scene_text(name: str, device: type[Device], recorded: Sequence[Recorded], fo
     if scale is not None:
         skin["device_options"] = {"step_scale": scale}
     skin = {key: value for key, value in skin.items() if value != {}}
-    lines = [*_head(recorded, found), *_table("scene", tables["scene"] or {"dt": 1e-3})]
+    lines = [*_head(recorded, found), *_table("scene", tables["scene"] or {"dt": DEFAULT_STEP_S})]
     for body in tables["body"]:
         lines += _table("[body]", body)
     lines += _table("[skin]", skin)

@@ -17,6 +17,7 @@ from tactemu.judge.outcome import CleanRun, Outcome
 from tactemu.judge.row_tracking import GRACE_MS, Questions, RowTracker
 from tactemu.judge.sample_matching import Match
 from tactemu.judge.trial_record import TrialRecord
+from tactemu.wire.faults import KINDS
 
 MAX_OWN_LATENESS_MS = 2.0
 """Lateness of our own process with a sample's frames above which the driver may lose the sample [ms]."""
@@ -28,10 +29,6 @@ LEAK_AT_ONCE_BYTES = 100_000_000
 """Growth in a trial that is a finding however short the trial is [byte]."""
 MIN_GROWING_SHARE = 0.15
 """Least share of measurements at which the memory has grown: a buffer that is doubled once is no leak."""
-HARMLESS = ("duplicate", "garbage", "split", "chunk", "merge", "late", "stray", "reorder", "latency")
-"""Faults after which the frame itself still arrives undamaged."""
-MIXING = ("stray", "reorder")
-"""Harmless faults that can still damage a sample of several frames."""
 
 
 def template(text: str) -> str:
@@ -131,7 +128,8 @@ def _lost(record: TrialRecord, seen: set[int]) -> tuple[int, int]:
     in_frames = bool(carried) and np.median(list(carried.values())) > 1
     harmed = set()
     for change in record.injected_faults:
-        if change.what in HARMLESS and not (in_frames and change.what in MIXING):
+        kind = KINDS.get(change.what)
+        if kind is not None and kind.keeps_frame and not (in_frames and kind.mixes_samples):
             continue
         harmed.add(int(np.searchsorted(times, change.t, side="right")) - 1)
     held_up = _held_up(record, number)

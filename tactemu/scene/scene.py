@@ -9,6 +9,7 @@ import numpy as np
 
 from tactemu.base.errors import SceneError
 from tactemu.base.options import number
+from tactemu.base.units import DEFAULT_STEP_S
 from tactemu.geometry.bodies import Body, WorldMotion, find_body
 from tactemu.geometry.shapes.registry import SHAPES
 from tactemu.geometry.shapes.shape import Shape
@@ -30,7 +31,7 @@ class Scene:
         dt: time that one step advances [s], at least a nanosecond, since times are whole nanoseconds.
     """
 
-    def __init__(self, dt: float = 1e-3):
+    def __init__(self, dt: float = DEFAULT_STEP_S):
         self.dt = number("Scene", "dt", dt, at_least=1e-9, unit="s")
         self.bodies: list[Body] = []
         self._names: set[str] = set()

@@ -25,6 +25,7 @@ from pydantic import (
 
 from tactemu.base.errors import SceneError, nearest
 from tactemu.base.units import (
+    DEFAULT_STEP_S,
     LENGTH_UNIT,
     MAX_POSITION_M,
     MAX_RADIUS_M,
@@ -329,7 +330,7 @@ class Event(EventTable):
 class SceneTable(Table):
     """``[scene]``: the settings of the simulation."""
 
-    dt: Real = Field(default=1e-3, ge=STEP_RANGE_S[0], le=STEP_RANGE_S[1], description="simulation step [s]")
+    dt: Real = Field(default=DEFAULT_STEP_S, ge=STEP_RANGE_S[0], le=STEP_RANGE_S[1], description="simulation step [s]")
     seed: Annotated[int, Strict()] = Field(default=0, description="seed of all random numbers")
     device: str = Field(default="cpu", description="device that runs the kernels: cpu, cuda:0 ...")
     dtype: Literal["float32", "float64"] = Field(default="float32", description="number type of the kernels")

@@ -14,11 +14,11 @@ from tactemu.truth import Passage, Sample, entries
 from tactemu.truth.entries import End, Header, belongs_to
 from tactemu.truth.log_reader import records
 from tactemu.truth.memory import size_of
-from tactemu.truth.recorder import CAN_FORMATS, Recorder
+from tactemu.truth.recorder import WRITABLE_CAN_FORMATS, Recorder
 from tactemu.truth.recording import Entry
 from tactemu.truth.writer import SUFFIXES, LogWriter
 
-FORMATS = (".csv", *CAN_FORMATS, *SUFFIXES)
+EXPORT_SUFFIXES = (".csv", *WRITABLE_CAN_FORMATS, *SUFFIXES)
 _AXES = "xyz"
 
 
@@ -35,14 +35,20 @@ def export(path: str | Path, target: str | Path, *, skin: str | None = None, sen
         TactemuError: no log, another suffix, no such entries in it, or the file cannot be written.
     """
     path, target = Path(path), Path(target)
-    if target.suffix not in FORMATS:
-        raise TactemuError(f"{target}: cannot export to {target.suffix!r}; expected one of {', '.join(FORMATS)}")
+    if target.suffix not in EXPORT_SUFFIXES:
+        raise TactemuError(
+            f"{target}: cannot export to {target.suffix!r}; expected one of {', '.join(EXPORT_SUFFIXES)}"
+        )
     if target.exists() and path.exists() and target.samefile(path):
         raise TactemuError(f"{target}: is the log itself; name another file")
     try:
         if target.suffix == ".csv":
             return _samples(path, target, skin, sense)
-        return _can_frames(path, target, skin) if target.suffix in CAN_FORMATS else _everything(path, target, skin)
+        return (
+            _can_frames(path, target, skin)
+            if target.suffix in WRITABLE_CAN_FORMATS
+            else _everything(path, target, skin)
+        )
     except OSError as error:
         raise TactemuError(f"{target}: cannot write the export: {error.strerror}") from None
 

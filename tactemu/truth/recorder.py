@@ -14,9 +14,9 @@ from tactemu.truth.memory import size_of_frame
 from tactemu.truth.recording import Entry
 from tactemu.truth.writer import SUFFIXES, LogWriter
 
-CAN_FORMATS = (".log", ".asc", ".blf")
+WRITABLE_CAN_FORMATS = (".log", ".asc", ".blf")
 """Formats of CAN alone that can be written."""
-_FORMATS = ", ".join((*SUFFIXES, *CAN_FORMATS))
+_FORMATS = ", ".join((*SUFFIXES, *WRITABLE_CAN_FORMATS))
 
 
 class Recorder:
@@ -43,7 +43,7 @@ class Recorder:
         try:
             if self.path.suffix in SUFFIXES:
                 self._log = LogWriter(self.path, report=lambda _: None)  # raised here instead
-            elif self.path.suffix in CAN_FORMATS:
+            elif self.path.suffix in WRITABLE_CAN_FORMATS:
                 self._made = not self.path.exists()
                 self.path.open("ab").close()
             else:

@@ -22,9 +22,9 @@ from tactemu.truth.writer import SUFFIXES
 
 CANDUMP_FORMATS = (".log", ".dump", ".candump")
 """Suffixes of candump's text files."""
-CAN_FORMATS = (*CANDUMP_FORMATS, ".asc", ".blf", ".trc", ".csv", ".mf4")
+READABLE_CAN_FORMATS = (*CANDUMP_FORMATS, ".asc", ".blf", ".trc", ".csv", ".mf4")
 """Formats of CAN alone that can be read; :mod:`tactemu.truth.recorder` has those that can be written."""
-FORMATS = (*SUFFIXES, *CAN_FORMATS)
+READABLE_FORMATS = (*SUFFIXES, *READABLE_CAN_FORMATS)
 """Suffixes of all files that can be read."""
 _CANDUMP_LINE = re.compile(r"\(([\d.]+)\) +\S+ +(\S+)(?: +([RT]))?")
 _MAX_TIME_S = 9e9
@@ -74,8 +74,8 @@ def load(path: str | Path, skin: str | None = None) -> Recording:
     path = Path(path)
     if path.suffix in SUFFIXES:
         return _load_log(path, skin)
-    if path.suffix not in CAN_FORMATS:
-        raise TactemuError(f"{path}: unknown format {path.suffix!r}; expected one of {', '.join(FORMATS)}")
+    if path.suffix not in READABLE_CAN_FORMATS:
+        raise TactemuError(f"{path}: unknown format {path.suffix!r}; expected one of {', '.join(READABLE_FORMATS)}")
     try:
         found = list(_read_candump(path) if path.suffix in CANDUMP_FORMATS else _read_can(path))
     except OSError as error:

@@ -16,7 +16,7 @@ TABLE = re.compile(r"(<!-- verbs: [^\n]* -->\n).*?(<!-- end of verbs -->)", re.D
 
 
 def table() -> str:
-    lines = ["| verb | arguments | |", "| --- | --- | --- |"]
+    lines = ["| verb | arguments | effect |", "| --- | --- | --- |"]
     for verb in CONTROL_COMMANDS.values():
         words = ["the keys of an entry `[[scenario]]` of a scene file"] if verb.name == "happen" else []
         for each in verb.arguments.values():

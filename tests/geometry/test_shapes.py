@@ -29,7 +29,7 @@ def about_it(body: type) -> str:
 
 def table() -> str:
     """What ``[[body]]`` tables may hold, as Markdown."""
-    rows = ["| shape | keys | |", "| --- | --- | --- |"]
+    rows = ["| shape | keys | description |", "| --- | --- | --- |"]
     for name, body in schema.SHAPES.items():
         keys = []
         for key, about in body.model_fields.items():

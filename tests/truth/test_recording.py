@@ -9,7 +9,7 @@ from tactemu.base.errors import TactemuError
 from tactemu.base.frame_text import parse, text
 from tactemu.emulator.playback import RecordedReadings
 from tactemu.truth import Truth
-from tactemu.truth.recorder import CAN_FORMATS, Recorder
+from tactemu.truth.recorder import WRITABLE_CAN_FORMATS, Recorder
 from tactemu.truth.recording import Entry, load
 
 CANDUMP = """\
@@ -28,7 +28,7 @@ FRAMES = [
 TIMES = [0, 250_000, 1_000_000, 2_000_000]
 
 
-@pytest.mark.parametrize("suffix", [*CAN_FORMATS, ".jsonl", ".mcap"])
+@pytest.mark.parametrize("suffix", [*WRITABLE_CAN_FORMATS, ".jsonl", ".mcap"])
 def test_can_comes_back_as_it_was(tmp_path, suffix):
     entries = [Entry(1_000_000 + t, frame, "rx" if k == 1 else "tx") for k, (t, frame) in enumerate(zip(TIMES, FRAMES))]
     if suffix == ".log":
@@ -54,7 +54,7 @@ def test_a_candump_log(tmp_path):
     assert recording.towards_driver() == recording.entries
 
 
-@pytest.mark.parametrize("suffix", CAN_FORMATS)
+@pytest.mark.parametrize("suffix", WRITABLE_CAN_FORMATS)
 def test_python_can_reads_what_we_write(tmp_path, suffix):
     with Recorder(tmp_path / f"x{suffix}") as recorder:
         for t, frame in zip(TIMES, FRAMES[:2]):

@@ -1,8 +1,10 @@
 """The text of faults: what it means, and how wrong text is refused; the page on the wire has all of it."""
 
 import re
+from importlib import import_module
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
@@ -11,6 +13,9 @@ from tactemu.base.errors import SceneError
 from tactemu.transports import TRANSPORTS
 from tactemu.transports.memory import MemoryTransport
 from tactemu.wire.faults import KINDS, parse
+from tactemu.wire.faults.fault import ALL_LINES
+from tactemu.wire.faults.frames import CORRUPTIONS
+from tactemu.wire.line_models import LINE_MODELS
 from tactemu.wire.wire import Wire
 from tests.wire.fault_rig import CAN, MS, UDP, USB
 
@@ -140,3 +145,24 @@ def test_the_examples_parse():
     assert [parse(text).kind for text in texts] == [
         "drop", "flip", "checksum", "late", "drop", "unplug", "load", "flip", "truncate", "garbage", "drop", "replace",
     ]  # fmt: skip
+
+
+def test_faults_name_lines_that_exist():
+    classes = [getattr(import_module(path.partition(":")[0]), path.partition(":")[2]) for path in LINE_MODELS.values()]
+    assert {model.kind for model in classes} == set(ALL_LINES)
+    assert all(set(kind.wires) <= set(ALL_LINES) for kind in KINDS.values())
+
+
+@pytest.mark.parametrize(
+    "kind", sorted(set(CORRUPTIONS) & {kind for kind, about in KINDS.items() if about.keeps_frame})
+)
+def test_the_frame_arrives_undamaged_where_the_judge_expects_it(kind):
+    """Otherwise the judge would count its reading as one that the driver has lost."""
+    frame = bytes(range(64, 80))
+    parts = CORRUPTIONS[kind](frame, parse(kind), np.random.default_rng(1))
+    assert frame in b"".join(bytes(part) for part, _ in parts or ())
+
+
+@pytest.mark.parametrize("kind", ["lose", "truncate", "checksum"])
+def test_a_damaged_frame_is_not_expected(kind):
+    assert not KINDS[kind].keeps_frame

@@ -11,8 +11,7 @@ from typing import Protocol
 from tactemu.base.errors import TactemuError, nearest
 from tactemu.base.files import move_into_place
 from tactemu.truth.entries import BodyPose, End, Entry, Header, Sample, belongs_to
-from tactemu.truth.export import FORMATS as SUFFIXES
-from tactemu.truth.export import export
+from tactemu.truth.export import EXPORT_SUFFIXES, export
 from tactemu.truth.log_reader import records
 
 CONVERTERS = {
@@ -21,9 +20,9 @@ CONVERTERS = {
     "rrd": "tactemu.view.conversions.rerun:RerunFile",
     "parquet": "tactemu.view.conversions.parquet:ParquetFiles",
 }
-"""The class of each format, by the suffix of its files."""
-FORMATS = (*CONVERTERS, *(suffix.removeprefix(".") for suffix in SUFFIXES))
-"""The formats that a log can be converted to."""
+"""The class of each format of other tools, by the suffix of its files."""
+FORMATS = (*CONVERTERS, *(suffix.removeprefix(".") for suffix in EXPORT_SUFFIXES))
+"""All formats that a log can be converted to; :mod:`tactemu.truth.export` writes those that are no converter's."""
 EXTRA = "pip install 'tactemu[convert]'"
 
 

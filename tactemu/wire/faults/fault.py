@@ -28,6 +28,8 @@ from tactemu.base.units import scaled
 
 Direction = Literal["to_driver", "from_driver", "both"]
 DIRECTIONS: tuple[Direction, ...] = ("to_driver", "from_driver", "both")
+ALL_LINES = ("serial", "can", "tcp", "udp", "websocket", "dds")
+"""The ``kind`` of every line model."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,35 +38,58 @@ class FaultKind:
 
     about: str
     """The effect, as ``tactemu faults`` prints it."""
-    wires: tuple[str, ...] = ("serial", "can", "tcp", "udp", "websocket", "dds")
+    wires: tuple[str, ...] = ALL_LINES
+    """The kinds of line that can have it."""
     options: tuple[str, ...] = ()
     """The options, out of :data:`_AMOUNTS`, :data:`_PLACES`, ``by``, ``to`` (a length), ``hex=`` and ``as``."""
     acts_on_link: bool = False
     """True for a fault of the port or the bus, not of single frames: it has a time and no target."""
+    by_ns: int = 0
+    """The default of ``by`` [ns]."""
+    keeps_frame: bool = False
+    """True if the frame itself still arrives undamaged: the judge then expects its reading from the driver."""
+    mixes_samples: bool = False
+    """True if it can still damage a sample of several frames."""
 
 
 _BYTES = ("serial", "tcp")
 _CAN = ("can",)
 _CONNECTED = ("tcp", "websocket")
 KINDS: dict[str, FaultKind] = {
+    # word: its effect, lines, options and consequences; docs/wire.md ("Adding a fault") names the other places
     "drop": FaultKind("the frame is lost"),
     "flip": FaultKind("bits of the data change", options=("bits", "byte", "bit")),
     "lose": FaultKind("one byte is missing", options=("byte",)),
     "truncate": FaultKind("the end is missing", options=("bytes", "to")),
     "length": FaultKind("the frame is too long (a full CAN frame too short)", options=("bytes",)),
     "checksum": FaultKind("the last bytes are wrong", options=("bytes",)),
-    "duplicate": FaultKind("sent twice"),
-    "reorder": FaultKind("sent after the next one", options=("frames",)),
+    "duplicate": FaultKind("sent twice", keeps_frame=True),
+    "reorder": FaultKind("sent after the next one", options=("frames",), keeps_frame=True, mixes_samples=True),
     "replace": FaultKind("other bytes in its place", options=("hex=",)),
-    "garbage": FaultKind("random bytes before the frame, or in it", _BYTES, ("bytes", "after", "hex=")),
-    "split": FaultKind("arrives in two pieces, the second later", (*_BYTES, "websocket"), ("by", "after")),
-    "chunk": FaultKind("arrives in pieces, each later", _BYTES, ("by", "bytes")),
-    "merge": FaultKind("arrives together with the next one", _BYTES),
-    "late": FaultKind("leaves later; on a byte stream, so does all that follows", options=("by",)),
-    "stray": FaultKind("an earlier frame comes again, unasked"),
+    "garbage": FaultKind(
+        "random bytes before the frame, or in it", _BYTES, ("bytes", "after", "hex="), keeps_frame=True
+    ),
+    "split": FaultKind(
+        "arrives in two pieces, the second later",
+        (*_BYTES, "websocket"),
+        ("by", "after"),
+        by_ns=1_000_000,
+        keeps_frame=True,
+    ),
+    "chunk": FaultKind("arrives in pieces, each later", _BYTES, ("by", "bytes"), by_ns=1_000_000, keeps_frame=True),
+    "merge": FaultKind("arrives together with the next one", _BYTES, keeps_frame=True),
+    "late": FaultKind(
+        "leaves later; on a byte stream, so does all that follows", options=("by",), by_ns=10_000_000, keeps_frame=True
+    ),
+    "stray": FaultKind("an earlier frame comes again, unasked", keeps_frame=True, mixes_samples=True),
     "silence": FaultKind("no frame passes"),
     "latency": FaultKind(
-        "a USB-serial chip hands over 62 bytes, or what it has when its timer fires", ("serial",), ("by",), True
+        "a USB-serial chip hands over 62 bytes, or what it has when its timer fires",
+        ("serial",),
+        ("by",),
+        acts_on_link=True,
+        by_ns=16_000_000,
+        keeps_frame=True,
     ),
     "close": FaultKind("the connection is closed in its place, and may be opened again", _CONNECTED, ("code",)),
     "halfopen": FaultKind(
@@ -77,7 +102,6 @@ KINDS: dict[str, FaultKind] = {
     "load": FaultKind("other traffic takes a share of the bus", _CAN, acts_on_link=True),
 }
 
-_DEFAULT_BY_NS = {"late": 10_000_000, "split": 1_000_000, "chunk": 1_000_000, "latency": 16_000_000}
 _MAX_TIME_NS = 10**18
 _UNITS = {"s": 1_000_000_000, "ms": 1_000_000, "us": 1_000, "ns": 1}
 _WORDS = (
@@ -222,7 +246,7 @@ class _Words:
             if "stop_ns" in values:
                 raise self._wrong("for", "give 'for' or 'to', not both")
             values["stop_ns"] = values.get("start_ns", 0) + length
-        fault = replace(Fault(kind=self.kind, text=self.text, by_ns=_DEFAULT_BY_NS.get(self.kind, 0)), **values)
+        fault = replace(Fault(kind=self.kind, text=self.text, by_ns=KINDS[self.kind].by_ns), **values)
         self._check_combination(fault)
         if fault.stop_ns is not None and fault.stop_ns <= fault.start_ns:
             raise self._wrong("to" if length is None else "for", "it ends before it begins")
