@@ -32,7 +32,7 @@ from tactemu.scene.schema import EventTable, SceneTable, SkinTable
 from tactemu.scene.steering import Steered
 from tactemu.truth import Truth
 from tactemu.wire.faults import parse
-from tactemu.wire.line_models.line_model import Pacing
+from tactemu.wire.line import Pacing
 from tactemu.wire.wire import Wire
 
 if TYPE_CHECKING:

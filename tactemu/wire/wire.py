@@ -18,8 +18,7 @@ from firmware_protocols.frames import payload
 from tactemu.transports.transport import DROPPED, Closed, Event, Noted, Received, Transport
 from tactemu.truth import Truth
 from tactemu.wire.faults import Fault
-from tactemu.wire.line import Line
-from tactemu.wire.line_models.line_model import DRIVER, Pacing, Pending
+from tactemu.wire.line import DRIVER, Line, Pacing, Pending
 from tactemu.wire.wire_port import ReceivedData, WirePort
 
 MAX_INBOUND_AHEAD_NS = 50_000_000

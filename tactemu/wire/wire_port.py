@@ -10,9 +10,8 @@ from firmware_protocols import Connector, WireFrame
 from tactemu.transports.transport import Closed, Event, LinesChanged, Opened, Overflowed, Received, Transport
 from tactemu.truth import Truth
 from tactemu.wire.faults import Fault, Injector
-from tactemu.wire.line import Line
+from tactemu.wire.line import DRIVER, Line, Pacing
 from tactemu.wire.line_models import line_model_for
-from tactemu.wire.line_models.line_model import DRIVER, Pacing
 
 MAX_POLLS_AT_CLOSE = 100
 """Maximum number of polls of a port that closes, for frames that are left there; bounds the time of closing."""

@@ -9,7 +9,7 @@ import importlib
 
 from firmware_protocols import Can, Connector, Dds, Rs485, Serial, Tcp, Udp, WebSocket
 from tactemu.base.errors import DeviceError
-from tactemu.wire.line_models.line_model import LineModel, Pacing
+from tactemu.wire.line import LineModel, Pacing
 
 LINE_MODELS: dict[type[Connector], str] = {
     # connector: "module:Class", imported only when a device has one

@@ -11,7 +11,7 @@ from firmware_protocols.can_frames import CanFrames
 from tactemu.transports.transport import CanFilter
 from tactemu.wire.can_bits import frame_ns, priority
 from tactemu.wire.can_runs import run_ns
-from tactemu.wire.line_models.line_model import LineModel, Pending
+from tactemu.wire.line import LineModel, Pending
 
 MULTICAST = "can:udp_multicast:239.74.163.2"
 """The default group of python-can: a CAN bus for machines whose kernel has none."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from firmware_protocols import WireFrame
-from tactemu.wire.line_models.line_model import LineModel
+from tactemu.wire.line import LineModel
 
 DOMAINS = 200
 """Number of domains, from 1 on, among which tests are spread; above about 230 there are no ports left."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from firmware_protocols import Connector, Rs485, WireFrame
-from tactemu.wire.line_models.line_model import DRIVER
+from tactemu.wire.line import DRIVER
 from tactemu.wire.line_models.serial import SerialLine
 
 

@@ -9,7 +9,7 @@ from typing import Any
 from firmware_protocols import WireFrame
 from firmware_protocols.frames import payload
 from tactemu.transports.transport import SerialSetting
-from tactemu.wire.line_models.line_model import LineModel, Pacing
+from tactemu.wire.line import LineModel, Pacing
 from tactemu.wire.uart import agree, as_received
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from firmware_protocols import WireFrame
-from tactemu.wire.line_models.line_model import LineModel
+from tactemu.wire.line import LineModel
 
 
 class TcpLine(LineModel):
