@@ -1,0 +1,29 @@
+"""docs/architecture.md names the files that ``scripts/trace`` finds, and their number stays small."""
+
+import re
+from importlib.machinery import SourceFileLoader
+from importlib.util import module_from_spec, spec_from_loader
+from pathlib import Path
+
+ROOT = Path(__file__).parent.parent
+PAGE = ROOT / "docs/architecture.md"
+MAX_FILES_ON_THE_WAY = 22
+"""Number of files through which one sample passes; it may only fall."""
+MAX_FILES = 27
+"""Number of all files that it visits, also those of the loop's tools and of the log; it may only fall."""
+
+
+def test_the_page_lists_the_files_that_one_sample_visits():
+    loader = SourceFileLoader("trace_script", str(ROOT / "scripts/trace"))
+    script = module_from_spec(spec_from_loader(loader.name, loader))
+    loader.exec_module(script)
+    visited = set(script.trace())
+    beside = {file for file in visited if file.startswith(script.BESIDE)}
+    way, aside = PAGE.read_text().partition("## The way of one sample")[2].split("## ")[0].split("Beside the way")
+    listed = [re.findall(r"^\|.*?`([a-z_/]+\.py)`", part, re.MULTILINE) for part in (way, aside)]
+    assert sorted(listed[0]) == sorted(visited - beside)
+    assert sorted(listed[1]) == sorted(beside)
+    assert f"visits {len(visited)} files: the {len(visited - beside)} in" in " ".join(way.split())
+    assert f"and {len(beside)} beside" in " ".join(way.split())
+    assert len(visited - beside) <= MAX_FILES_ON_THE_WAY
+    assert len(visited) <= MAX_FILES
