@@ -30,6 +30,7 @@ Measure this tree on this machine. Figures are medians; compare those of one run
   python -m benchmarks judge    trials of `tactemu judge` a minute, one and two at once
   python -m benchmarks bus      a robot's complete skin on CAN: how many boards are in time
   python -m benchmarks same     what this tree and another commit transmit and measure, byte for byte
+  python -m benchmarks mutants  defects that the tests must find, each tried in a copy of the tree
 """,
 )
 
@@ -63,6 +64,25 @@ def same(
     from benchmarks.same import BASE, run
 
     raise typer.Exit(0 if run(typer.echo, commit or BASE, replay) else 1)
+
+
+@bench.command()
+def mutants(
+    only: Annotated[str, typer.Option(metavar="TEXT", help="Try only mutants whose name contains this.")] = "",
+) -> None:
+    """Put one defect after another into a copy of the tree, and run the tests that must find it.
+
+    The exit code is 0 if all mutants are killed, and 1 if one lives. A mutant whose text the tree no longer has is an
+    error: adapt it in `benchmarks/mutants.py`.
+    """
+    from benchmarks.mutants import run
+
+    try:
+        is_complete = run(typer.echo, only)
+    except (RuntimeError, ValueError) as error:
+        typer.echo(f"error: {error}", err=True)
+        raise typer.Exit(2) from None
+    raise typer.Exit(0 if is_complete else 1)
 
 
 @bench.command()
