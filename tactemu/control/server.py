@@ -281,6 +281,8 @@ class Server:
         if verb in ("watch", "unwatch"):
             self._watch(client, ident, args if verb == "watch" else None)
             return
+        if verb is None:
+            raise TactemuError('expected a JSON object with a "verb", such as {"verb": "state"}')
         if not isinstance(verb, str) or verb not in CONTROL_COMMANDS:
             hint = nearest(verb, CONTROL_COMMANDS) or f"; there are: {', '.join(CONTROL_COMMANDS)}, watch, unwatch"
             raise TactemuError(f"verb: there is no {shown(verb)}{hint}")

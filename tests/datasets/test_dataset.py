@@ -4,6 +4,7 @@ import re
 import signal
 import subprocess
 import sys
+import time
 from contextlib import chdir
 from dataclasses import replace
 from itertools import islice
@@ -236,6 +237,8 @@ def test_a_killed_run_is_resumed(spec, tmp_path):
     begun = run("killed")
     assert begun.stdout
     assert len(list(islice((line for line in begun.stdout if line == b"shard\n"), 3))) == 3
+    while not list((tmp_path / "killed").rglob("*.parquet")):  # threads write the shards
+        time.sleep(1e-3)
     begun.send_signal(signal.SIGKILL)
     begun.wait()
     begun.stdout.close()

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import warp as wp
 
 import tactemu as tt
 from tactemu.base.errors import PoseError, SceneError
@@ -70,6 +71,13 @@ def compare(sim, carriers, model) -> None:
     same = np.abs((found[..., 3:7] * expected[..., 3:7]).sum(-1))
     np.testing.assert_allclose(same, 1.0, atol=1e-6)
     np.testing.assert_allclose(found[..., 7:], expected[..., 7:], atol=3e-5)
+
+
+@pytest.fixture(autouse=True)
+def on_the_cpu():
+    """Have engines that take Warp's default device use the simulation's, on a machine with a GPU, too."""
+    with wp.ScopedDevice("cpu"):
+        yield
 
 
 def test_poses_of_mujoco_warp(file):
