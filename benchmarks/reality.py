@@ -141,7 +141,7 @@ def _table(lines: Sequence[dict[str, Any]], more: Sequence[str] = ()) -> str:
     return "\n".join(rows)
 
 
-_PAGE = """# Speed for reality
+_PAGE = """# Accuracy on a real skin
 
 Written by `python -m benchmarks reality RECORDINGS --page docs/reality.md`. [Speed for accuracy](accuracy.md) judges
 the levels by a rubber layer that is solved finely; this page compares them with a real skin: the force of presses on
