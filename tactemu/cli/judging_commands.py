@@ -94,9 +94,9 @@ def judge(
       tactemu judge hand.toml --success held.py -- python grasp.py {port}
 
     Your driver must print a line for each reading, JSON or numbers, on its standard output. A run without faults shows
-    the meaning of its columns; then each fault is tried, and every reading is compared with what was sent.
+    the meaning of its columns; then each fault is tried, and every reading is compared with the sent values.
     With --success the output of the command is not read: lost, damaged and late frames and dead taxels (--only drop,
-    flip, late, dead) increase, and the result is how often the task succeeds; you can add --port, --budget, --seed and
+    flip, late, dead) increase, and the result is the success rate; you can add --port, --budget, --seed and
     --json.
     Exit code 0 if nothing fails, 1 if something fails, 2 for an error in the command, 3 if there was nothing to judge.
     See docs/judge.md.

@@ -271,7 +271,7 @@ class ControlCommands(ABC):
 
     @control_command("file", changes=False)
     def save(self, file: File) -> int:
-        """Save the whole state to a file, for `restore`; return the size of the file [byte].
+        """Save the complete state to a file, for `restore`; return the size of the file [byte].
 
         Args:
             file: the file to write
