@@ -21,8 +21,6 @@ from rich.console import Console, Group
 from rich.text import Text
 
 import tactemu
-from tactemu.base.kernels import start_quietly
-from tactemu.session.heatmap import draw, taxel_magnitudes
 
 DEPTH = 1.5e-3
 TIME_LIMIT_S = 90
@@ -101,6 +99,30 @@ def read_while_pressed(dev, driver: str, *arguments: str, taxel: int) -> np.ndar
     return np.array(frames, np.float32)
 
 
+SHADES = "·░▒▓█"
+COLOURS = ("#440154", "#3b528b", "#21918c", "#5ec962", "#fde725")
+
+
+def picture(layout, values: np.ndarray, patch) -> Text:
+    """Return a heat map of a patch: its grid, or the places in x and y of taxels that form none."""
+    if patch.rows:
+        rows, columns = np.divmod(np.arange(len(patch)), patch.cols)
+    else:
+        places = layout.positions[patch.taxels, :2] / layout.pitches.min()
+        columns, rows = np.rint((places - places.min(axis=0)) * (1, -1)).astype(int).T
+        rows -= rows.min()
+    shares = values[patch.taxels] / (values[patch.taxels].max() or 1.0)
+    cells = dict(zip(zip(rows.tolist(), columns.tolist()), shares, strict=True))
+    text = Text(no_wrap=True)
+    for row in range(rows.max() + 1):
+        text.append("\n" if row else "")
+        for column in range(columns.max() + 1):
+            share = cells.get((row, column))
+            level = 0 if share is None or share < 1 / 64 else min(1 + int(4 * share), 4)
+            text.append("  " if share is None else 2 * SHADES[level], COLOURS[level])
+    return text
+
+
 def compare(console: Console, dev, read: np.ndarray, counts_of, title: str, unit: str, patch_name: str) -> bool:
     """Print simulated beside read values at the deepest moment; return True if every frame read equals a sent one."""
     device = dev.device()
@@ -111,16 +133,14 @@ def compare(console: Console, dev, read: np.ndarray, counts_of, title: str, unit
     deepest = int(np.argmax(np.abs(read - read[0]).reshape(len(read), -1).sum(axis=1)))
     change = np.abs((read[deepest] - read[0]).reshape(len(layout), -1)[:, -1])
     patch = next(patch for patch in layout.patches if patch.name == patch_name)
-    forces = (
-        taxel_magnitudes(layout, device.senses, matched[deepest].ideal) if matched[deepest] else np.zeros(len(layout))
-    )
+    forces = layout.push(matched[deepest].ideal) if matched[deepest] else np.zeros(len(layout))
     console.print(Text(f"\n{title}", style="bold"))
     console.print(
         Columns(
             [
-                Group(Text("simulated: force per taxel"), draw(layout, forces, forces.max(), patch=patch),
+                Group(Text("simulated: force per taxel"), picture(layout, forces, patch),
                       Text(f"peak {forces.max():.3g} N", style="dim")),
-                Group(Text("read: change per taxel"), draw(layout, change, change.max(), patch=patch),
+                Group(Text("read: change per taxel"), picture(layout, change, patch),
                       Text(f"peak {change.max():.4g} {unit}", style="dim")),
             ],
             padding=(0, 6),
@@ -166,7 +186,6 @@ def linker_hand(console: Console) -> bool:
 def main() -> int:
     """Run both drivers; return exit code 0 if every frame that they read equals a sent one."""
     console = Console(highlight=False)
-    start_quietly()
     # Linux delivers to a program on one multicast group the frames of every group that this machine has joined on the
     # same UDP port. python-can reads this variable: another port separates this run from, say, a second run.
     os.environ.setdefault("CAN_CONFIG", json.dumps({"port": 20_000 + os.getpid() % 20_000}))

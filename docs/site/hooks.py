@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import importlib.metadata
 import re
 import sys
@@ -15,6 +16,7 @@ from mkdocs.structure.files import File, Files  # noqa: E402
 
 import firmware_protocols as fp  # noqa: E402
 import tactemu  # noqa: E402
+from tactemu import models  # noqa: E402
 from tactemu.cli import listing  # noqa: E402
 from tactemu.cli.datasheet import datasheet  # noqa: E402
 from tactemu.scene.file import json_schema  # noqa: E402
@@ -83,15 +85,21 @@ def _index() -> str:
 
 
 def _api() -> str:
-    """Every public name of both packages."""
+    """The public names of the faces, each once, and of the public modules of the kit."""
     lines = ["# API", "", "Public are the names below, with their documented arguments.", ""]
-    for package in (tactemu, fp):
-        lines += [f"## `{package.__name__}`", ""]
-        for name in package.__all__:
-            found = getattr(package, name)
+    lines += ["`tactemu.devices` has the names of `firmware_protocols`.", ""]
+    shown: set[str] = set()
+    for face in (tactemu, fp, *(importlib.import_module(path) for path in fp._MODULES.values()), models):
+        lines += [f"## `{face.__name__}`", ""]
+        for name in face.__all__:
+            found = getattr(face, name)
             module, qualified = getattr(found, "__module__", None), getattr(found, "__qualname__", None)
+            address = f"{module}.{qualified}"
+            if address in shown:
+                continue
             if module and qualified and module.split(".")[0] in ("tactemu", "firmware_protocols"):
-                lines += [f"::: {module}.{qualified}", "    options:", "      heading_level: 3"]
+                shown.add(address)
+                lines += [f"::: {address}", "    options:", "      heading_level: 3"]
                 lines += ["      inherited_members: true", ""] if name in _INHERITED else [""]
     return "\n".join(lines)
 

@@ -1,18 +1,17 @@
 """The files that docs/adding-a-device.md writes."""
 
-import re
 from pathlib import Path
 
-ROOT = Path(__file__).parents[2]
+from tests.pages import ROOT, files_of
+
+__all__ = ["ROOT", "pieces", "write"]
+
 PAGE = ROOT / "docs" / "adding-a-device.md"
 
 
 def pieces() -> dict[str, str]:
-    """Fenced blocks by the name after their language, joined in order."""
-    files: dict[str, str] = {}
-    for name, text in re.findall(r"^```\w+ (\S+)\n(.*?)^```$", PAGE.read_text(), flags=re.M | re.S):
-        files[name] = files.get(name, "") + text
-    return files
+    """The files by name."""
+    return files_of(PAGE)
 
 
 def write(folder: Path) -> Path:

@@ -1,55 +1,51 @@
-"""docs/adding-a-sensor-model.md works as it stands: its file, its line and its test are all that a model needs."""
+"""docs/adding-a-sensor-model.md works as it stands: beside the installed package, and as a model of this tree."""
 
-import os
-import re
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parents[2]
-PAGE = ROOT / "docs" / "adding-a-sensor-model.md"
+from tests.pages import ROOT, copy_with, files_of, run, run_pytest
+
+FILES = files_of(ROOT / "docs" / "adding-a-sensor-model.md")
+HEADLESS = ("--port", "memory:", "--clock=virtual", "--seconds", "1", "--json")
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory) -> Path:
+    """A folder of a user with the page's file, test and scene."""
+    folder = tmp_path_factory.mktemp("user")
+    for name in ("pin_taxel.py", "test_pin_taxel.py", "pins.toml"):
+        (folder / name).write_text(FILES[name])
+    return folder
 
 
 @pytest.fixture(scope="module")
 def tree(tmp_path_factory) -> Path:
-    """A copy of the package with the page's file, line, test and scene."""
-    tree = tmp_path_factory.mktemp("pins")
-    files = dict(re.findall(r"^```\w+ (\S+)\n(.*?)^```$", PAGE.read_text(encoding="utf-8"), flags=re.M | re.S))
-    shutil.copytree(ROOT / "tactemu", tree / "tactemu", ignore=shutil.ignore_patterns("__pycache__"))
-    (tree / "tactemu" / "sensors" / "probes" / "pin_taxel.py").write_text(files["pin_taxel.py"])
-    registry = tree / "tactemu" / "sensors" / "models.py"
-    before = '    "proximity_taxel"'
-    assert registry.read_text().count(before) == 1
-    registry.write_text(registry.read_text().replace(before, files["models.py"] + before))
+    """A copy of the package with the page's file and line."""
+    folder = tmp_path_factory.mktemp("pins")
+    tree = copy_with(
+        folder, FILES, "tactemu/sensors/probes/pin_taxel.py", "tactemu/sensors/models.py", '    "proximity_taxel"'
+    )
     shutil.copy(ROOT / "tests" / "sensors" / "test_models.py", tree)
-    for name in ("test_pin_taxel.py", "pins.toml"):
-        (tree / name).write_text(files[name])
+    (tree / "pins.toml").write_text(FILES["pins.toml"].replace("pin_taxel:PinTaxel", "pin_taxel"))
     return tree
 
 
-def run(tree: Path, *words: str) -> str:
-    """Output of Python in that tree."""
-    environment = os.environ | {"PYTHONPATH": f"{tree}{os.pathsep}{ROOT}"}
-    done = subprocess.run(
-        [sys.executable, *words], cwd=tree, env=environment, capture_output=True, text=True, timeout=100, check=False
-    )
-    assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-1000:]
-    return done.stdout
+def test_a_user_s_own_model_passes_its_test(folder):
+    assert "6 passed" in run_pytest(folder, "test_pin_taxel.py")
 
 
-def test_its_own_test_and_those_of_all_models_pass(tree):
-    out = run(tree, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-p", "no:tactemu", ".", "-k", "pin")
-    assert "10 passed" in out
+def test_a_scene_file_names_a_user_s_own_model(folder):
+    assert '"event": "summary"' in run(folder, "-m", "tactemu", "run", "pins.toml", *HEADLESS)
 
 
-def test_a_scene_file_runs_with_it(tree):
-    out = run(
-        tree, "-m", "tactemu", "run", "pins.toml", "--port", "memory:", "--clock=virtual", "--seconds", "1", "--json"
-    )
-    assert '"event": "summary"' in out
+def test_as_a_model_of_the_tree_it_passes_the_tests_of_all(tree):
+    assert "4 passed" in run_pytest(tree, ".", "-k", "pin")
+
+
+def test_a_scene_file_names_a_model_of_the_tree(tree):
+    assert '"event": "summary"' in run(tree, "-m", "tactemu", "run", "pins.toml", *HEADLESS)
 
 
 def test_tuner_benches_and_public_names_have_it(tree):

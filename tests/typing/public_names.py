@@ -9,6 +9,7 @@ from typing import assert_type
 
 import firmware_protocols as fp
 import tactemu as tt
+from tactemu import devices, models
 from tactemu.integrations.pytest_plugin import TactileDevice
 
 scene = tt.Scene(dt=1e-3)
@@ -25,6 +26,10 @@ with tt.serve("anyskin", faults=["flip 5%"]) as dev:
 
 assert_type(fp.create("anyskin"), fp.Device)
 assert_type(tt.__version__, str)
+assert_type(devices.create("anyskin"), fp.Device)
+assert_type(fp.sums.xor8(b""), int)
+assert_type(devices.modbus.Banks(), fp.modbus.Banks)
+assert_type(models.model_class("contact_probe"), type[models.SensorModel])
 
 
 def test_my_driver(tactile_device: TactileDevice):
