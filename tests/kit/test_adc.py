@@ -3,7 +3,7 @@ import copy
 import numpy as np
 import pytest
 
-from firmware_protocols.adc import LowPass, int16, quantize
+from firmware_protocols import LowPass, int16, quantize
 from tests.kit.saving import restored, saved
 
 

@@ -5,8 +5,8 @@ from collections import Counter
 
 import pytest
 
+from firmware_protocols import RegisterMap, Registers
 from firmware_protocols.protocols.dynamixel import DynamixelLine, packet
-from firmware_protocols.registers import RegisterMap, Registers
 from tests.kit.saving import restored, saved
 
 MAP = RegisterMap(

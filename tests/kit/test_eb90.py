@@ -3,9 +3,8 @@ from collections import Counter
 
 import pytest
 
-from firmware_protocols.protocols import Answer
+from firmware_protocols import Answer, RegisterMap, Registers
 from firmware_protocols.protocols.eb90 import READ, SAVE_DELAY_NS, WRITE, Eb90, request
-from firmware_protocols.registers import RegisterMap, Registers
 from tests.kit.saving import restored, saved
 
 MAP = RegisterMap(

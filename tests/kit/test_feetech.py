@@ -3,8 +3,8 @@ from collections import Counter
 
 import pytest
 
+from firmware_protocols import RegisterMap, Registers
 from firmware_protocols.protocols.feetech import MAX_DATA_BYTES, ServoLine, packet
-from firmware_protocols.registers import RegisterMap, Registers
 from tests.kit.saving import restored, saved
 
 MAP = RegisterMap(

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from firmware_protocols.framing import MORE, NO_PACKET, SOUND, Broken, Cobs, Lines, Packets, Ppp, cobs, ppp
+from firmware_protocols import MORE, NO_PACKET, SOUND, Broken, Cobs, Lines, Packets, Ppp, cobs, ppp
 from firmware_protocols.sums import lrc8
 from tests.kit.saving import restored, saved
 

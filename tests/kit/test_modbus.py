@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from firmware_protocols import Refused, RegisterMap, Registers
 from firmware_protocols.protocols.modbus import Banks, Mbap, Rtu, answer, mbap, rtu, silence_ns
-from firmware_protocols.registers import Refused, RegisterMap, Registers
 from tests.kit.saving import restored, saved
 
 HOLDING = RegisterMap("0  >u2 x 200  words\n400  >i2  goal  -5..1000", size=500)

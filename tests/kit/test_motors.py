@@ -3,7 +3,7 @@ import copy
 import numpy as np
 import pytest
 
-from firmware_protocols.motors import Motors
+from firmware_protocols import Motors
 from tests.kit.saving import restored, saved
 
 S = 1_000_000_000

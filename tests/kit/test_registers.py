@@ -4,7 +4,8 @@ import timeit
 import numpy as np
 import pytest
 
-from firmware_protocols.registers import Refused, Reg, RegisterMap, Registers
+from firmware_protocols import Refused, RegisterMap, Registers
+from firmware_protocols.registers import Reg
 from tests.kit.saving import restored, saved
 
 TEXT = """

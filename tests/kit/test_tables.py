@@ -3,7 +3,7 @@ import copy
 import numpy as np
 import pytest
 
-from firmware_protocols.tables import Frame, TableError
+from firmware_protocols import Frame, TableError
 from tests.kit.saving import restored, saved
 
 IMAGE = Frame("""
