@@ -53,4 +53,4 @@ def test_frames_arrive_after_the_delay_and_never_before():
     taken = [sample.t_ns for sample in emulator.truth.samples]
     late = np.array([now - taken[n - 1] for n, now in arrivals.items()])
     assert len(late) >= FRAMES
-    assert DELAY_NS <= late.min() < DELAY_NS + 1_000_000, "the quickest: a busy machine delays most of them more"
+    assert DELAY_NS <= late.min() < 2 * DELAY_NS, "the quickest: a busy machine delays most of them more"
