@@ -8,6 +8,7 @@ object that two attributes share is still shared after a restore.
 
 from __future__ import annotations
 
+import functools
 import importlib
 import io
 import json
@@ -239,6 +240,7 @@ class Reader:
     ):
         self.belongs, self._known, self._modules = belongs, known, modules or {}
         self._made: dict[int, Any] = {}
+        self._found: dict[tuple[str, type], Any] = {}
 
     def read(self, value: Any) -> Any:
         """Return the object that plain data stand for.
@@ -296,7 +298,7 @@ class Reader:
         if has_own_state(cls):
             made.__setstate__(state)
             return made
-        if is_dataclass(cls) and (missing := {each.name for each in fields(cls) if each.init} - state.keys()):
+        if missing := _init_fields(cls) - state.keys():
             raise ValueError(f"a {value['class']} without {', '.join(sorted(missing))}")
         for name, each in state.items():
             object.__setattr__(made, name, each)
@@ -313,6 +315,8 @@ class Reader:
 
     def _named(self, name: str, kind: type) -> Any:
         """Return a function or class by its name, if a module that belongs defines it and does not merely import it."""
+        if (found := self._found.get((name, kind))) is not None:
+            return found
         module, _, qualname = name.partition(":")
         if not self.belongs(module):
             raise ValueError(f"a state cannot hold {name}")
@@ -321,12 +325,19 @@ class Reader:
             found = getattr(found, part)
         if not isinstance(found, kind) or (found.__module__, found.__qualname__) != (module, qualname):
             raise ValueError(f"a state cannot hold {name}")
+        self._found[name, kind] = found
         return found
 
     def keep(self, value: dict[str, Any], made: Any) -> Any:
         """Store an object by its number, for other places that share it, and return it."""
         self._made[value["n"]] = made
         return made
+
+
+@functools.lru_cache(maxsize=512)
+def _init_fields(cls: type) -> frozenset[str]:
+    """Return the names of the fields that make an object of a dataclass; none for another class."""
+    return frozenset(each.name for each in fields(cls) if each.init) if is_dataclass(cls) else frozenset()
 
 
 def _own_modules(device: Any) -> dict[str, Any]:

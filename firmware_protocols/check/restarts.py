@@ -194,9 +194,14 @@ def shared_values(cls: type[Device]) -> dict[str, Any]:
     }
 
 
+_IMMUTABLE = {bool, int, float, str, bytes, type(None)}
+
+
 def _copied(value: Any) -> Any:
     """Return a copy of a value; ``...`` for functions, classes and other objects."""
-    if isinstance(value, bool | int | float | str | bytes | bytearray | np.ndarray | type(None)):
+    if type(value) in _IMMUTABLE:
+        return value
+    if isinstance(value, bool | int | float | str | bytes | bytearray | np.ndarray):
         return copy.copy(value)
     if isinstance(value, list | tuple | set | frozenset | deque):
         return [_copied(each) for each in value]
