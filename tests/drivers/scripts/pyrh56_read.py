@@ -26,10 +26,13 @@ many = [matrix(4128, 96) for _ in range(200)]
 places = [(3000 + 370 * f + at, points) for f in range(4) for at, points in ((0, 9), (18, 96), (210, 80))]
 places += [(4480, 9), (4498, 96), (4690, 9), (4708, 96), (4900, 112)]
 once = [(address, matrix(address, points)) for address, points in places]
-hand.set_speed([1000] * 6)
+hand.set_speed([20] * 6)  # the shortest way takes 3 s, so that all move still when they are asked
 hand.move_to([0, 200, 400, 600, 800, 900])
 moving = hand.read_status()
-time.sleep(1.0)
+hand.set_speed([1000] * 6)
+until = time.monotonic() + 20
+while hand.read_status() != [2] * 6 and time.monotonic() < until:
+    time.sleep(0.02)
 print(
     json.dumps(
         {
