@@ -92,12 +92,12 @@ def test_replay_stepwise(recording, tmp_path):
     ],
 )
 def test_mistakes_are_one_line_and_exit_code_2(arguments, complaint, recording, tmp_path):
-    result = tactemu(*(each.format(recording=recording, tmp=tmp_path) for each in arguments))
+    result = here(*(each.format(recording=recording, tmp=tmp_path) for each in arguments))
     assert result.returncode == 2
     assert complaint in result.stderr and len(result.stderr.splitlines()) == 1
 
 
 def test_every_kind_of_fault_is_listed():
-    result = tactemu("faults")
+    result = here("faults")
     assert result.returncode == 0
     assert set(KINDS) <= set(result.stdout.split())

@@ -9,7 +9,7 @@ from tactemu.base.errors import TactemuError
 from tactemu.cli.truths import summarise
 from tactemu.truth import Truth, read_log
 from tactemu.truth.export import export
-from tests.cli.command import tactemu
+from tests.cli.command import here, tactemu
 
 
 @pytest.fixture(params=[".mcap", ".jsonl"])
@@ -40,15 +40,15 @@ def test_summary_counts_the_entries(log):
 
 
 def test_command_prints_it(log):
-    assert "flip 2" in tactemu("truth", str(log)).stdout
-    assert json.loads(tactemu("truth", str(log), "--json").stdout) == summarise(log)
+    assert "flip 2" in here("truth", str(log)).stdout
+    assert json.loads(here("truth", str(log), "--json").stdout) == summarise(log)
 
 
 @pytest.mark.parametrize("suffix", [".mcap", ".jsonl"])
 def test_a_run_writes_what_it_has_counted(tmp_path, suffix):
     path = tmp_path / f"truth{suffix}"
     run = ("run", "anyskin", "--port", "memory:", "--clock=virtual", "--seconds", "0.5", "--json")
-    said = [json.loads(line) for line in tactemu(*run, "--truth", str(path)).stdout.splitlines()]
+    said = [json.loads(line) for line in here(*run, "--truth", str(path)).stdout.splitlines()]
     last = next(line for line in said if line.pop("event") == "summary")
     assert read_log(path).summary == {"anyskin": last}
     told = summarise(path)["anyskin"]
@@ -74,7 +74,7 @@ def test_a_run_on_a_full_disk_goes_on_and_says_so(tmp_path):
     said = [json.loads(line) for line in done.stdout.splitlines()]
     (lost,) = (each["text"] for each in said if each["skin"] == "truth log")
     assert int(lost.split()[0]) >= 50
-    assert tactemu(*run, "--truth-keep", "much").returncode == 2
+    assert here(*run, "--truth-keep", "much").returncode == 2
 
 
 def test_names_in_a_log_do_not_command_the_terminal(tmp_path):
@@ -82,12 +82,12 @@ def test_names_in_a_log_do_not_command_the_terminal(tmp_path):
     truth = Truth(path)
     truth.event(0, "a\x1b[2Jb", "opened\x07")
     truth.close()
-    done = tactemu("truth", str(path))
+    done = here("truth", str(path))
     assert done.returncode == 0 and "a\\x1b[2Jb" in done.stdout
     assert "\x1b" not in done.stdout and "\x07" not in done.stdout
 
 
 def test_a_missing_log(tmp_path):
-    done = tactemu("truth", str(tmp_path / "none.jsonl"))
+    done = here("truth", str(tmp_path / "none.jsonl"))
     assert done.returncode == 2
     assert "cannot read the truth log: No such file" in done.stderr

@@ -180,7 +180,7 @@ def test_depth_inside_of_shells_that_intersect_is_to_the_surface_of_their_union(
 @pytest.mark.parametrize("dtype", REALS)
 def test_depth_inside_of_nested_shells_is_to_the_outer_one(dtype):
     parts, mesh = balls((0.01, 0), (0.006, 0))
-    points = np.random.default_rng(4).uniform(-0.01, 0.01, (3000, 3))
+    points = np.random.default_rng(4).uniform(-0.01, 0.01, (1000, 3))
     d, _n, given = ask(mesh, points, dtype)
     outer, _way = truth(parts[0], given)
     np.testing.assert_allclose(d, outer, atol=5e-9)

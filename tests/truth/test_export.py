@@ -12,7 +12,7 @@ from tactemu.base.errors import TactemuError
 from tactemu.truth import Truth, entries, read
 from tactemu.truth.export import export
 from tactemu.truth.recording import load
-from tests.cli.command import tactemu
+from tests.cli.command import here
 from tests.truth.telling import CAN, COUNTS, IDEAL, tell
 
 
@@ -92,7 +92,7 @@ def test_mistakes(log, tmp_path, target, options, complaint):
 
 
 def test_the_command(log, tmp_path):
-    done = tactemu("truth", str(log), "--export", str(tmp_path / "thumb.csv"), "--skin", "thumb")
+    done = here("truth", str(log), "--export", str(tmp_path / "thumb.csv"), "--skin", "thumb")
     assert done.returncode == 0 and "3 rows written to" in done.stdout, done.stderr
     assert len((tmp_path / "thumb.csv").read_text().splitlines()) == 4
 
