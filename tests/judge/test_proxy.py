@@ -144,7 +144,7 @@ def test_a_port_that_is_not_there():
         RealSerial("/dev/nope", 115200)
 
 
-@pytest.mark.idle
+@pytest.mark.idle("it measures less than a millisecond between two processes")
 def test_less_than_a_millisecond_is_added(tmp_path):
     """Check the time from the sensor's write to the driver's read, with the command in its own process."""
     sensor, real = os.openpty()

@@ -161,7 +161,7 @@ def test_a_scene_without_contact_is_refused(tmp_path):
         run_tune(str(file), 20.0, report=lambda _text: None, seconds=0.1)
 
 
-@pytest.mark.idle
+@pytest.mark.idle("it runs at the highest rate that was measured to be kept")
 def test_a_run_at_the_choice_keeps_its_samples(tmp_path):
     rate_hz = 500.0
     file = Path(tmp_path) / "hand.toml"
