@@ -1,6 +1,7 @@
 """Devices on real Linux CAN: candump, canbusload and python-can see what the table says."""
 
 import re
+import socket
 import subprocess
 import tempfile
 import time
@@ -27,12 +28,18 @@ def cansend(*frames: str) -> None:
         subprocess.run(["cansend", "vcan0", frame], check=True, timeout=10)
 
 
+RECEIVE_BUFFER = 1 << 24
+"""Bytes that the kernel keeps for a reader: on a busy machine one that is not scheduled for a moment loses nothing."""
+SO_RCVBUFFORCE = 33
+"""The option of Linux that sets it beyond the limit of ordinary users; ``socket`` does not name it."""
+
+
 class Candump:
     """``candump -L`` on vcan0 while the block runs; ``frames`` lists (time [s], id, data) afterwards."""
 
     def __enter__(self):
         self._out = tempfile.TemporaryFile("w+")  # a pipe would fill up
-        self._dump = subprocess.Popen(["candump", "-L", "vcan0"], stdout=self._out)
+        self._dump = subprocess.Popen(["candump", "-L", "-r", str(RECEIVE_BUFFER), "vcan0"], stdout=self._out)
         time.sleep(0.3)
         return self
 
@@ -124,6 +131,7 @@ def _load_agrees(text: str, frames) -> None:
 def test_uskin_is_seen_by_candump_python_can_and_cantools():
     dbc = cantools.database.load_file(DATA / "xela_uskin.dbc")
     with tactemu.serve("xela_uskin", "can:socketcan:vcan0") as dev, can.Bus("vcan0", "socketcan") as bus:
+        bus.socket.setsockopt(socket.SOL_SOCKET, SO_RCVBUFFORCE, RECEIVE_BUFFER)
         assert bus.recv(0.1) is None, "silent until started"
         reader = can.BufferedReader()
         with Candump() as dump, can.Notifier(bus, [reader]):
