@@ -73,6 +73,10 @@ def test_optoforce_rejects_the_very_frames_that_were_damaged(fault, tmp_path):
 
 
 def test_ability_hand_logs_every_failed_checksum(tmp_path):
+    """A bit of the first byte that neither selects the packet nor escapes: another sum, in the same frame.
+
+    A damaged sum, or end of the frame, would not do: one in 256 escapes the next byte, or makes the longer frame valid.
+    """
     force = [documented_force(count) for count in range(4096)]
     with (
         served(tmp_path, "ability_hand", rate_hz=250, noise=1.0) as dev,
@@ -80,7 +84,7 @@ def test_ability_hand_logs_every_failed_checksum(tmp_path):
     ):
         assert live.settles()
         since, said = len(live.rows), len(live.notes)
-        n = inject(live, "checksum 10% bytes 2")
+        n = inject(live, "flip 10% byte 1 bit 7")
         assert sum("Checksum failed" in note for note in live.notes[said:]) == n
         assert "wrong" not in live.story(since)
 
