@@ -24,7 +24,7 @@ _PUBLIC = {
         "Axis", "Column", "Convert", "Counts", "Device", "Quantity", "Reading", "Restart", "Rollover", "Sense",
         "Sent", "Stream", "Transmissions",
     ),
-    "facts": ("Fact", "assumed", "measured", "stated"),
+    "facts": ("Fact", "assumed", "fact_table", "measured", "stated"),
     "frames": ("CanFrame", "WireFrame", "with_payload"),
     "framing": ("MORE", "NO_PACKET", "SOUND", "Broken", "Cobs", "Lines", "Packets", "Ppp", "cobs", "ppp"),
     "layouts": ("Layout", "Patch", "filled", "grid_layout", "place", "points", "stack"),

@@ -33,6 +33,7 @@ from firmware_protocols.device import Stream as Stream
 from firmware_protocols.device import Transmissions as Transmissions
 from firmware_protocols.facts import Fact as Fact
 from firmware_protocols.facts import assumed as assumed
+from firmware_protocols.facts import fact_table as fact_table
 from firmware_protocols.facts import measured as measured
 from firmware_protocols.facts import stated as stated
 from firmware_protocols.frames import CanFrame as CanFrame

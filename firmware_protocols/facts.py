@@ -1,11 +1,22 @@
 """The facts about a sensor beside its byte tables, each with its basis.
 
-A device declares them: ``facts = (stated(...), measured(...), assumed(...))``. A datasheet counts them by part, so that
-the author of a driver sees how far each part can be trusted.
+A device declares them in a table, or one by one (:func:`stated`, :func:`measured`, :func:`assumed`)::
+
+    facts = fact_table(f'''
+        stated touch: taxels row by row @ {MANUAL}, page 3
+        measured timing: a frame each 32 ms @ the recordings of {SOURCE}
+        assumed configuration: the zero is forgotten at power-off;
+            the filter is a first-order low-pass @ all of {SOURCE}
+    ''')
+
+A fact begins with its basis and its part, and goes on to the line that begins the next; its source stands behind ``@``.
+A datasheet counts facts by part, so that the author of a driver sees how far each part can be trusted.
 """
 
 from __future__ import annotations
 
+import re
+import typing
 from dataclasses import dataclass
 from typing import Literal
 
@@ -42,3 +53,31 @@ def measured(part: Part, what: str, recording: str) -> Fact:
 def assumed(part: Part, what: str, looked: str) -> Fact:
     """Return a fact that we chose, with the files that we read from end to end and that do not state it."""
     return Fact(part, what, "assumed", looked.removeprefix("looked in: "))
+
+
+_BEGIN = re.compile(rf"({'|'.join(typing.get_args(Basis))}) ({'|'.join(typing.get_args(Part))}): ")
+
+
+def fact_table(text: str) -> tuple[Fact, ...]:
+    """Return the facts in a table, as above.
+
+    Raises:
+        ValueError: a line begins no fact and continues none, or a fact has no source; the message names it.
+    """
+    facts: list[str] = []
+    for line in filter(None, map(str.strip, text.splitlines())):
+        if _BEGIN.match(line):
+            facts.append(line)
+        elif facts:
+            facts[-1] += f" {line}"
+        else:
+            raise ValueError(f"fact {line!r}: expected `stated touch: ... @ source`: basis, part, fact and source")
+    return tuple(map(_fact, facts))
+
+
+def _fact(text: str) -> Fact:
+    found = _BEGIN.match(text)
+    what, at, where = text[found.end() if found else 0 :].partition(" @ ")
+    if found is None or not at:
+        raise ValueError(f"fact {text!r}: name its source behind ` @ `")
+    return Fact(typing.cast(Part, found[2]), what.strip(), typing.cast(Basis, found[1]), where.strip())

@@ -68,6 +68,7 @@ from firmware_protocols import (
     device_class,
     dynamixel,
     eb90,
+    fact_table,
     feetech,
     filled,
     grid_layout,
@@ -94,7 +95,7 @@ __all__ = [  # noqa: RUF022  (in groups)
     "Sent", "Transmissions", "WireFrame", "with_payload",
     # its datasheet: connectors, senses and streams, commands, the meaning of counts, the basis of each fact
     "Can", "Column", "Command", "Connector", "Dds", "Fact", "Rollover", "Rs485", "Sense", "Serial", "Stream", "Tcp",
-    "Topic", "USB", "Udp", "WebSocket", "assumed", "measured", "stated",
+    "Topic", "USB", "Udp", "WebSocket", "assumed", "fact_table", "measured", "stated",
     # layouts of taxels
     "Layout", "Patch", "filled", "grid_layout", "place", "points", "stack",
     # frame tables, packets in a stream of bytes, checksums, types of DDS

@@ -42,24 +42,9 @@ from typing import Annotated, Literal
 import numpy as np
 
 from firmware_protocols import (
-    Column,
-    Command,
-    Counts,
-    Device,
-    Option,
-    Reading,
-    Restart,
-    Serial,
-    Transmissions,
-    assumed,
-    grid_layout,
-    stated,
-)
-from firmware_protocols.adc import pack_12_bits, quantize
-from firmware_protocols.framing import Ppp, ppp
-from firmware_protocols.layouts import place, stack
-from firmware_protocols.motors import Motors
-from firmware_protocols.tables import Frame
+    Column, Command, Counts, Device, Frame, Motors, Option, Ppp, Reading, Restart, Serial, Transmissions, fact_table,
+    grid_layout, pack_12_bits, place, ppp, quantize, stack,
+)  # fmt: skip
 
 MESSAGE = Frame("""
     command
@@ -163,54 +148,33 @@ class AbilityHand(Device):
         f"{API}python/ah_examples/write_registers.py, send_misc_msg.py",
     )
     judge = "psyonicinc/ability-hand-api@34c9a93, ability-hand 0.2.2"
-    facts = (
-        stated(
-            "touch",
-            "twelve bits a site, two in three bytes; the formula of force",
-            f"{API}python/ah_wrapper/ah_parser.py:85, 53",
-        ),
-        stated("touch", "the constants of the formula are placeholders", f"{ICD} 3.5.3"),
-        assumed(
-            "touch", "six sites 3 x 2, row by row at 7 mm on each fingertip, all pads in one plane, normal +z", LOOKED
-        ),
-        stated(
-            "identity",
-            "the unique id are two registers behind those of the joints",
-            f"{ICD}; {API}python/ah_examples/write_registers.py",
-        ),
-        assumed("identity", "the unique id is 0", LOOKED),
-        stated(
-            "configuration", "line speeds, 460800 first; address 50", f"{API}python/ah_wrapper/serial_connection.py:44"
-        ),
-        stated("configuration", "registers' values as delivered", f"{API}python/ah_examples/write_registers.py:27"),
-        assumed(
-            "configuration",
-            "registers have no effect and are forgotten at power-off; a failed reply has the register's value",
-            LOOKED,
-        ),
-        stated("configuration", "velocities in replies are of the rotor, 4 per rad/s", f"{ICD} 3.4.3"),
-        assumed(
-            "configuration",
-            "a control message without six targets moves nothing; Bluetooth commands are answered",
-            LOOKED,
-        ),
-        stated("configuration", "a reset is not waited for", f"{API}python/ah_examples/send_misc_msg.py:27"),
-        assumed(
-            "configuration",
-            "motors: one time constant of 0.1 s, 200 deg/s per A, 300 deg/s at full duty, stops at 0 and 100 deg",
-            LOOKED,
-        ),
-        assumed("configuration", f"in an engine: {NM_PER_AMPERE} Nm/A at the joint, {STRENGTH_NM} Nm at most", LOOKED),
-        assumed(
-            "configuration",
-            "grip 0 opens, every other closes all fingers; the hot/cold mask is 0; the first format is 10",
-            LOOKED,
-        ),
-        assumed("configuration", "C2, C3 and 7C change nothing; fast mode is not in the model", LOOKED),
-        stated("timing", "it leaves API control 300 ms after the last command", f"{ICD} 3.3.3"),
-        assumed("timing", "the joints hold then; touch is converted 250 times a second", LOOKED),
-        assumed("timing", "without stuffing a silence of 1 ms ends a message", LOOKED),
-    )
+    facts = fact_table(f"""
+        stated touch: twelve bits a site, two in three bytes; the formula of force @
+            {API}python/ah_wrapper/ah_parser.py:85, 53
+        stated touch: the constants of the formula are placeholders @ {ICD} 3.5.3
+        assumed touch: six sites 3 x 2, row by row at 7 mm on each fingertip, all pads in one plane, normal +z @
+            {LOOKED}
+        stated identity: the unique id are two registers behind those of the joints @ {ICD};
+            {API}python/ah_examples/write_registers.py
+        assumed identity: the unique id is 0 @ {LOOKED}
+        stated configuration: line speeds, 460800 first; address 50 @ {API}python/ah_wrapper/serial_connection.py:44
+        stated configuration: registers' values as delivered @ {API}python/ah_examples/write_registers.py:27
+        assumed configuration: registers have no effect and are forgotten at power-off; a failed reply has the
+            register's value @ {LOOKED}
+        stated configuration: velocities in replies are of the rotor, 4 per rad/s @ {ICD} 3.4.3
+        assumed configuration: a control message without six targets moves nothing; Bluetooth commands are answered @
+            {LOOKED}
+        stated configuration: a reset is not waited for @ {API}python/ah_examples/send_misc_msg.py:27
+        assumed configuration: motors: one time constant of 0.1 s, 200 deg/s per A, 300 deg/s at full duty, stops at 0
+            and 100 deg @ {LOOKED}
+        assumed configuration: in an engine: {NM_PER_AMPERE} Nm/A at the joint, {STRENGTH_NM} Nm at most @ {LOOKED}
+        assumed configuration: grip 0 opens, every other closes all fingers; the hot/cold mask is 0; the first format is
+            10 @ {LOOKED}
+        assumed configuration: C2, C3 and 7C change nothing; fast mode is not in the model @ {LOOKED}
+        stated timing: it leaves API control 300 ms after the last command @ {ICD} 3.3.3
+        assumed timing: the joints hold then; touch is converted 250 times a second @ {LOOKED}
+        assumed timing: without stuffing a silence of 1 ms ends a message @ {LOOKED}
+    """)
 
     def __init__(
         self,

@@ -31,10 +31,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from firmware_protocols import Column, Counts, Reading, assumed, stated
-from firmware_protocols.adc import quantize
+from firmware_protocols import Column, Counts, Frame, Reading, fact_table, quantize
 from firmware_protocols.devices.agibot_protocol import FINGERS, AgibotOmniHand, shared_facts
-from firmware_protocols.tables import Frame
 
 COUNTS_PER_NEWTON = 1000 / 9.80665
 PRO_COUNTS_PER_NEWTON = 1000.0
@@ -55,30 +53,17 @@ class AgibotOmniHandO10(AgibotOmniHand):
         f"{O10}document/pic/tactile_sensor_array.jpg, document/en/API_CPP.md, python/example/demo_tactile_sensor.py",
     )
     judge = "AgibotTech/Omnihand-2025-SDK@bcbccf4"
-    facts = shared_facts(
-        f"all of {O10}src, document, python, node",
-        stated("touch", "a count is a gram", f"{O10}python/example/demo_tactile_sensor.py:12"),
-        stated(
-            "touch",
-            "fingers 8 x 2, from the base, mirrored in a left hand",
-            f"{O10}document/pic/tactile_sensor_array.jpg",
-        ),
-        assumed("touch", "palm and back are squares, row by row", f"all of {O10}src, document, python, node"),
-        stated(
-            "configuration",
-            "identifiers, messages and types",
-            f"{O10}src/proto.h, src/implementation/c_agibot_hand_can",
-        ),
-        stated(
-            "configuration",
-            "positions 0..2000; to 4096",
-            f"{O10}document/en/API_CPP.md:205; src/kinematics_solver.h:92",
-        ),
-        stated(
-            "configuration",
-            "1 and 5 Mbit/s, sampled at 80 and 75 %",
-            f"{O10}src/can_bus_device/zlg_usb_canfd/c_zlg_usbcanfd_sdk.cc:67",
-        ),
+    facts = (
+        *shared_facts(f"all of {O10}src, document, python, node"),
+        *fact_table(f"""
+        stated touch: a count is a gram @ {O10}python/example/demo_tactile_sensor.py:12
+        stated touch: fingers 8 x 2, from the base, mirrored in a left hand @ {O10}document/pic/tactile_sensor_array.jpg
+        assumed touch: palm and back are squares, row by row @ all of {O10}src, document, python, node
+        stated configuration: identifiers, messages and types @ {O10}src/proto.h, src/implementation/c_agibot_hand_can
+        stated configuration: positions 0..2000; to 4096 @ {O10}document/en/API_CPP.md:205; src/kinematics_solver.h:92
+        stated configuration: 1 and 5 Mbit/s, sampled at 80 and 75 %
+            @ {O10}src/can_bus_device/zlg_usb_canfd/c_zlg_usbcanfd_sdk.cc:67
+        """),
     )
     parts = {**dict.fromkeys(FINGERS, (8, 2)), "palm": (5, 5), "back": (5, 5)}
     answers = {
@@ -121,24 +106,18 @@ class AgibotOmniHandPro(AgibotOmniHand):
     )
     sources = (f"{PRO}src/proto.h, src/c_agibot_hand.cc, src/kinematics_solver, document/API_CPP.md",)
     judge = "AgibotTech/OmniHand-Pro-2025@3c7048e"
-    facts = shared_facts(
-        f"all of {PRO}src, document, python, node",
-        stated(
-            "touch", "nine channels; normal 0..3000 in 0.1 N; angle 0 at the tip, clockwise", f"{PRO}src/proto.h:55"
-        ),
-        assumed("touch", "channels 3 x 3, row by row, 1000 counts/N", f"all of {PRO}src, document, python, node"),
-        assumed(
-            "touch",
-            "forces are those on all channels of the finger, tangential in 0.1 N as normal; online 1, proximity 0",
-            f"all of {PRO}src, document, python, node",
-        ),
-        stated("configuration", "identifiers, messages and types", f"{PRO}src/proto.h, src/c_agibot_hand.cc:430, 1234"),
-        stated("configuration", "positions 0..2000", f"{PRO}src/kinematics_solver/kinematics_solver.h:100"),
-        stated(
-            "configuration",
-            "1 and 5 Mbit/s, sampled at 80 and 75 %",
-            f"{PRO}src/can_bus_device/zlg_usb_canfd/c_zlg_usbcanfd_sdk.cc:67",
-        ),
+    facts = (
+        *shared_facts(f"all of {PRO}src, document, python, node"),
+        *fact_table(f"""
+        stated touch: nine channels; normal 0..3000 in 0.1 N; angle 0 at the tip, clockwise @ {PRO}src/proto.h:55
+        assumed touch: channels 3 x 3, row by row, 1000 counts/N @ all of {PRO}src, document, python, node
+        assumed touch: forces are those on all channels of the finger, tangential in 0.1 N as normal; online 1,
+            proximity 0 @ all of {PRO}src, document, python, node
+        stated configuration: identifiers, messages and types @ {PRO}src/proto.h, src/c_agibot_hand.cc:430, 1234
+        stated configuration: positions 0..2000 @ {PRO}src/kinematics_solver/kinematics_solver.h:100
+        stated configuration: 1 and 5 Mbit/s, sampled at 80 and 75 %
+            @ {PRO}src/can_bus_device/zlg_usb_canfd/c_zlg_usbcanfd_sdk.cc:67
+        """),
     )
     parts = dict.fromkeys(FINGERS, (3, 3))
     answers = {

@@ -12,20 +12,9 @@ from typing import Annotated, ClassVar, Literal
 import numpy as np
 
 from firmware_protocols import (
-    Can,
-    CanFrame,
-    Command,
-    Device,
-    Fact,
-    Option,
-    Transmissions,
-    assumed,
-    grid_layout,
-)
-from firmware_protocols.frames import with_payload
-from firmware_protocols.layouts import stack
-from firmware_protocols.motors import Motors
-from firmware_protocols.tables import Frame, Identifier
+    Can, CanFrame, Command, Device, Fact, Frame, Identifier, Motors, Option, Transmissions, fact_table, grid_layout,
+    stack, with_payload,
+)  # fmt: skip
 
 CAN_ID = Identifier("ppppptttttttt00000001wddddddd", {"part": "p", "message": "t", "write": "w", "device": "d"})
 VENDOR = Frame("""
@@ -258,25 +247,17 @@ def _frame(message: int, part: int, device: int, data: bytes) -> CanFrame:
     return frame
 
 
-def shared_facts(looked: str, *own: Fact) -> tuple[Fact, ...]:
-    """Return the facts of one hand, followed by those of both."""
-    return (
-        *own,
-        assumed("touch", f"pads {PITCH_M * 1e3:.0f} mm apart, all facing one way, tips to +y", looked),
-        assumed("identity", "number 1 as delivered; serial number, versions 1.0.0 and 1.1.0, 24 V", looked),
-        assumed("configuration", "what a write is answered with: as a question, with what is so now", looked),
-        assumed(
-            "configuration",
-            "threshold 1000, mode 0, 25 degrees, no current, no error; torque and speed are stored",
-            looked,
-        ),
-        assumed(
-            "configuration", "motors: at 2000 after power-up, 2000 a second; positions are obeyed in every mode", looked
-        ),
-        assumed(
-            "configuration",
-            "reports of all joints come in the shortest period of any; firmware upgrades are not answered",
-            looked,
-        ),
-        assumed("timing", "100 conversions a second", looked),
-    )
+def shared_facts(looked: str) -> tuple[Fact, ...]:
+    """Return the facts that hold for both hands."""
+    return fact_table(f"""
+        assumed touch: pads {PITCH_M * 1e3:.0f} mm apart, all facing one way, tips to +y @ {looked}
+        assumed identity: number 1 as delivered; serial number, versions 1.0.0 and 1.1.0, 24 V @ {looked}
+        assumed configuration: what a write is answered with: as a question, with what is so now @ {looked}
+        assumed configuration: threshold 1000, mode 0, 25 degrees, no current, no error; torque and speed are stored
+            @ {looked}
+        assumed configuration: motors: at 2000 after power-up, 2000 a second; positions are obeyed in every mode
+            @ {looked}
+        assumed configuration: reports of all joints come in the shortest period of any; firmware upgrades are not
+            answered @ {looked}
+        assumed timing: 100 conversions a second @ {looked}
+    """)

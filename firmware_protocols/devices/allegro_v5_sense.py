@@ -36,23 +36,9 @@ from typing import Annotated, Literal
 import numpy as np
 
 from firmware_protocols import (
-    Can,
-    CanFrame,
-    Column,
-    Command,
-    Counts,
-    Device,
-    Option,
-    Reading,
-    Transmissions,
-    assumed,
-    points,
-    stated,
-)
-from firmware_protocols.adc import quantize
-from firmware_protocols.layouts import stack
-from firmware_protocols.motors import Motors
-from firmware_protocols.tables import Frame
+    Can, CanFrame, Column, Command, Counts, Device, Frame, Motors, Option, Reading, Transmissions, fact_table, points,
+    quantize, stack,
+)  # fmt: skip
 
 EIGHT = Frame("""
     eight channels
@@ -115,32 +101,20 @@ class AllegroV5Sense(Device[CanFrame]):
         "Wonikrobotics-git/allegro_hand_ros2_V5_Sense@db81588 AllegroHandDrv.cpp, candrv/socket_can.cpp, candef.h",
     )
     judge = "Wonikrobotics-git/allegro_hand_ros2_V5_Sense@db81588"
-    facts = (
-        stated(
-            "touch", "numbers of tips and palm, bytes times 4, FF invalid", "AllegroHandDrv.cpp _parseMessage, maps"
-        ),
-        assumed("touch", f"{COUNTS_PER_NEWTON:.0f} counts/N", "AllegroHandDrv.cpp, socket_can.cpp, allegro_node.cpp"),
-        assumed(
-            "touch", "which finger has which tip; channels between lie on the finger whose tip follows", "the same"
-        ),
-        assumed(
-            "touch",
-            f"a point each, {PITCH_M * 1e3:.0f} mm apart along a finger, fingers "
-            f"{FINGER_SPACING_M * 1e3:.0f} mm apart, flat",
-            "the same; urdf",
-        ),
-        stated("identity", "forms of information and serial number; the fourth character is the side", "_parseMessage"),
-        assumed("identity", "hardware 0500, firmware 0100 (hex); serial number V5SR0001", "AllegroHandDrv.cpp"),
-        stated("configuration", "periods [ms] of joints, IMU, temperatures; 0 stops", "AllegroHandDrv.cpp:init, ~"),
-        stated("configuration", "228 01 makes 180 to 18C positions", "socket_can.cpp command_set_pose_direct"),
-        assumed(
-            "configuration", "IMU and temperatures are not sent, whatever their period", "AllegroHandDrv.cpp asks 0"
-        ),
-        assumed("timing", "touch 100 times a second from power-up on, whatever the periods; 1 Mbit/s", "the same"),
-        assumed(
-            "timing", f"joints turn at {SPEED_COUNTS_PER_S * 0.088:.0f} deg/s between -180 and 180 deg", "the same"
-        ),
-    )
+    facts = fact_table(f"""
+        stated touch: numbers of tips and palm, bytes times 4, FF invalid @ AllegroHandDrv.cpp _parseMessage, maps
+        assumed touch: {COUNTS_PER_NEWTON:.0f} counts/N @ AllegroHandDrv.cpp, socket_can.cpp, allegro_node.cpp
+        assumed touch: which finger has which tip; channels between lie on the finger whose tip follows @ the same
+        assumed touch: a point each, {PITCH_M * 1000.0:.0f} mm apart along a finger, fingers
+            {FINGER_SPACING_M * 1000.0:.0f} mm apart, flat @ the same; urdf
+        stated identity: forms of information and serial number; the fourth character is the side @ _parseMessage
+        assumed identity: hardware 0500, firmware 0100 (hex); serial number V5SR0001 @ AllegroHandDrv.cpp
+        stated configuration: periods [ms] of joints, IMU, temperatures; 0 stops @ AllegroHandDrv.cpp:init, ~
+        stated configuration: 228 01 makes 180 to 18C positions @ socket_can.cpp command_set_pose_direct
+        assumed configuration: IMU and temperatures are not sent, whatever their period @ AllegroHandDrv.cpp asks 0
+        assumed timing: touch 100 times a second from power-up on, whatever the periods; 1 Mbit/s @ the same
+        assumed timing: joints turn at {SPEED_COUNTS_PER_S * 0.088:.0f} deg/s between -180 and 180 deg @ the same
+    """)
 
     def __init__(
         self,

@@ -28,11 +28,10 @@ from typing import Annotated, Literal
 
 import numpy as np
 
-from firmware_protocols import USB, Column, Counts, Device, Layout, Option, Patch, Reading, Serial, Transmissions
-from firmware_protocols.adc import quantize
-from firmware_protocols.device import Axis, Quantity
-from firmware_protocols.facts import assumed, measured, stated
-from firmware_protocols.magnetic import LinearMagnet
+from firmware_protocols import (
+    USB, Axis, Column, Counts, Device, Layout, LinearMagnet, Option, Patch, Quantity, Reading, Serial, Transmissions,
+    fact_table, quantize,
+)  # fmt: skip
 
 ANYSKIN = "raunaqbhirangi/anyskin@cb13b5b"
 LIBRARY = "tesshellebrekers/arduino-MLX90393@5505644 MLX90393.cpp"
@@ -79,25 +78,18 @@ class AnySkin(Device):
         "Melexis MLX90393 data sheet (sensitivity, temperature)",
     )
     judge = "anyskin 1.0.0, reskin-sensor 2.0.2"
-    facts = (
-        stated("identity", "an Adafruit QT Py M0, 239A:80CB; /dev/ttyACM0", f"{ANYSKIN} README; {BOARDS} boards.txt"),
-        stated("touch", "order, turns of the axes and places of the chips", f"{ANYSKIN} anyskin_viz.py l.38-47"),
-        stated("touch", "temperature 25 + (raw - 46244) / 45.2; gain 6, resolution 0", f"{LIBRARY} l.46-65, 412"),
-        measured("touch", "steps of 0.300 and 0.484 uT", "sissihrx/anyskin-leaphand@89bbd0fd (five recordings)"),
-        stated("configuration", "it streams once the port is open", f"{ANYSKIN} 5X_binary_burst_stream.ino l.27-30"),
-        assumed(
-            "touch", "pitch of the chips 7 mm (pixels only); chip z into the skin", f"{ANYSKIN} README, anyskin_viz.py"
-        ),
-        assumed(
-            "touch", "60 uT/N in the plane, 90 along the normal, a push raises Bz; field at rest", f"{ANYSKIN} whole"
-        ),
-        assumed(
-            "touch",
-            "which gain and resolution AnySkin's own boards are flashed with",
-            f"{ANYSKIN} (its submodule db58ef7)",
-        ),
-        assumed("timing", "100 Hz (the firmware runs as fast as its loop)", f"{ANYSKIN} .ino, README; {LIBRARY}"),
-    )
+    facts = fact_table(f"""
+        stated identity: an Adafruit QT Py M0, 239A:80CB; /dev/ttyACM0 @ {ANYSKIN} README; {BOARDS} boards.txt
+        stated touch: order, turns of the axes and places of the chips @ {ANYSKIN} anyskin_viz.py l.38-47
+        stated touch: temperature 25 + (raw - 46244) / 45.2; gain 6, resolution 0 @ {LIBRARY} l.46-65, 412
+        measured touch: steps of 0.300 and 0.484 uT @ sissihrx/anyskin-leaphand@89bbd0fd (five recordings)
+        stated configuration: it streams once the port is open @ {ANYSKIN} 5X_binary_burst_stream.ino l.27-30
+        assumed touch: pitch of the chips 7 mm (pixels only); chip z into the skin @ {ANYSKIN} README, anyskin_viz.py
+        assumed touch: 60 uT/N in the plane, 90 along the normal, a push raises Bz; field at rest @ {ANYSKIN} whole
+        assumed touch: which gain and resolution AnySkin's own boards are flashed with @ {ANYSKIN} (its submodule
+            db58ef7)
+        assumed timing: 100 Hz (the firmware runs as fast as its loop) @ {ANYSKIN} .ino, README; {LIBRARY}
+    """)
 
     def __init__(
         self,

@@ -48,10 +48,8 @@ from typing import Annotated
 
 import numpy as np
 
-from firmware_protocols import Command, Option, Rollover, Tcp, Transmissions
-from firmware_protocols.adc import quantize
+from firmware_protocols import Command, Option, Rollover, Tcp, Transmissions, fact_table, quantize
 from firmware_protocols.devices.ati_rdt import READ, REQUEST, START, Rdt
-from firmware_protocols.facts import assumed, stated
 from firmware_protocols.protocols.http import Pages
 
 PAGE = (
@@ -105,37 +103,37 @@ class AtiNetFt(Rdt):
         "rpiRobotics/rpi_ati_net_ft and gbartyzel/ros2_net_ft_driver (what they look for in the page)",
     )
     judge = "pynetft 2.1.3, NetFT 2.0.1, LouKordos/ati-netft-cpp@73a6349, gpldecha/netft_rdt_driver@115cf5a"
-    facts = (
-        stated("touch", "counts over counts per unit are N and Nm; over TCP also times the axis's scale",
-               f"{AXIA} 10.5, netft_sensor.hpp:203"),
-        assumed("touch", "the tool is touched 50 mm above the sensor's origin; z points out of the tool side, "
-                "forces act on the tool", f"{NET_FT} chapters 10, 11; {AXIA} chapters 10 to 12; all drivers' sources"),
-        assumed("touch", "16-bit counts are the nearest whole numbers, the scale the least for the rated load",
-                f"{NET_FT} chapter 11, {AXIA} 10.5 (\"dependent on the sensor's model\")"),
-        stated("identity", "units over TCP: 2 is N, 3 is Nm", f"{AXIA} 10.5"),
-        stated("identity", "root, units N and Nm (rpi_ati_net_ft wants N-m), rated loads, flags of the page", LIVE),
-        assumed("identity", "product name; runft and setbias in counts (a live box has its six gages in setbias)",
-                f"{AXIA} 11.1 (DINT[6] both); {LIVE}, trimmed"),
-        stated("configuration", "0041 and 0042 have no answer; the latest command decides", f"{NET_FT} table 10.1"),
-        stated("configuration", "bit 0 of the last word over TCP biases, bit 1 clears the latch; 02 and 03 answer "
-               "12 34, command, status", f"{AXIA} 10.2, 10.8"),
-        stated("configuration", "status bits: 0 temperature, 1 supply, 2 gage broken, 3 busy, 16 condition latched, "
-               "27 gage out of range, 28 simulated, 29 checksum, 30 out of range, 31 any; Net F/T: 17 saturated",
-               f"{AXIA} tables 4.7, 4.9; 9620-05-NET FT-22 17.1"),
-        assumed("configuration", "a bias keeps the stream running; none is set at power-up, no filter, status 0",
-                f"{NET_FT} 10.1, pynetft (starts again after a bias), netft_rdt_driver.cpp (has none)"),
-        assumed("configuration", "02 and 03 are refused, 0004 and the pages .cgi, by which a box is set, are unknown",
-                "our choice: no driver that was run sends them"),
-        assumed("configuration", "about 50 more elements of the page are missing; one configuration, the first",
-                f"{AXIA} 11.1"),
-        stated("timing", "7000 over a whole number of records a second, rounded up: 150 is 152",
-               f"the same repository's instructions, measured; {NET_FT} chapter 10"),
-        stated("timing", "records are numbered from 1 after each start, roll over to 0; samples from power-up, 7000 a "
-               "second, never reset", f"{AXIA} 12.1.2"),
-        stated("timing", "0 records: until 0000", f"{AXIA} 12.1.1"),
-        assumed("timing", "1000 records a second, 40 of a buffered datagram (both are set in the box); "
-                "a TCP client may be silent without limit", f"{NET_FT} chapters 10, 11; {AXIA} chapters 10, 12"),
-    )  # fmt: skip
+    facts = fact_table(f"""
+        stated touch: counts over counts per unit are N and Nm; over TCP also times the axis's scale @ {AXIA} 10.5,
+            netft_sensor.hpp:203
+        assumed touch: the tool is touched 50 mm above the sensor's origin; z points out of the tool side, forces act on
+            the tool @ {NET_FT} chapters 10, 11; {AXIA} chapters 10 to 12; all drivers' sources
+        assumed touch: 16-bit counts are the nearest whole numbers, the scale the least for the rated load @ {NET_FT}
+            chapter 11, {AXIA} 10.5 ("dependent on the sensor's model")
+        stated identity: units over TCP: 2 is N, 3 is Nm @ {AXIA} 10.5
+        stated identity: root, units N and Nm (rpi_ati_net_ft wants N-m), rated loads, flags of the page @ {LIVE}
+        assumed identity: product name; runft and setbias in counts (a live box has its six gages in setbias) @ {AXIA}
+            11.1 (DINT[6] both); {LIVE}, trimmed
+        stated configuration: 0041 and 0042 have no answer; the latest command decides @ {NET_FT} table 10.1
+        stated configuration: bit 0 of the last word over TCP biases, bit 1 clears the latch; 02 and 03 answer 12 34,
+            command, status @ {AXIA} 10.2, 10.8
+        stated configuration: status bits: 0 temperature, 1 supply, 2 gage broken, 3 busy, 16 condition latched, 27 gage
+            out of range, 28 simulated, 29 checksum, 30 out of range, 31 any; Net F/T: 17 saturated @ {AXIA} tables 4.7,
+            4.9; 9620-05-NET FT-22 17.1
+        assumed configuration: a bias keeps the stream running; none is set at power-up, no filter, status 0 @ {NET_FT}
+            10.1, pynetft (starts again after a bias), netft_rdt_driver.cpp (has none)
+        assumed configuration: 02 and 03 are refused, 0004 and the pages .cgi, by which a box is set, are unknown @ our
+            choice: no driver that was run sends them
+        assumed configuration: about 50 more elements of the page are missing; one configuration, the first @ {AXIA}
+            11.1
+        stated timing: 7000 over a whole number of records a second, rounded up: 150 is 152 @ the same repository's
+            instructions, measured; {NET_FT} chapter 10
+        stated timing: records are numbered from 1 after each start, roll over to 0; samples from power-up, 7000 a
+            second, never reset @ {AXIA} 12.1.2
+        stated timing: 0 records: until 0000 @ {AXIA} 12.1.1
+        assumed timing: 1000 records a second, 40 of a buffered datagram (both are set in the box); a TCP client may be
+            silent without limit @ {NET_FT} chapters 10, 11; {AXIA} chapters 10, 12
+    """)
 
     def __init__(
         self,
@@ -253,29 +251,29 @@ class OnrobotHex(Rdt):
         "Fiiila/Optoforce_ethernet_client@ffaab55 UDP_client.py, TCP_client.py",
     )
     judge = "Fiiila/Optoforce_ethernet_client@ffaab55, jsbyysheng/onrobot_hex_ft_sensor@b8ae330, NetFT 2.0.1"
-    facts = (
-        stated("touch", "10 000 counts per N, 100 000 per Nm; over TCP counts times scale over counts per unit",
-               f"{HEX_MANUAL} 8.3, 9.1.2"),
-        assumed("touch", "the tool is touched 50 mm above the sensor's origin; z points out of the tool side, "
-                "forces act on the tool", f"{HEX_MANUAL}, whole; {HEX}, whole"),
-        assumed("touch", "over TCP: 10 000 and 100 000 counts per unit, each scale 100, nearest whole numbers",
-                f"{HEX_MANUAL} chapter 9; {HEX} example/tcp.c, which takes any; TCP_client.py"),
-        stated("identity", "units over TCP: 2 is N, 3 is Nm", f"{HEX_MANUAL} 9.2.2"),
-        stated("configuration", "at power-up 100 records a second, the 15 Hz filter, no bias",
-               f"{HEX_MANUAL} 7.1, 8.4, 8.5, 8.6"),
-        stated("configuration", "bias 255 on, 0 off; filters 0 to 6; 1 to 255 ms, 0 stops", f"{HEX_MANUAL} 8.4 to 8.6"),
-        stated("configuration", "bits of the status word", f"{HEX_MANUAL} 7.1"),
-        stated("configuration", "the ROS driver sends the 16 bits of each argument twice",
-               f"{HEX} src/etherdaq_driver.cpp:105-116"),
-        assumed("configuration", "the box looks at the low 16 bits; other values than those stated change nothing",
-                f"{HEX_MANUAL} chapter 8, etherdaq_driver.cpp"),
-        assumed("configuration", "overload beyond 200 N or 10 Nm on an axis (options); the filter is a first-order "
-                "low-pass", f"{HEX_MANUAL}, whole; {HEX}, whole"),
-        stated("timing", "records are numbered from 1 after each start; the sample counter has 16 bits and counts ms",
-               f"{HEX_MANUAL} 8.3, 7.1"),
-        stated("timing", "the box is up 5 s after power-on, and closes TCP after 1 s without a request (left out: "
-               "it is up at once, a client may be silent without limit)", f"{HEX_MANUAL} chapters 2, 9"),
-    )  # fmt: skip
+    facts = fact_table(f"""
+        stated touch: 10 000 counts per N, 100 000 per Nm; over TCP counts times scale over counts per unit @
+            {HEX_MANUAL} 8.3, 9.1.2
+        assumed touch: the tool is touched 50 mm above the sensor's origin; z points out of the tool side, forces act on
+            the tool @ {HEX_MANUAL}, whole; {HEX}, whole
+        assumed touch: over TCP: 10 000 and 100 000 counts per unit, each scale 100, nearest whole numbers @
+            {HEX_MANUAL} chapter 9; {HEX} example/tcp.c, which takes any; TCP_client.py
+        stated identity: units over TCP: 2 is N, 3 is Nm @ {HEX_MANUAL} 9.2.2
+        stated configuration: at power-up 100 records a second, the 15 Hz filter, no bias @ {HEX_MANUAL} 7.1, 8.4, 8.5,
+            8.6
+        stated configuration: bias 255 on, 0 off; filters 0 to 6; 1 to 255 ms, 0 stops @ {HEX_MANUAL} 8.4 to 8.6
+        stated configuration: bits of the status word @ {HEX_MANUAL} 7.1
+        stated configuration: the ROS driver sends the 16 bits of each argument twice @ {HEX}
+            src/etherdaq_driver.cpp:105-116
+        assumed configuration: the box looks at the low 16 bits; other values than those stated change nothing @
+            {HEX_MANUAL} chapter 8, etherdaq_driver.cpp
+        assumed configuration: overload beyond 200 N or 10 Nm on an axis (options); the filter is a first-order low-pass
+            @ {HEX_MANUAL}, whole; {HEX}, whole
+        stated timing: records are numbered from 1 after each start; the sample counter has 16 bits and counts ms @
+            {HEX_MANUAL} 8.3, 7.1
+        stated timing: the box is up 5 s after power-on, and closes TCP after 1 s without a request (left out: it is up
+            at once, a client may be silent without limit) @ {HEX_MANUAL} chapters 2, 9
+    """)
 
     def __init__(
         self,

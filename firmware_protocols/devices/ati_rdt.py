@@ -11,20 +11,9 @@ from typing import Literal
 import numpy as np
 
 from firmware_protocols import (
-    Column,
-    Counts,
-    Device,
-    Reading,
-    Rollover,
-    Sense,
-    Tcp,
-    Transmissions,
-    Udp,
-    points,
-)
-from firmware_protocols.adc import LowPass, quantize
-from firmware_protocols.framing import Packets
-from firmware_protocols.tables import Frame
+    Column, Counts, Device, Frame, LowPass, Packets, Reading, Rollover, Sense, Tcp, Transmissions, Udp, points,
+    quantize,
+)  # fmt: skip
 
 REQUEST = Frame("""
     request

@@ -44,23 +44,9 @@ from typing import Annotated
 import numpy as np
 
 from firmware_protocols import (
-    Can,
-    CanFrame,
-    Column,
-    Command,
-    Counts,
-    Device,
-    Layout,
-    Option,
-    Patch,
-    Reading,
-    Transmissions,
-    assumed,
-    stated,
-)
-from firmware_protocols.adc import quantize
-from firmware_protocols.layouts import place, stack
-from firmware_protocols.motors import Motors
+    Can, CanFrame, Column, Command, Counts, Device, Layout, Motors, Option, Patch, Reading, Transmissions, fact_table,
+    place, quantize, stack,
+)  # fmt: skip
 
 PUCKS = {11: "finger 1", 12: "finger 2", 13: "finger 3", 14: "palm"}
 SPREAD = 14
@@ -161,32 +147,26 @@ class BarrettBh8(Device[CanFrame]):
     judge = (
         "BarrettTechnology/libbarrett@109faf6, personalrobotics/owd@126b940, RobotnikAutomation/barrett_hand@4993a1f"
     )
-    facts = (
-        stated(
-            "touch", "a value of all cells is 1/256 N/cm2, one of the ten highest 1 N/cm2", "owd CANbus.cc:2450-2500"
-        ),
-        stated("touch", "the last of five frames has 8 bytes, too", "libbarrett tactile_puck.cpp FullTactParser"),
-        stated("touch", "the lowest bit of the map is the first cell", "a later libbarrett's Top10TactParser; pyHand"),
-        stated(
-            "touch", "places of the cells in rows", "BHandGUI.ui; libbarrett sandbox/tactile_test.cpp graphPressures"
-        ),
-        assumed("touch", "4 x 3 mm a cell of a finger, 6 x 10 mm of the palm, flat", "libbarrett, owd, pyHand"),
-        assumed("touch", "whole N/cm2 are cut, not rounded; of equal cells the first", "Top10TactParser, owd, pyHand"),
-        assumed("touch", "tare leaves the form as it was, and is forgotten at power-off", "libbarrett, owd, pyHand"),
-        stated("identity", "role 5 with tactile cells and a Hall encoder (1205)", "libbarrett puck.h:46-54, 186-195"),
-        stated("identity", "version 175 has every property here", "libbarrett property_list.cpp; owd CANbus.cc:3330"),
-        assumed("identity", "serial number 1, TACTID 1 (-2 is an error)", "libbarrett tactile_puck.cpp, owd, pyHand"),
-        stated(
-            "configuration", "asleep after power-up; properties 0 to 7 then", "libbarrett puck.cpp, property_list.cpp"
-        ),
-        stated("configuration", "sets have two or four bytes of value", "libbarrett puck-inl.h; pyHand set_16, set_32"),
-        stated("configuration", "values of motors' properties, groups 0 7 5", "pyHand set_puck_like"),
-        assumed("configuration", "a get of cells when TACT is 0 gets silence", "libbarrett, owd, pyHand"),
-        stated("timing", "cells come at once after a set, as after a get", "owd CANbus.cc:2799-2802"),
-        stated("timing", "a waking puck receives nothing for less than 1 s", "libbarrett puck.h WAKE_UP_TIME"),
-        assumed("timing", "100 conversions a second", "libbarrett, owd, pyHand"),
-        assumed("timing", "motors turn at MV, without load", "libbarrett, owd, pyHand"),
-    )
+    facts = fact_table("""
+        stated touch: a value of all cells is 1/256 N/cm2, one of the ten highest 1 N/cm2 @ owd CANbus.cc:2450-2500
+        stated touch: the last of five frames has 8 bytes, too @ libbarrett tactile_puck.cpp FullTactParser
+        stated touch: the lowest bit of the map is the first cell @ a later libbarrett's Top10TactParser; pyHand
+        stated touch: places of the cells in rows @ BHandGUI.ui; libbarrett sandbox/tactile_test.cpp graphPressures
+        assumed touch: 4 x 3 mm a cell of a finger, 6 x 10 mm of the palm, flat @ libbarrett, owd, pyHand
+        assumed touch: whole N/cm2 are cut, not rounded; of equal cells the first @ Top10TactParser, owd, pyHand
+        assumed touch: tare leaves the form as it was, and is forgotten at power-off @ libbarrett, owd, pyHand
+        stated identity: role 5 with tactile cells and a Hall encoder (1205) @ libbarrett puck.h:46-54, 186-195
+        stated identity: version 175 has every property here @ libbarrett property_list.cpp; owd CANbus.cc:3330
+        assumed identity: serial number 1, TACTID 1 (-2 is an error) @ libbarrett tactile_puck.cpp, owd, pyHand
+        stated configuration: asleep after power-up; properties 0 to 7 then @ libbarrett puck.cpp, property_list.cpp
+        stated configuration: sets have two or four bytes of value @ libbarrett puck-inl.h; pyHand set_16, set_32
+        stated configuration: values of motors' properties, groups 0 7 5 @ pyHand set_puck_like
+        assumed configuration: a get of cells when TACT is 0 gets silence @ libbarrett, owd, pyHand
+        stated timing: cells come at once after a set, as after a get @ owd CANbus.cc:2799-2802
+        stated timing: a waking puck receives nothing for less than 1 s @ libbarrett puck.h WAKE_UP_TIME
+        assumed timing: 100 conversions a second @ libbarrett, owd, pyHand
+        assumed timing: motors turn at MV, without load @ libbarrett, owd, pyHand
+    """)
 
     def __init__(
         self,

@@ -15,11 +15,9 @@ from typing import Annotated
 
 import numpy as np
 
-from firmware_protocols import USB, Column, Counts, Device, Option, Reading, Serial, Transmissions
-from firmware_protocols.adc import quantize
-from firmware_protocols.facts import assumed, stated
-from firmware_protocols.layouts import filled
-from firmware_protocols.tables import Frame
+from firmware_protocols import (
+    USB, Column, Counts, Device, Frame, Option, Reading, Serial, Transmissions, fact_table, filled, quantize,
+)  # fmt: skip
 
 PACKET = Frame("""
     packet
@@ -50,18 +48,14 @@ class BielefeldGlove(Device):
         f"{SOURCE} firmware/PIC18 tactGlove_main.c ProcessIO, usb_descriptors.c",
     )
     judge = SOURCE
-    facts = (
-        stated(
-            "identity", "USB 04D8:000A, the text of Microchip's example, no serial number", f"{PIC} l.174-179, 262-278"
-        ),
-        stated("identity", "the console's port is /dev/ttyACM0", f"{SOURCE} linux/console/main.cpp l.52"),
-        stated("touch", "the converter's channel is the index modulo 16", f"{SOURCE} PIC18 tactGlove_main.c l.250-295"),
-        assumed("touch", "64 taxels over a field of 80 x 160 mm, in order", f"{SOURCE} TaxelMapping.cpp, taxel.cfg"),
-        assumed("touch", "4095 F / (F + 1 N) is shown, 0 untouched", f"{SOURCE} README, calib.py, raw.calib.yaml"),
-        assumed(
-            "timing", "30 scans a second", "tactGlove_main.c (one USB transfer a packet, as fast as the host asks)"
-        ),
-    )
+    facts = fact_table(f"""
+        stated identity: USB 04D8:000A, the text of Microchip's example, no serial number @ {PIC} l.174-179, 262-278
+        stated identity: the console's port is /dev/ttyACM0 @ {SOURCE} linux/console/main.cpp l.52
+        stated touch: the converter's channel is the index modulo 16 @ {SOURCE} PIC18 tactGlove_main.c l.250-295
+        assumed touch: 64 taxels over a field of 80 x 160 mm, in order @ {SOURCE} TaxelMapping.cpp, taxel.cfg
+        assumed touch: 4095 F / (F + 1 N) is shown, 0 untouched @ {SOURCE} README, calib.py, raw.calib.yaml
+        assumed timing: 30 scans a second @ tactGlove_main.c (one USB transfer a packet, as fast as the host asks)
+    """)
 
     def __init__(
         self,

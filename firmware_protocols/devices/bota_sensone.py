@@ -25,23 +25,9 @@ from typing import Annotated
 import numpy as np
 
 from firmware_protocols import (
-    Column,
-    Command,
-    Counts,
-    Device,
-    Option,
-    Reading,
-    Restart,
-    Rollover,
-    Sense,
-    Serial,
-    Transmissions,
-    points,
-)
-from firmware_protocols.device import Axis
-from firmware_protocols.facts import assumed, stated
-from firmware_protocols.framing import Lines
-from firmware_protocols.tables import Frame
+    Axis, Column, Command, Counts, Device, Frame, Lines, Option, Reading, Restart, Rollover, Sense, Serial,
+    Transmissions, fact_table, points,
+)  # fmt: skip
 
 FRAME = Frame("""
     frame
@@ -79,30 +65,30 @@ class BotaSensone(Device):
         "bota-driver 1.1.16 (the vendor's library), as it speaks: LF, filter, offset, p?, status bits, restart",
     )
     judge = "bota-driver 1.1.16, tud-phi/bota_ft_sensors@4b98f94"
-    facts = (
-        stated("touch", "forces, torques and temperature as floats, N, Nm and degrees",
-               "tud-phi/bota_ft_sensors@4b98f94 python/senseone.py:170-180; bota-driver 1.1.16, as it shows them"),
-        assumed("touch", "the tool is touched 50 mm above the sensor's origin; z points out of the tool side, forces "
-                "act on the tool", "bota_ft_sensors, all files; bota-driver's help texts"),
-        assumed("touch", "saturation and overrange where the options say; other status bits stay 0",
-                "bota_ft_sensors, all files; bota-driver, which names the bits"),
-        stated("identity", "p? gives what the library shows behind SN000, and the model; no firmware version",
-               "bota-driver 1.1.16, run: SN000123, BFT-SENS-SER-M8, version x.x.x"),
-        assumed("identity", "the zeros in the answer to p?", "bota-driver 1.1.16, which takes both by place"),
-        stated("configuration", "the fields of c and f; C, c, f and R are answered r,0,X,0",
-               "python/senseone.py:10-20, 105-145"),
-        assumed("configuration", "b adds an offset, s and c change nothing: no CSV, no other baud rate",
-                "bota-driver 1.1.16, run; bota_ft_sensors send 0,1,0,4 alone"),
-        assumed("configuration", "R is answered while it runs: the library waits 2 s for that, and warns without it",
-                "bota-driver 1.1.16, tare() and activate(), run"),
-        assumed("configuration", "no answer to commands that are unknown, beyond their limits, or not taken; 20 ms of "
-                "silence end a command; answers end with CR LF", "bota_ft_sensors, all files; bota-driver, run"),
-        stated("configuration", "opening the port restarts it", "bota-driver 1.1.16: it says so, and waits 3 s"),
-        stated("timing", "a frame each SINC * 19.53125 us; the time counts us",
-               "python/senseone.py:127, 178; bota-driver: 512 is 100 Hz, 256 is 200 Hz"),
-        assumed("timing", "512 after power-up; offset and filter are forgotten by a restart, which takes 0.1 s",
-                "bota_ft_sensors, all files; bota-driver, which sets both each time"),
-    )  # fmt: skip
+    facts = fact_table("""
+        stated touch: forces, torques and temperature as floats, N, Nm and degrees @ tud-phi/bota_ft_sensors@4b98f94
+            python/senseone.py:170-180; bota-driver 1.1.16, as it shows them
+        assumed touch: the tool is touched 50 mm above the sensor's origin; z points out of the tool side, forces act on
+            the tool @ bota_ft_sensors, all files; bota-driver's help texts
+        assumed touch: saturation and overrange where the options say; other status bits stay 0 @ bota_ft_sensors, all
+            files; bota-driver, which names the bits
+        stated identity: p? gives what the library shows behind SN000, and the model; no firmware version @ bota-driver
+            1.1.16, run: SN000123, BFT-SENS-SER-M8, version x.x.x
+        assumed identity: the zeros in the answer to p? @ bota-driver 1.1.16, which takes both by place
+        stated configuration: the fields of c and f; C, c, f and R are answered r,0,X,0 @ python/senseone.py:10-20,
+            105-145
+        assumed configuration: b adds an offset, s and c change nothing: no CSV, no other baud rate @ bota-driver
+            1.1.16, run; bota_ft_sensors send 0,1,0,4 alone
+        assumed configuration: R is answered while it runs: the library waits 2 s for that, and warns without it @
+            bota-driver 1.1.16, tare() and activate(), run
+        assumed configuration: no answer to commands that are unknown, beyond their limits, or not taken; 20 ms of
+            silence end a command; answers end with CR LF @ bota_ft_sensors, all files; bota-driver, run
+        stated configuration: opening the port restarts it @ bota-driver 1.1.16: it says so, and waits 3 s
+        stated timing: a frame each SINC * 19.53125 us; the time counts us @ python/senseone.py:127, 178; bota-driver:
+            512 is 100 Hz, 256 is 200 Hz
+        assumed timing: 512 after power-up; offset and filter are forgotten by a restart, which takes 0.1 s @
+            bota_ft_sensors, all files; bota-driver, which sets both each time
+    """)
 
     def __init__(
         self,

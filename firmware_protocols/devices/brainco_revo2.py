@@ -47,9 +47,8 @@ Try it: ``tactemu run brainco_revo2``, then ``bc_stark_sdk.main_mod.modbus_open(
 
 from __future__ import annotations
 
-from firmware_protocols import Can, CanFrame, Command, Rs485, Transmissions
+from firmware_protocols import Can, CanFrame, Command, Rs485, Transmissions, with_payload
 from firmware_protocols.devices.brainco_revo2_hand import BAUDS, Revo2
-from firmware_protocols.frames import with_payload
 from firmware_protocols.protocols.modbus import Banks, Rtu, answer, rtu, silence_ns
 from firmware_protocols.sums import crc16_modbus
 

@@ -12,21 +12,9 @@ from typing import Annotated, Any, Literal
 import numpy as np
 
 from firmware_protocols import (
-    Column,
-    Counts,
-    Device,
-    Layout,
-    Option,
-    Reading,
-    Restart,
-    assumed,
-    grid_layout,
-    stated,
-)
-from firmware_protocols.adc import quantize
-from firmware_protocols.layouts import filled, place, stack
-from firmware_protocols.motors import Motors
-from firmware_protocols.registers import RegisterMap, Registers
+    Column, Counts, Device, Layout, Motors, Option, Reading, RegisterMap, Registers, Restart, fact_table, filled,
+    grid_layout, place, quantize, stack,
+)  # fmt: skip
 
 MAP = RegisterMap(
     """
@@ -127,65 +115,35 @@ class Revo2(Device[Any]):
         "serial numbers in public logs: BCXTL2313J2500008, BCXTR2124J2600024",
     )
     judge = "bc-stark-sdk 2.0.8"
-    facts = (
-        stated(
-            "touch", "order and size of all values", "bc-stark-sdk 2.0.8 main_mod.pyi TouchFingerItem, RegAddrRevo2"
-        ),
-        stated(
-            "touch",
-            "low byte first in the proximities at 4250",
-            "bc-stark-sdk 2.0.8, what get_single_touch_sensor_status() makes of them",
-        ),
-        assumed("touch", "places: flat, normal +z, row by row, 3 x 3 points 3 mm apart, 5 mm on the palm", LOOKED),
-        assumed(
-            "touch",
-            "100 counts/N, direction in degrees 0..359, proximity 10000 counts/N of push; states are normal",
-            LOOKED,
-        ),
-        assumed(
-            "touch",
-            "points 200 counts/N raw or calibrated, [mN] of force, 0..4095; sums of their module in the same unit",
-            LOOKED,
-        ),
-        assumed(
-            "touch",
-            "new baseline and calibration make the present forces zero, until power-off; sensors that are off read 0",
-            LOOKED,
-        ),
-        stated(
-            "identity",
-            "registers of versions, serial numbers, unit and line, and their codes",
-            "bc-stark-sdk 2.0.8 main_mod.pyi",
-        ),
-        stated("identity", "a serial number may be written after a factory key", f"{EXAMPLES}revo2/revo2_cfg.py:150"),
-        assumed("identity", "firmware 1.0.5 of hand, tips and pads; serial numbers of pads; any key will do", LOOKED),
-        stated(
-            "configuration",
-            "the hand restarts when unit, line or automatic calibration is changed",
-            f"{EXAMPLES}revo2/revo2_cfg.py:11, 121",
-        ),
-        stated("configuration", "sensors are on at power-up", f"{EXAMPLES}revo2/revo2_touch.py:13"),
-        stated(
-            "configuration",
-            "goals 0..1000 and 1..2000 ms, speeds, currents and duties -1000..1000",
-            "bc-stark-sdk 2.0.8 main_mod.pyi:1283",
-        ),
-        assumed(
-            "configuration",
-            "functions 03 and 04 show the same registers; all others read 0; it restarts after 0.1 s",
-            LOOKED,
-        ),
-        assumed(
-            "configuration",
-            "limits 1000, LED, buzzer, vibration on; limits, turbo, gestures and the unit of goals do nothing",
-            LOOKED,
-        ),
-        assumed(
-            "configuration", "motors: 2000 a second; currents and duties drive like speeds; no current is shown", LOOKED
-        ),
-        assumed("timing", "460800 as delivered; answers at once; 100 conversions a second", LOOKED),
-        assumed("timing", "over CAN more than 29 registers are exception 3", LOOKED),
-    )
+    facts = fact_table(f"""
+        stated touch: order and size of all values @ bc-stark-sdk 2.0.8 main_mod.pyi TouchFingerItem, RegAddrRevo2
+        stated touch: low byte first in the proximities at 4250 @ bc-stark-sdk 2.0.8, what
+            get_single_touch_sensor_status() makes of them
+        assumed touch: places: flat, normal +z, row by row, 3 x 3 points 3 mm apart, 5 mm on the palm @ {LOOKED}
+        assumed touch: 100 counts/N, direction in degrees 0..359, proximity 10000 counts/N of push; states are normal @
+            {LOOKED}
+        assumed touch: points 200 counts/N raw or calibrated, [mN] of force, 0..4095; sums of their module in the same
+            unit @ {LOOKED}
+        assumed touch: new baseline and calibration make the present forces zero, until power-off; sensors that are off
+            read 0 @ {LOOKED}
+        stated identity: registers of versions, serial numbers, unit and line, and their codes @ bc-stark-sdk 2.0.8
+            main_mod.pyi
+        stated identity: a serial number may be written after a factory key @ {EXAMPLES}revo2/revo2_cfg.py:150
+        assumed identity: firmware 1.0.5 of hand, tips and pads; serial numbers of pads; any key will do @ {LOOKED}
+        stated configuration: the hand restarts when unit, line or automatic calibration is changed @
+            {EXAMPLES}revo2/revo2_cfg.py:11, 121
+        stated configuration: sensors are on at power-up @ {EXAMPLES}revo2/revo2_touch.py:13
+        stated configuration: goals 0..1000 and 1..2000 ms, speeds, currents and duties -1000..1000 @ bc-stark-sdk 2.0.8
+            main_mod.pyi:1283
+        assumed configuration: functions 03 and 04 show the same registers; all others read 0; it restarts after 0.1 s @
+            {LOOKED}
+        assumed configuration: limits 1000, LED, buzzer, vibration on; limits, turbo, gestures and the unit of goals do
+            nothing @ {LOOKED}
+        assumed configuration: motors: 2000 a second; currents and duties drive like speeds; no current is shown @
+            {LOOKED}
+        assumed timing: 460800 as delivered; answers at once; 100 conversions a second @ {LOOKED}
+        assumed timing: over CAN more than 29 registers are exception 3 @ {LOOKED}
+    """)
 
     def __init__(
         self,

@@ -40,23 +40,10 @@ from typing import Annotated, Literal
 import numpy as np
 
 from firmware_protocols import (
-    Column,
-    Command,
-    Counts,
-    Device,
-    Layout,
-    Option,
-    Reading,
-    Rs485,
-    Transmissions,
-    assumed,
-    grid_layout,
-    stated,
-)
-from firmware_protocols.adc import quantize
-from firmware_protocols.layouts import filled, place, stack
+    Column, Command, Counts, Device, Layout, Option, Reading, RegisterMap, Registers, Rs485, Transmissions, fact_table,
+    filled, grid_layout, place, quantize, stack,
+)  # fmt: skip
 from firmware_protocols.protocols.modbus import Banks, Rtu, silence_ns
-from firmware_protocols.registers import RegisterMap, Registers
 
 BAUD_CODES = {1000000: 0, 2000000: 1, 3000000: 2, 5000000: 4}
 MAP = RegisterMap(
@@ -152,44 +139,24 @@ class BraincoRevo3(Device):
         "bc-revo3-sdk 2.3.2 and 1.5.1: what they read and write (identity, points per module, regions, packing)",
     )
     judge = "bc-revo3-sdk 2.3.2, bc-revo3-sdk 1.5.1"
-    facts = (
-        stated("touch", "registers, points of each module, units of force", f"{SDK}docs/device/REVO3_TOUCH_API.md"),
-        assumed(
-            "touch",
-            "places: row by row, flat, normal +z, 2 mm pitch on fingers, 4 mm on the palm; matrices 10 x 6",
-            LOOKED,
-        ),
-        assumed("touch", "a point is 200 counts/N (ADC, raw), 0..4095, or of a matrix 50 counts/N (ADC)", LOOKED),
-        assumed(
-            "touch", "regions are equal runs of points; forces and points can be read with any value of 4023", LOOKED
-        ),
-        assumed(
-            "touch",
-            "a zero holds until the next restart; 4025..4036 have no effect; modules that are off read 0",
-            LOOKED,
-        ),
-        stated(
-            "identity", "101 is the hand: 1 right, 2 left", "bc-revo3-sdk 1.5.1 revo3_get_hand_type(), main_mod.pyi:575"
-        ),
-        stated(
-            "identity",
-            "109 and 110 are the lines, and their codes",
-            "bc-revo3-sdk 1.5.1 revo3_get_rs485_baudrate(), each code tried",
-        ),
-        stated(
-            "identity", "motors: status, versions, which are there", f"{SDK}docs/device/REVO3_MOTOR_API.md:292, 350"
-        ),
-        assumed(
-            "identity", "firmware 0.1.2, hardware V1.0; motors 1.1; modules and motors have no serial number", LOOKED
-        ),
-        assumed("configuration", "limits 0 and 90 deg, 200 rpm, 1500 mA; 24 V, 0.3 A, 25 deg C; switches on", LOOKED),
-        assumed(
-            "configuration",
-            "functions 03 and 04 show the same registers; all others read 0; joints do not move",
-            LOOKED,
-        ),
-        assumed("timing", "it answers at once; 100 conversions a second", LOOKED),
-    )
+    facts = fact_table(f"""
+        stated touch: registers, points of each module, units of force @ {SDK}docs/device/REVO3_TOUCH_API.md
+        assumed touch: places: row by row, flat, normal +z, 2 mm pitch on fingers, 4 mm on the palm; matrices 10 x 6 @
+            {LOOKED}
+        assumed touch: a point is 200 counts/N (ADC, raw), 0..4095, or of a matrix 50 counts/N (ADC) @ {LOOKED}
+        assumed touch: regions are equal runs of points; forces and points can be read with any value of 4023 @ {LOOKED}
+        assumed touch: a zero holds until the next restart; 4025..4036 have no effect; modules that are off read 0 @
+            {LOOKED}
+        stated identity: 101 is the hand: 1 right, 2 left @ bc-revo3-sdk 1.5.1 revo3_get_hand_type(), main_mod.pyi:575
+        stated identity: 109 and 110 are the lines, and their codes @ bc-revo3-sdk 1.5.1 revo3_get_rs485_baudrate(),
+            each code tried
+        stated identity: motors: status, versions, which are there @ {SDK}docs/device/REVO3_MOTOR_API.md:292, 350
+        assumed identity: firmware 0.1.2, hardware V1.0; motors 1.1; modules and motors have no serial number @ {LOOKED}
+        assumed configuration: limits 0 and 90 deg, 200 rpm, 1500 mA; 24 V, 0.3 A, 25 deg C; switches on @ {LOOKED}
+        assumed configuration: functions 03 and 04 show the same registers; all others read 0; joints do not move @
+            {LOOKED}
+        assumed timing: it answers at once; 100 conversions a second @ {LOOKED}
+    """)
 
     def __init__(
         self,

@@ -30,22 +30,9 @@ from typing import Annotated
 import numpy as np
 
 from firmware_protocols import (
-    Column,
-    Command,
-    Counts,
-    Device,
-    Option,
-    Reading,
-    Rollover,
-    Serial,
-    Transmissions,
-    grid_layout,
-)
-from firmware_protocols.device import Axis
-from firmware_protocols.facts import assumed, stated
-from firmware_protocols.framing import Lines
-from firmware_protocols.layouts import stack
-from firmware_protocols.tables import Frame
+    Axis, Column, Command, Counts, Device, Frame, Lines, Option, Reading, Rollover, Serial, Transmissions, fact_table,
+    grid_layout, stack,
+)  # fmt: skip
 
 PACKET = Frame("""
     packet
@@ -132,31 +119,31 @@ class ContactilePapillArray(Device):
         "offsets, entry of kind 0, commands, slip), launch/papillarray.launch.py",
     )
     judge = "m-rosette/contactile_gripper_ros2@146709d (Contactile's libPTSDK.a)"
-    facts = (
-        stated("touch", "N, mm and N mm, all along X, Y, Z of the sensor", f"{LIBRARY} lib/PTSDKSensor.h:78-150"),
-        stated("touch", "3 x 3 pillars, 7 mm apart; ranges 4 N and 15 N, 1 mm and 2.5 mm", "PTS_2.1_SPEC_JAN25"),
-        assumed("touch", "pillars row by row from the sensor's upper left; a push is positive in Fz and Dz, as contact "
-                "is Fz over 0.5 N", f"PTSCOM_2.0_SPEC_SEP22, PTS_2.1_SPEC_JAN25; {LIBRARY} lib/PTSDKConstants.h:23"),
-        assumed("touch", "the total is the sum over the pillars; torque r x F, with r from the middle of the sensor, F "
-                "as sent", f"PTSCOM_2.0_SPEC_SEP22; {LIBRARY} lib, all headers"),
-        assumed("touch", "pillars are springs: deflection follows force, as the ranges do; both saturate there",
-                "PTS_2.1_SPEC_JAN25"),
-        stated("touch", "-1: no estimate of friction, and so no grip force", f"{LIBRARY} lib/PTSDKConstants.h:31"),
-        assumed("touch", "slip is not modelled: states stay 0, detection on or off; kind 7 is not sent",
-                "PTSCOM_2.0_SPEC_SEP22, which does not describe it"),
-        stated("identity", "no version, no serial number: the library asks for none", f"{LIBRARY} lib/PTSDKListener.h"),
-        stated("configuration", "at most 4 sensors", f"{LIBRARY} lib/PTSDKConstants.h:17"),
-        stated("configuration", "any baud rate; the launch file has 9600 on /dev/ttyACM0",
-               f"{LIBRARY} launch/papillarray.launch.py"),
-        assumed("configuration", "the entry of kind 0 has no offset (unless asked for): the library takes either",
-                "PTSCOM_2.0_SPEC_SEP22; the library, run"),
-        assumed("configuration", "zero is at once (the vendor: about 2 s), of deflections too",
-                f"{LIBRARY} lib/PTSDKListener.h (sendBiasRequest)"),
-        stated("timing", "100, 250, 500 or 1000 packets a second, 1000 by default",
-               f"{LIBRARY} lib/PTSDKListener.h (setSamplingRate)"),
-        assumed("timing", "the rate is 1000 after each power-up; the time is of power-up",
-                f"PTSCOM_2.0_SPEC_SEP22; {LIBRARY} lib, all headers"),
-    )  # fmt: skip
+    facts = fact_table(f"""
+        stated touch: N, mm and N mm, all along X, Y, Z of the sensor @ {LIBRARY} lib/PTSDKSensor.h:78-150
+        stated touch: 3 x 3 pillars, 7 mm apart; ranges 4 N and 15 N, 1 mm and 2.5 mm @ PTS_2.1_SPEC_JAN25
+        assumed touch: pillars row by row from the sensor's upper left; a push is positive in Fz and Dz, as contact is
+            Fz over 0.5 N @ PTSCOM_2.0_SPEC_SEP22, PTS_2.1_SPEC_JAN25; {LIBRARY} lib/PTSDKConstants.h:23
+        assumed touch: the total is the sum over the pillars; torque r x F, with r from the middle of the sensor, F as
+            sent @ PTSCOM_2.0_SPEC_SEP22; {LIBRARY} lib, all headers
+        assumed touch: pillars are springs: deflection follows force, as the ranges do; both saturate there @
+            PTS_2.1_SPEC_JAN25
+        stated touch: -1: no estimate of friction, and so no grip force @ {LIBRARY} lib/PTSDKConstants.h:31
+        assumed touch: slip is not modelled: states stay 0, detection on or off; kind 7 is not sent @
+            PTSCOM_2.0_SPEC_SEP22, which does not describe it
+        stated identity: no version, no serial number: the library asks for none @ {LIBRARY} lib/PTSDKListener.h
+        stated configuration: at most 4 sensors @ {LIBRARY} lib/PTSDKConstants.h:17
+        stated configuration: any baud rate; the launch file has 9600 on /dev/ttyACM0 @ {LIBRARY}
+            launch/papillarray.launch.py
+        assumed configuration: the entry of kind 0 has no offset (unless asked for): the library takes either @
+            PTSCOM_2.0_SPEC_SEP22; the library, run
+        assumed configuration: zero is at once (the vendor: about 2 s), of deflections too @ {LIBRARY}
+            lib/PTSDKListener.h (sendBiasRequest)
+        stated timing: 100, 250, 500 or 1000 packets a second, 1000 by default @ {LIBRARY} lib/PTSDKListener.h
+            (setSamplingRate)
+        assumed timing: the rate is 1000 after each power-up; the time is of power-up @ PTSCOM_2.0_SPEC_SEP22; {LIBRARY}
+            lib, all headers
+    """)
 
     def __init__(
         self,

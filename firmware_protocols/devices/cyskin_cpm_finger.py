@@ -22,21 +22,8 @@ from typing import Annotated
 import numpy as np
 
 from firmware_protocols import (
-    Can,
-    CanFrame,
-    Column,
-    Counts,
-    Device,
-    Option,
-    Reading,
-    Transmissions,
-    assumed,
-    measured,
-    stated,
-)
-from firmware_protocols.adc import quantize
-from firmware_protocols.layouts import filled
-from firmware_protocols.tables import Frame
+    Can, CanFrame, Column, Counts, Device, Frame, Option, Reading, Transmissions, fact_table, filled, quantize,
+)  # fmt: skip
 
 FOUR = Frame("""
     four taxels
@@ -75,25 +62,17 @@ class CyskinCpmFinger(Device[CanFrame]):
         "wngfra/FabricSlide@eceb771 data (recordings: scan period, range)",
     )
     judge = "wngfra/fingerSense@a3e6926"
-    facts = (
-        stated(
-            "touch", "identifiers, order of frames and taxels, low byte first", f"{_DRIVER}:35, 51-107; can2wifi2ros"
-        ),
-        measured("touch", "60 to 239 counts above zero under one grip; the second proximity always FFFF", _SLIDE),
-        assumed(
-            "touch",
-            f"{COUNTS_PER_NEWTON:.0f} counts/N, {REST_COUNTS} counts untouched; proximity 0",
-            "both drivers; FabricSlide",
-        ),
-        assumed(
-            "touch",
-            f"taxels spread evenly over {WIDTH_M * 1e3:.0f} x {LENGTH_M * 1e3:.0f} mm; the table names each",
-            "both drivers",
-        ),
-        stated("configuration", "1 Mbit/s; it transmits unasked, nothing is sent to it", f"{_DRIVER}:25"),
-        assumed("configuration", "what the host sends is ignored", "both drivers send nothing"),
-        measured("timing", "a scan every 28.08 ms (26 to 30)", _SLIDE),
-    )
+    facts = fact_table(f"""
+        stated touch: identifiers, order of frames and taxels, low byte first @ {_DRIVER}:35, 51-107; can2wifi2ros
+        measured touch: 60 to 239 counts above zero under one grip; the second proximity always FFFF @ {_SLIDE}
+        assumed touch: {COUNTS_PER_NEWTON:.0f} counts/N, {REST_COUNTS} counts untouched; proximity 0 @ both drivers;
+            FabricSlide
+        assumed touch: taxels spread evenly over {WIDTH_M * 1000.0:.0f} x {LENGTH_M * 1000.0:.0f} mm; the table names
+            each @ both drivers
+        stated configuration: 1 Mbit/s; it transmits unasked, nothing is sent to it @ {_DRIVER}:25
+        assumed configuration: what the host sends is ignored @ both drivers send nothing
+        measured timing: a scan every 28.08 ms (26 to 30) @ {_SLIDE}
+    """)
 
     def __init__(
         self, *, rest: Annotated[int, Option("counts of an untouched taxel", low=0, high=0xFFFF)] = REST_COUNTS

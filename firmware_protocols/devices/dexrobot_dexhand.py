@@ -31,22 +31,9 @@ from typing import Annotated, Literal
 import numpy as np
 
 from firmware_protocols import (
-    Can,
-    CanFrame,
-    Column,
-    Command,
-    Counts,
-    Device,
-    Option,
-    Reading,
-    Transmissions,
-    assumed,
-    stated,
-)
-from firmware_protocols.adc import quantize
-from firmware_protocols.layouts import points, stack
-from firmware_protocols.motors import Motors
-from firmware_protocols.tables import Frame
+    Can, CanFrame, Column, Command, Counts, Device, Frame, Motors, Option, Reading, Transmissions, fact_table, points,
+    quantize, stack,
+)  # fmt: skip
 
 FEEDBACK = Frame("""
     feedback
@@ -122,38 +109,25 @@ class DexrobotDexHand(Device[CanFrame]):
         f"{CPP}include/Protocols.h, libs/libdexhand_sdk_cpp.so",
     )
     judge = "DexRobot/pyzlg_dexhand@316575a, DexRobot/dexhand021_linux_sdk_cpp@185f7c8"
-    facts = (
-        stated(
-            "touch", "boards are thumb, palm, index, middle, ring, little", f"{PYZLG}dexhand_interface.py:99 finger_map"
-        ),
-        stated("touch", "the same order, the palm without fingertip", f"{CPP}include/Protocols.h:222, status_data"),
-        stated("touch", "direction 0 is the fingertip", f"{PYZLG}dexhand_interface.py:68"),
-        assumed("touch", f"forces to {MAX_FORCE_N:.0f} N, direction clockwise, temperature 0 to 85 deg C", LOOKED),
-        assumed(
-            "touch", f"one point per fingertip, {FINGER_SPACING_M * 1e3:.0f} mm apart, normal +z, tips to +y", LOOKED
-        ),
-        assumed("touch", "proximity and the two deltas are 0", LOOKED),
-        stated(
-            "identity",
-            "version: request 01 02, four bytes, the last first",
-            f"{CPP}libdexhand_sdk_cpp.so get_sdk_version",
-        ),
-        assumed("identity", "firmware 1.0.0.0", LOOKED),
-        stated("configuration", "1 and 5 Mbit/s", f"{PYZLG}zcan_wrapper.py:263"),
-        stated(
-            "configuration",
-            "set-up begins with 03; mode, period [10 ms], on",
-            f"{PYZLG}dexhand_protocol/commands.py:107",
-        ),
-        stated(
-            "configuration", "goals in 0.01 deg, or in Hall counts", f"{PYZLG}dexhand_interface.py:504 _scale_angle"
-        ),
-        stated("configuration", "joints reach 90 deg, th_rot 150, ff_spr 30", f"{TESTED}:46"),
-        stated("configuration", "feedback comes without being set up", f"{TESTED}: reads, and never sets a mode"),
-        assumed("configuration", "mode 1 after power-up; in mode 2 a motion message is the question", LOOKED),
-        assumed("configuration", "motors move at 200 deg/s; currents, speeds and encoders are 0", LOOKED),
-        assumed("timing", "100 feedbacks a second after power-up, from every board at once", LOOKED),
-    )
+    facts = fact_table(f"""
+        stated touch: boards are thumb, palm, index, middle, ring, little @ {PYZLG}dexhand_interface.py:99 finger_map
+        stated touch: the same order, the palm without fingertip @ {CPP}include/Protocols.h:222, status_data
+        stated touch: direction 0 is the fingertip @ {PYZLG}dexhand_interface.py:68
+        assumed touch: forces to {MAX_FORCE_N:.0f} N, direction clockwise, temperature 0 to 85 deg C @ {LOOKED}
+        assumed touch: one point per fingertip, {FINGER_SPACING_M * 1000.0:.0f} mm apart, normal +z, tips to +y @
+            {LOOKED}
+        assumed touch: proximity and the two deltas are 0 @ {LOOKED}
+        stated identity: version: request 01 02, four bytes, the last first @ {CPP}libdexhand_sdk_cpp.so get_sdk_version
+        assumed identity: firmware 1.0.0.0 @ {LOOKED}
+        stated configuration: 1 and 5 Mbit/s @ {PYZLG}zcan_wrapper.py:263
+        stated configuration: set-up begins with 03; mode, period [10 ms], on @ {PYZLG}dexhand_protocol/commands.py:107
+        stated configuration: goals in 0.01 deg, or in Hall counts @ {PYZLG}dexhand_interface.py:504 _scale_angle
+        stated configuration: joints reach 90 deg, th_rot 150, ff_spr 30 @ {TESTED}:46
+        stated configuration: feedback comes without being set up @ {TESTED}: reads, and never sets a mode
+        assumed configuration: mode 1 after power-up; in mode 2 a motion message is the question @ {LOOKED}
+        assumed configuration: motors move at 200 deg/s; currents, speeds and encoders are 0 @ {LOOKED}
+        assumed timing: 100 feedbacks a second after power-up, from every board at once @ {LOOKED}
+    """)
 
     def __init__(
         self, *, side: Annotated[Literal["left", "right"], Option("which hand; sets the identifiers")] = "left"

@@ -18,24 +18,9 @@ from typing import Annotated, Literal
 import numpy as np
 
 from firmware_protocols import (
-    USB,
-    Column,
-    Counts,
-    Device,
-    Option,
-    Reading,
-    Rollover,
-    Sense,
-    Serial,
-    Transmissions,
-    grid_layout,
-    points,
-)
-from firmware_protocols.adc import quantize
-from firmware_protocols.device import Axis, Quantity
-from firmware_protocols.facts import assumed, stated
-from firmware_protocols.layouts import stack
-from firmware_protocols.tables import Frame
+    USB, Axis, Column, Counts, Device, Frame, Option, Quantity, Reading, Rollover, Sense, Serial, Transmissions,
+    fact_table, grid_layout, points, quantize, stack,
+)  # fmt: skip
 
 PACKET = Frame("""
     packet
@@ -107,22 +92,18 @@ class DigityExohand(Device):
     evidence = ("driver",)
     sources = ("digity 0.2.5 _humi.py, _serial.py, README (the vendor's own)",)
     judge = "digity 0.2.5"
-    facts = (
-        stated("identity", "one of four makes of USB chips, found by id or text", f"{SDK} _serial.py l.18-19"),
-        stated("touch", "six counts of 0 to 4095; 16384 per g in its example", f"{SDK} README; _humi.py l.183"),
-        stated("touch", "five angles of a finger in 0.01 deg; arm boards with 3, 2, 2, 3", f"{SDK} _humi.py l.36-47"),
-        stated("timing", "about 50 Hz; sequence of 16 bits; times in us", f"{SDK} README"),
-        assumed("identity", "of the four chips a CP2102", f"{SDK} whole"),
-        assumed(
-            "identity", "low nibbles 1 angles, 2 motion, 3 touch ('communication line')", f"{SDK} README, _types.py"
-        ),
-        assumed(
-            "touch", "six channels as 3 rows of 2, 6 mm apart, from the fingertip; a flat hand", f"{SDK} viz/static"
-        ),
-        assumed("touch", "400 counts/N, untouched 0; 131 counts per deg/s; axes of the link", f"{SDK} whole"),
-        assumed("touch", "angles stand still: nothing moves the wearer's fingers", f"{SDK} whole"),
-        assumed("timing", "a packet: a record of each kind, one sample; one sequence for all boards", f"{SDK} whole"),
-    )
+    facts = fact_table(f"""
+        stated identity: one of four makes of USB chips, found by id or text @ {SDK} _serial.py l.18-19
+        stated touch: six counts of 0 to 4095; 16384 per g in its example @ {SDK} README; _humi.py l.183
+        stated touch: five angles of a finger in 0.01 deg; arm boards with 3, 2, 2, 3 @ {SDK} _humi.py l.36-47
+        stated timing: about 50 Hz; sequence of 16 bits; times in us @ {SDK} README
+        assumed identity: of the four chips a CP2102 @ {SDK} whole
+        assumed identity: low nibbles 1 angles, 2 motion, 3 touch ('communication line') @ {SDK} README, _types.py
+        assumed touch: six channels as 3 rows of 2, 6 mm apart, from the fingertip; a flat hand @ {SDK} viz/static
+        assumed touch: 400 counts/N, untouched 0; 131 counts per deg/s; axes of the link @ {SDK} whole
+        assumed touch: angles stand still: nothing moves the wearer's fingers @ {SDK} whole
+        assumed timing: a packet: a record of each kind, one sample; one sequence for all boards @ {SDK} whole
+    """)
 
     def __init__(
         self,

@@ -22,23 +22,9 @@ from typing import Annotated, Literal
 import numpy as np
 
 from firmware_protocols import (
-    USB,
-    Column,
-    Counts,
-    Device,
-    Layout,
-    Option,
-    Patch,
-    Reading,
-    Restart,
-    Rollover,
-    Serial,
-    Transmissions,
-)
-from firmware_protocols.device import Axis, Quantity
-from firmware_protocols.facts import assumed, stated
-from firmware_protocols.magnetic import LinearMagnet
-from firmware_protocols.tables import Frame
+    USB, Axis, Column, Counts, Device, Frame, Layout, LinearMagnet, Option, Patch, Quantity, Reading, Restart, Rollover,
+    Serial, Transmissions, fact_table,
+)  # fmt: skip
 
 FRAME = Frame("""
     frame
@@ -73,32 +59,18 @@ class EfleshBinary(Device):
         f"{SOURCE} eflesh_calib/eflesh_calib/skin_stream.py; eflesh-upper/logger.py",
     )
     judge = SOURCE
-    facts = (
-        stated("identity", "a CP2102, 10C4:EA60; /dev/ttyUSB0", f"{SOURCE} eflash_binary.ino l.9-10; logger.py l.19"),
-        stated(
-            "touch", "places, polarity and Bz at rest of each sensor", f"{SOURCE} docs/2026-08-20-hardware-layout.md"
-        ),
-        stated(
-            "touch",
-            "steps and full scale of RES_16 and RES_19; what exceeds RES_16 wraps",
-            f"{SOURCE} the .ino l.81-88",
-        ),
-        stated("touch", "a sensor that does not answer reads 0.0 three times", f"{SOURCE} the .ino l.118-122"),
-        stated("timing", "184.6 Hz; rubbish after DTR, wait 2.5 s", f"{SOURCE} docs/2026-08-20-hardware-layout.md"),
-        stated(
-            "timing", "an oversampling that is too slow spoils two frames of three", f"{SOURCE} the .ino l.20-24, 90-92"
-        ),
-        assumed(
-            "touch", "a square of 14 mm; axes of the link; Bx, By 0 at rest", f"{SOURCE} docs/, README, live_probe.py"
-        ),
-        assumed(
-            "touch", "500 uT/N in the plane, 1000 along the normal, more field under a push", f"{SOURCE} docs/, README"
-        ),
-        assumed(
-            "timing", "silent for 2 s after power-up and each change of the lines with DTR set", f"{SOURCE} docs/, .ino"
-        ),
-        assumed("timing", "with `zero_frames` every third conversion is whole, from the first", f"{SOURCE} the .ino"),
-    )
+    facts = fact_table(f"""
+        stated identity: a CP2102, 10C4:EA60; /dev/ttyUSB0 @ {SOURCE} eflash_binary.ino l.9-10; logger.py l.19
+        stated touch: places, polarity and Bz at rest of each sensor @ {SOURCE} docs/2026-08-20-hardware-layout.md
+        stated touch: steps and full scale of RES_16 and RES_19; what exceeds RES_16 wraps @ {SOURCE} the .ino l.81-88
+        stated touch: a sensor that does not answer reads 0.0 three times @ {SOURCE} the .ino l.118-122
+        stated timing: 184.6 Hz; rubbish after DTR, wait 2.5 s @ {SOURCE} docs/2026-08-20-hardware-layout.md
+        stated timing: an oversampling that is too slow spoils two frames of three @ {SOURCE} the .ino l.20-24, 90-92
+        assumed touch: a square of 14 mm; axes of the link; Bx, By 0 at rest @ {SOURCE} docs/, README, live_probe.py
+        assumed touch: 500 uT/N in the plane, 1000 along the normal, more field under a push @ {SOURCE} docs/, README
+        assumed timing: silent for 2 s after power-up and each change of the lines with DTR set @ {SOURCE} docs/, .ino
+        assumed timing: with `zero_frames` every third conversion is whole, from the first @ {SOURCE} the .ino
+    """)
 
     def __init__(
         self,

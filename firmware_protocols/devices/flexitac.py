@@ -25,8 +25,7 @@ from typing import Annotated
 
 import numpy as np
 
-from firmware_protocols import Column, Counts, Device, Option, Reading, Serial, Transmissions, grid_layout
-from firmware_protocols.facts import assumed, measured, stated
+from firmware_protocols import Column, Counts, Device, Option, Reading, Serial, Transmissions, fact_table, grid_layout
 
 MARKER = b"\xaa\x55"
 ADC_MAX = 1023
@@ -48,18 +47,14 @@ class FlexiTac(Device):
         f"{HARDWARE} 32_16_fast.ino (16 x 32)",
     )
     judge = "flexitac 0.3.1, FlexiTac/FlexiTac_Hardware_Repo@9cf98bf"
-    facts = (
-        stated(
-            "identity", "its port is a /dev/ttyUSB0 (an Arduino Nano is flashed)", "flexitac 0.3.1 sensor.py; flash.py"
-        ),
-        stated("touch", "8 bits of 10, row by row", "flexitac 0.3.1 firmware/template.ino; 32_16_fast.ino l.59-78"),
-        stated("touch", "10 to 40 counts untouched", "flexitac 0.3.1 sensor.py l.68"),
-        assumed("touch", "2 mm pitch; row 0 at the largest y, column 0 at the smallest x", f"{HARDWARE} whole"),
-        assumed(
-            "touch", "ADC = rest + (1023 - rest) F / (F + 1 N), rest 80", f"flexitac 0.3.1; {HARDWARE}, both whole"
-        ),
-        measured("timing", "a scan every 9.7 ms, give or take 1.6 to 1.9", "jsheng45/ViTac-Tactile-Sensing@0889c972"),
-    )
+    facts = fact_table(f"""
+        stated identity: its port is a /dev/ttyUSB0 (an Arduino Nano is flashed) @ flexitac 0.3.1 sensor.py; flash.py
+        stated touch: 8 bits of 10, row by row @ flexitac 0.3.1 firmware/template.ino; 32_16_fast.ino l.59-78
+        stated touch: 10 to 40 counts untouched @ flexitac 0.3.1 sensor.py l.68
+        assumed touch: 2 mm pitch; row 0 at the largest y, column 0 at the smallest x @ {HARDWARE} whole
+        assumed touch: ADC = rest + (1023 - rest) F / (F + 1 N), rest 80 @ flexitac 0.3.1; {HARDWARE}, both whole
+        measured timing: a scan every 9.7 ms, give or take 1.6 to 1.9 @ jsheng45/ViTac-Tactile-Sensing@0889c972
+    """)
     shift = 2
     """The number of ADC bits that the firmware drops."""
 
@@ -100,10 +95,12 @@ class ViTac3d(FlexiTac):
     )
     judge = VITAC
     facts = (
-        stated("identity", "its port is /dev/ttyUSB0", f"{VITAC} python/multi_thread_contact.py l.92"),
-        stated("touch", "8 bits of 10, a space behind each number", f"{VITAC} MatrixArray.ino l.83-99"),
         *(fact for fact in FlexiTac.facts if fact.basis == "assumed"),
-        assumed("timing", "100 scans a second, as FlexiTac", f"{VITAC} MatrixArray.ino, readme (as fast as it can)"),
+        *fact_table(f"""
+        stated identity: its port is /dev/ttyUSB0 @ {VITAC} python/multi_thread_contact.py l.92
+        stated touch: 8 bits of 10, a space behind each number @ {VITAC} MatrixArray.ino l.83-99
+        assumed timing: 100 scans a second, as FlexiTac @ {VITAC} MatrixArray.ino, readme (as fast as it can)
+        """),
     )
 
     def __init__(

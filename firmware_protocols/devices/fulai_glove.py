@@ -32,12 +32,10 @@ from typing import Annotated, Literal
 
 import numpy as np
 
-from firmware_protocols import Column, Command, Counts, Device, Layout, Option, Patch, Reading, Serial, Transmissions
-from firmware_protocols.adc import quantize
-from firmware_protocols.facts import assumed, stated
-from firmware_protocols.framing import Lines
-from firmware_protocols.layouts import stack
-from firmware_protocols.tables import Frame
+from firmware_protocols import (
+    Column, Command, Counts, Device, Frame, Layout, Lines, Option, Patch, Reading, Serial, Transmissions, fact_table,
+    quantize, stack,
+)  # fmt: skip
 
 FRAME = Frame("""
     frame
@@ -81,26 +79,18 @@ class FulaiGlove(Device):
     evidence = ("driver",)
     sources = ("fulai-tactile 1.0.5 decoder.py, identity.py, layout.py, transport.py (the vendor's own)",)
     judge = "fulai-tactile 1.0.5"
-    facts = (
-        stated(
-            "identity", "the answer, its fields, FW=3.5.0, PROTOCOL=1.5, FLASH, IAP=1", f"{SDK} test_identity.py l.10"
-        ),
-        stated(
-            "identity", "old firmware: ERR unknown command", f"{SDK} test_identity.py l.77 (the vendor's own stand-in)"
-        ),
-        stated("identity", "its port is a /dev/ttyACM* or ttyUSB*", f"{SDK} transport.py l.178"),
-        stated("touch", "frames by version; slots without a taxel", f"{SDK} layout.py; README"),
-        stated("timing", "100 frames a second, 100 counts untouched", f"{SDK} types.py l.175 (its simulation)"),
-        assumed(
-            "touch", "2 mm between the taxels of a finger, 4 mm elsewhere; row 0 at the fingertips", f"{SDK} layout.py"
-        ),
-        assumed("touch", "ADC = rest + (4095 - rest) F / (F + 1 N); slots without a taxel read 0", f"{SDK} whole"),
-        assumed(
-            "configuration", "vofa on and off are not answered; what is unknown is ERR", f"{SDK} session.py, tests"
-        ),
-        assumed("configuration", "it streams from power-up, with DTR or without", f"{SDK} session.py, transport.py"),
-        assumed("timing", "80 frames of 3.2, as one takes 12.3 ms", f"{SDK} whole"),
-    )
+    facts = fact_table(f"""
+        stated identity: the answer, its fields, FW=3.5.0, PROTOCOL=1.5, FLASH, IAP=1 @ {SDK} test_identity.py l.10
+        stated identity: old firmware: ERR unknown command @ {SDK} test_identity.py l.77 (the vendor's own stand-in)
+        stated identity: its port is a /dev/ttyACM* or ttyUSB* @ {SDK} transport.py l.178
+        stated touch: frames by version; slots without a taxel @ {SDK} layout.py; README
+        stated timing: 100 frames a second, 100 counts untouched @ {SDK} types.py l.175 (its simulation)
+        assumed touch: 2 mm between the taxels of a finger, 4 mm elsewhere; row 0 at the fingertips @ {SDK} layout.py
+        assumed touch: ADC = rest + (4095 - rest) F / (F + 1 N); slots without a taxel read 0 @ {SDK} whole
+        assumed configuration: vofa on and off are not answered; what is unknown is ERR @ {SDK} session.py, tests
+        assumed configuration: it streams from power-up, with DTR or without @ {SDK} session.py, transport.py
+        assumed timing: 80 frames of 3.2, as one takes 12.3 ms @ {SDK} whole
+    """)
 
     def __init__(
         self,

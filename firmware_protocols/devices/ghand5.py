@@ -36,13 +36,11 @@ from typing import Annotated, Literal
 
 import numpy as np
 
-from firmware_protocols import Column, Command, Counts, Device, Option, Reading, Rs485, Transmissions, assumed, stated
-from firmware_protocols.adc import quantize
-from firmware_protocols.device import Axis
-from firmware_protocols.layouts import filled, place, stack
-from firmware_protocols.motors import Motors
+from firmware_protocols import (
+    Axis, Column, Command, Counts, Device, Motors, Option, Reading, RegisterMap, Registers, Rs485, Transmissions,
+    fact_table, filled, place, quantize, stack,
+)  # fmt: skip
 from firmware_protocols.protocols.modbus import Banks, Rtu, silence_ns
-from firmware_protocols.registers import RegisterMap, Registers
 
 JOINTS = {
     # name: stops [deg], in the order of their input registers; no stops: no motor
@@ -117,24 +115,24 @@ class GHand5(Device):
     evidence = ("driver",)
     sources = (f"{_SDK} (the vendor's own)",)
     judge = _SDK
-    facts = (
-        stated("touch", "resultants and taxels are 0.1 N", f"{_SDK} src/ghand/comm/ethercat_protocol.py:157"),
-        stated("touch", "taxels of each finger", f"{_SDK} config/ghand5.json:25 (introduction.rst: 52)"),
-        assumed("touch", "places: even rows on a pad of 12 x 18 mm, 25 mm apart; a push is positive; the resultant is "
-                "the sum over the taxels", _READ),
-        assumed("touch", "every finger is valid, no error; touch is on at power-up; off: none is valid, all 0", _READ),
-        stated("identity", "left 31, right 32", f"{_SDK} README.md:159"),
-        stated("identity", "its name is GHand 5: no other is opened", f"{_SDK} src/ghand/ghand.py:254"),
-        stated("identity", "firmware v1.0.0", f"{_SDK} src/ghand/ghand.py:465 (an example)"),
-        assumed("identity", "hardware, serial number, driver's version", _READ),
-        stated("configuration", "1 000 000 baud", f"{_COMM}:73, README.md:134"),
-        stated("configuration", "orders of 0001, 0002, 0010, 0011 .., 002B", f"{_COMM}:323, 497, 541, 552"),
-        stated("configuration", "a new unit is in force at once", f"{_COMM}:304"),
-        stated("configuration", "the joints' stops", f"{_SDK} config/ghand5.json:4"),
-        assumed("configuration", "a new unit is kept; faults never; to initialise does nothing; joints without a "
-                "motor stand at 0; torque and speed modes do not move; other registers read 0; 25 deg C", _READ),
-        assumed("timing", "100 conversions per second; 100 % speed is 180 deg/s; answers and orders at once", _READ),
-    )  # fmt: skip
+    facts = fact_table(f"""
+        stated touch: resultants and taxels are 0.1 N @ {_SDK} src/ghand/comm/ethercat_protocol.py:157
+        stated touch: taxels of each finger @ {_SDK} config/ghand5.json:25 (introduction.rst: 52)
+        assumed touch: places: even rows on a pad of 12 x 18 mm, 25 mm apart; a push is positive; the resultant is the
+            sum over the taxels @ {_READ}
+        assumed touch: every finger is valid, no error; touch is on at power-up; off: none is valid, all 0 @ {_READ}
+        stated identity: left 31, right 32 @ {_SDK} README.md:159
+        stated identity: its name is GHand 5: no other is opened @ {_SDK} src/ghand/ghand.py:254
+        stated identity: firmware v1.0.0 @ {_SDK} src/ghand/ghand.py:465 (an example)
+        assumed identity: hardware, serial number, driver's version @ {_READ}
+        stated configuration: 1 000 000 baud @ {_COMM}:73, README.md:134
+        stated configuration: orders of 0001, 0002, 0010, 0011 .., 002B @ {_COMM}:323, 497, 541, 552
+        stated configuration: a new unit is in force at once @ {_COMM}:304
+        stated configuration: the joints' stops @ {_SDK} config/ghand5.json:4
+        assumed configuration: a new unit is kept; faults never; to initialise does nothing; joints without a motor
+            stand at 0; torque and speed modes do not move; other registers read 0; 25 deg C @ {_READ}
+        assumed timing: 100 conversions per second; 100 % speed is 180 deg/s; answers and orders at once @ {_READ}
+    """)
 
     def __init__(
         self,

@@ -11,10 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from firmware_protocols.adc import quantize
-from firmware_protocols.can_frames import CanFrames
+from firmware_protocols import CanFrames, Frame, quantize
 from firmware_protocols.devices.icub_triangles import PADS_PER_TRIANGLE, THERMAL_PADS
-from firmware_protocols.tables import Frame
 
 HEAD = Frame("""
     head, id 100 bbbb tttt (b board, t triangle)

@@ -43,51 +43,16 @@ from typing import Annotated, ClassVar, Literal
 import numpy as np
 
 from firmware_protocols import (
-    Can,
-    CanFrame,
-    Column,
-    Command,
-    Counts,
-    Device,
-    Layout,
-    Option,
-    Reading,
-    Stream,
-    Transmissions,
-    assumed,
-    measured,
-    stated,
-)
+    Can, CanFrame, Column, Command, Counts, Device, Frame, Layout, Option, Reading, Stream, Transmissions, fact_table,
+    place, stack,
+)  # fmt: skip
 from firmware_protocols.devices.icub_board import (
-    HEAD,
-    NEW_CLASS,
-    NO_ACK,
-    NO_LOAD_COUNTS,
-    NOT_CONNECTED,
-    OLD_CLASS,
-    OLD_NO_LOAD_COUNTS,
-    RAW_COUNTS_PER_DEG,
-    RAW_COUNTS_PER_NEWTON,
-    TAIL,
-    TO_ALL,
-    TRIANGLES_PER_BOARD,
-    TYPE_PALM_OR_TIP,
-    TYPE_TEMPERATURE,
-    Board,
-)
+    HEAD, NEW_CLASS, NOT_CONNECTED, NO_ACK, NO_LOAD_COUNTS, OLD_CLASS, OLD_NO_LOAD_COUNTS, RAW_COUNTS_PER_DEG,
+    RAW_COUNTS_PER_NEWTON, TAIL, TO_ALL, TRIANGLES_PER_BOARD, TYPE_PALM_OR_TIP, TYPE_TEMPERATURE, Board,
+)  # fmt: skip
 from firmware_protocols.devices.icub_triangles import (
-    PADS_PER_TRIANGLE,
-    PALM,
-    SHEETS,
-    TAXEL_PADS,
-    TrianglePlace,
-    fingertip,
-    flat,
-    places_of,
-    wrapped,
-)
-from firmware_protocols.layouts import place, stack
-from firmware_protocols.tables import Frame
+    PADS_PER_TRIANGLE, PALM, SHEETS, TAXEL_PADS, TrianglePlace, fingertip, flat, places_of, wrapped,
+)  # fmt: skip
 
 FINGERS = ("index", "middle", "ring", "little", "thumb")
 HAND_TRIANGLES = (0, 1, 2, 3, 4, 8, 9, 10, 11)
@@ -125,77 +90,37 @@ class IcubSkin(Device[CanFrame]):
         "clear-nus/icub_grasp_dataset@87dceeca (recordings of a hand: `pattern`)",
     )
     judge = "robotology/icub-main@24c1a00"
-    facts = (
-        stated("touch", "compensation, ends, range, order of an ergoCub hand, test mode", f"{_SKIN}:70-110, 330-520"),
-        stated(
-            "touch",
-            "errors that recalibrate, flags of a triangle",
-            f"{_SKIN}:500-530; embot_prot_can_skin_periodic.cpp",
-        ),
-        stated(
-            "touch",
-            "a triangle that is not fitted reads FFFF, and is not connected",
-            "icub-firmware AD7147.c TrianglesInit",
-        ),
-        assumed(
-            "touch",
-            f"{RAW_COUNTS_PER_NEWTON:.0f} raw counts/N and {RAW_COUNTS_PER_DEG:.0f} per deg C of a thermal pad",
-            "theSkin, AD7147.c",
-        ),
-        assumed(
-            "touch",
-            "a pad drifts by its gain of type 0 / 128 of a thermal pad, one of a fingertip like that",
-            "theSkin",
-        ),
-        assumed(
-            "touch",
-            "a chip that does not acknowledge reads 0 and did so after it was calibrated",
-            "AD7147.c, I2C_Multi_SDA.c",
-        ),
-        assumed("touch", "the cdc offset shifts nothing that calibration does not take away", "theSkin, AD7147.c"),
-        measured(
-            "touch",
-            "`pattern`: fingertips as recorded; other parts like them, one finger after another",
-            "icub_grasp_dataset",
-        ),
-        assumed(
-            "touch",
-            "forearm: a cylinder of 40 mm radius, 3 strips of 8 triangles, 3 a board; upper arm: 45 mm, 5 strips of 7; "
-            "torso: flat, 4 strips of 11; 16 triangles a board; edge 30 mm; pads as the drawing tool places them",
-            "icub-main app/skinGui conf (free forms of one robot)",
-        ),
-        assumed(
-            "touch",
-            "hand: index, middle, ring, little, thumb, each 4 x 3 pads row by row at 4 mm around 7 mm; palm triangles "
-            "in a row, ten taxels each (a hand V2.1 has 104 in all); numbers 0 to 4 and 8 to 11",
-            "icub-main app/skinGui conf",
-        ),
-        stated(
-            "identity",
-            "MTB4 is 11, version 1.25.0, protocol 2.0",
-            "icub-firmware main-appcan.cpp:20; iCubCanProto_types.h",
-        ),
-        stated(
-            "configuration", "type 0, 50 ms, no load 245, shift 2, all enabled, silent", f"{_SKIN}:150-165; AD7147.h"
-        ),
-        stated(
-            "configuration",
-            "50 recalibrates all, 4C sets all back and starts; 4E does nothing",
-            f"{_SKIN}:255-310, 720-765",
-        ),
-        stated(
-            "configuration",
-            "a frame is for a board by four bits, F for all, from any host",
-            "embot_prot_can.cpp:100-117",
-        ),
-        assumed(
-            "configuration", "old firmware: no load 240, 40 ms, the frames of the new one", "icub-firmware (not in it)"
-        ),
-        assumed("configuration", "boot loader, addresses and times get silence", "left out; bootloader.cpp"),
-        assumed("configuration", "a hand's board has type 1 after power-up, as drivers set it", "theSkin has 0 on all"),
-        assumed("identity", "additional information: skin", "set by a user; embot_prot_can_bootloader.cpp"),
-        stated("timing", "period in ms, 40 after 4C", "embot_prot_can_analog_polling.cpp:217, 281"),
-    )
+    facts = fact_table(f"""
+        stated touch: compensation, ends, range, order of an ergoCub hand, test mode @ {_SKIN}:70-110, 330-520
+        stated touch: errors that recalibrate, flags of a triangle @ {_SKIN}:500-530; embot_prot_can_skin_periodic.cpp
+        stated touch: a triangle that is not fitted reads FFFF, and is not connected @ icub-firmware AD7147.c
+            TrianglesInit
+        assumed touch: {RAW_COUNTS_PER_NEWTON:.0f} raw counts/N and {RAW_COUNTS_PER_DEG:.0f} per deg C of a thermal pad
+            @ theSkin, AD7147.c
+        assumed touch: a pad drifts by its gain of type 0 / 128 of a thermal pad, one of a fingertip like that @ theSkin
+        assumed touch: a chip that does not acknowledge reads 0 and did so after it was calibrated @ AD7147.c,
+            I2C_Multi_SDA.c
+        assumed touch: the cdc offset shifts nothing that calibration does not take away @ theSkin, AD7147.c
+        measured touch: `pattern`: fingertips as recorded; other parts like them, one finger after another @
+            icub_grasp_dataset
+        assumed touch: forearm: a cylinder of 40 mm radius, 3 strips of 8 triangles, 3 a board; upper arm: 45 mm, 5
+            strips of 7; torso: flat, 4 strips of 11; 16 triangles a board; edge 30 mm; pads as the drawing tool places
+            them @ icub-main app/skinGui conf (free forms of one robot)
+        assumed touch: hand: index, middle, ring, little, thumb, each 4 x 3 pads row by row at 4 mm around 7 mm; palm
+            triangles in a row, ten taxels each (a hand V2.1 has 104 in all); numbers 0 to 4 and 8 to 11 @ icub-main
+            app/skinGui conf
+        stated identity: MTB4 is 11, version 1.25.0, protocol 2.0 @ icub-firmware main-appcan.cpp:20;
+            iCubCanProto_types.h
+        stated configuration: type 0, 50 ms, no load 245, shift 2, all enabled, silent @ {_SKIN}:150-165; AD7147.h
+        stated configuration: 50 recalibrates all, 4C sets all back and starts; 4E does nothing @ {_SKIN}:255-310,
+            720-765
+        stated configuration: a frame is for a board by four bits, F for all, from any host @ embot_prot_can.cpp:100-117
+        assumed configuration: old firmware: no load 240, 40 ms, the frames of the new one @ icub-firmware (not in it)
+        assumed configuration: boot loader, addresses and times get silence @ left out; bootloader.cpp
+        assumed configuration: a hand's board has type 1 after power-up, as drivers set it @ theSkin has 0 on all
+        assumed identity: additional information: skin @ set by a user; embot_prot_can_bootloader.cpp
+        stated timing: period in ms, 40 after 4C @ embot_prot_can_analog_polling.cpp:217, 281
+    """)
 
     def __init__(
         self,

@@ -9,9 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from firmware_protocols import Layout, grid_layout
-from firmware_protocols.layouts import place, stack
-from firmware_protocols.registers import RegisterMap
+from firmware_protocols import Layout, RegisterMap, grid_layout, place, stack
 
 MAP = RegisterMap(
     """

@@ -58,35 +58,16 @@ from __future__ import annotations
 
 from typing import Annotated, ClassVar, Literal
 
-from firmware_protocols import Option
+from firmware_protocols import Option, assumed, fact_table, stated
 from firmware_protocols.devices.linker_hand_base import (
-    JOINT_STROKES_RAD,
-    OVERLOAD_SHARE,
-    STRENGTH_NM,
-    STROKE_S,
-    TABLE,
-    HasPalm,
-    LinkerHand,
-    SerialNumber,
-    Side,
-    TouchKind,
-)
+    JOINT_STROKES_RAD, OVERLOAD_SHARE, STRENGTH_NM, STROKE_S, TABLE, HasPalm, LinkerHand, SerialNumber, Side, TouchKind,
+)  # fmt: skip
 from firmware_protocols.devices.linker_hand_joints import (
-    BY_TABLE,
-    SIX_JOINTS,
-    TEN_JOINTS,
-    TWENTY_JOINTS,
-    Views,
-    joint_view,
-)
+    BY_TABLE, SIX_JOINTS, TEN_JOINTS, TWENTY_JOINTS, Views, joint_view,
+)  # fmt: skip
 from firmware_protocols.devices.linker_hand_touch import (
-    COUNTS_PER_NEWTON,
-    FINGER_SPACING_M,
-    PALM_DISTANCE_M,
-    PITCH_M,
-    TABLE_SENSORS,
-)
-from firmware_protocols.facts import assumed, measured, stated
+    COUNTS_PER_NEWTON, FINGER_SPACING_M, PALM_DISTANCE_M, PITCH_M, TABLE_SENSORS,
+)  # fmt: skip
 
 Shown = Annotated[
     Literal["present", "set"], Option("what speeds and torques answer: the present values, or the limits set")
@@ -106,87 +87,70 @@ PYTHON = "linkerhand-python-sdk@b371361"
 SDKS = f"linkerbot 0.5.4, linker-bot/{PYTHON}, linker-bot/linkerhand-cpp-sdk@a0100cf"
 JUDGES = f"{SDKS}, linker-bot/{ROS2}"
 L21_TOPIC = f"{ROS2} doc/Topic-Reference.md:140, what an L21 published"
-FACTS = (
-    stated("touch", "raw 0..255, more under more force", f"{TABLE} G70"),
-    stated("touch", "one byte, rows in its high bits and columns in its low ones, asks for a matrix", f"{TABLE} H71"),
-    stated("touch", "rows begin at the tip (11 of the tip, 6 of the middle, 6 of the root)", f"{TABLE} H70"),
-    stated("touch", "palms of 14 x 15, 14 x 4, 10 x 10 beside fingers", f"{ROS2} linker_hand_l6_can.py:80-106"),
-    stated("touch", "B1..B5 alone answer a sum of two bytes", f"{ROS2} linker_hand_g20_can.py:590"),
-    measured("touch", "the second of them is 0 when nothing touches, so it is no number of columns", L21_TOPIC),
-    assumed("touch", "it is the low byte first, as in the frames of sums, and the sum of the counts", READ),
-    assumed("touch", f"{COUNTS_PER_NEWTON:.0f} counts/N of normal force per taxel (no scale is published)", READ),
-    assumed(
-        "touch", f"pitch {PITCH_M * 1e3} mm, fingertips side by side every {FINGER_SPACING_M * 1e3:.0f} mm, a palm "
-        f"{PALM_DISTANCE_M * 1e3:.0f} mm below them", READ,
-    ),
-    assumed("touch", "another size's selector, and four quantities of a matrix hand, get silence", READ),
-    assumed("touch", "four quantities: sums in the matrix's scale, direction 256 steps a turn, approach 0", READ),
-    stated("identity", "letters A, B, F are sensors 1, 2, 4", f"{ROS2} linker_hand_g20_can.py:258"),
-    assumed("identity", "B0 answers the same on an L6, L10 and O6", READ),
-    assumed("identity", "the versions, the serial number's other fields", READ),
-    stated("configuration", "a set is answered by the present value", "linkerbot 0.5.4 hand/*/angle.py"),
-    assumed("configuration", "joints go at once where they are sent; power-up: angles 80, limits FF, 30 degrees", READ),
-    stated("timing", "an answer begins within 1 ms", f"{TABLE}, remarks, 7"),
-    stated("timing", "one finger at a time; drivers wait 2.5 ms between", "linkerbot 0.5.4 l6/force_sensor.py:202"),
-    assumed("timing", "100 Hz conversion; an answer begins at once", READ),
-)  # fmt: skip
-OLDER_FACTS = (
-    measured("identity", "64 of a right L10: 10, 6, 22, 82, 20, 17, 0", f"{PYTHON} doc/API-Reference.md:98"),
-    assumed("identity", "software 2.4, from which on the L10's driver reads torques, and the same of an L6, O6", READ),
-)
-MOTOR_FACTS = (
-    assumed(
-        "configuration", f"255 is open, 0 closed ({', '.join(f'{j} {s} rad' for j, s in JOINT_STROKES_RAD.items())})",
-        READ,
-    ),
-    assumed(
-        "configuration", f"in an engine a stroke takes {STROKE_S} s at speed 255; torque 255 is {STRENGTH_NM} Nm and "
-        f"1400 mA; fault bit 3 while a joint is stalled at more than {OVERLOAD_SHARE:.0%} of that", READ,
-    ),
-)  # fmt: skip
-TABLE_FACTS = (
-    stated("touch", "sensors 5 and 7: sizes, two bytes, a third for sums behind FF", f"{TABLE} H70, H71"),
-    stated("touch", "frames of row, column, five numbers; sums u16 LE", f"{ROS2} linker_hand_g20_can.py:485-556"),
-    stated("touch", "the palm of 5 is 20 x 28, and asked for so", f"{TABLE} H70; C++ library"),
-    stated(
-        "touch", "it is 28 x 20, and asked for so", f"{ROS2} linker_hand_g20_can.py:557, doc/Topic-Reference.md:131"
-    ),
-    assumed("touch", "it is 28 x 20; asked for the other way round, a palm comes so", READ),
-    assumed("touch", "a sum is that of the counts, at most FFFF; letter B beside sensors 5 and 7", READ),
-    stated("identity", "21 characters in four frames; a frame that is not full ends them", f"{TABLE} H77; C++ library"),
-    stated("identity", "C1, C2, C4 answer three numbers; C3 the id, FF is a broadcast", f"{TABLE} H78..H81"),
-    assumed("identity", "FF is answered under the hand's own id", f"{TABLE}, remarks, 5"),
-    stated("configuration", "sets and answers of one form; wrong ones get no answer", f"{TABLE}, remarks, 2, 6"),
-    stated("configuration", "a finger is yaw, roll, root 1, 2, 3, tip; which are used", f"{TABLE} H32, J3..P8"),
-    stated("configuration", "speeds and torques answer what is, not the limits", f"{TABLE} E8..E19, remarks, 2"),
-    measured("configuration", "so does an L21: speeds 0, 1, 4, 6, torques 0 to 16, reserved joints 0", L21_TOPIC),
-    stated("configuration", "shown=set: speeds are those set", "linkerhand-cpp-sdk@a0100cf docs/API-Reference.md:158"),
-    stated("configuration", "angles 80 in the example of 41, reserved ones too", f"{TABLE} H32"),
-    stated("configuration", "one byte sets the roll of the thumb", "linkerhand-cpp-sdk@a0100cf, its library sends it"),
-    assumed("configuration", "whole fingers: mean of the used joints, faults of any of them", READ),
-)
-L25_FACTS = (
-    stated("configuration", "sets of five bytes behind 49..4D, 51..55; 85", f"{PYTHON} linker_hand_l25_can.py:418-463"),
-    assumed("configuration", "five bytes leave the tip as it is; 85 answers what was set and disables nothing", READ),
-    stated(
-        "configuration",
-        "the vendor's classes take roll for the first of a finger",
-        f"{PYTHON} linker_hand_l25_can.py:620",
-    ),
-    stated(
-        "identity", "version_numbers=4: shown from four numbers on", "linkerhand-cpp-sdk@a0100cf, L25Hand::getVersion"
-    ),
-    measured("identity", "an L21 has four: 7, 0, 0, 0", L21_TOPIC),
-)
-L20_FACTS = (
-    stated("configuration", "joints, 05 06 07, silent from 11 on, C3, CF", f"{PYTHON} linker_hand_l20_can.py:11-32"),
-    stated(
-        "configuration",
-        "a query may carry 00; 09 0B 0C 0D are temperatures",
-        f"{PYTHON} linker_hand_l20_can.py:236, 377, 392",
-    ),
-    assumed("configuration", "hardware V10 and V11 follow the table, others the vendor's class", READ),
-)
+FACTS = fact_table(f"""
+    stated touch: raw 0..255, more under more force @ {TABLE} G70
+    stated touch: one byte, rows in its high bits and columns in its low ones, asks for a matrix @ {TABLE} H71
+    stated touch: rows begin at the tip (11 of the tip, 6 of the middle, 6 of the root) @ {TABLE} H70
+    stated touch: palms of 14 x 15, 14 x 4, 10 x 10 beside fingers @ {ROS2} linker_hand_l6_can.py:80-106
+    stated touch: B1..B5 alone answer a sum of two bytes @ {ROS2} linker_hand_g20_can.py:590
+    measured touch: the second of them is 0 when nothing touches, so it is no number of columns @ {L21_TOPIC}
+    assumed touch: it is the low byte first, as in the frames of sums, and the sum of the counts @ {READ}
+    assumed touch: {COUNTS_PER_NEWTON:.0f} counts/N of normal force per taxel (no scale is published) @ {READ}
+    assumed touch: pitch {PITCH_M * 1000.0} mm, fingertips side by side every {FINGER_SPACING_M * 1000.0:.0f} mm, a palm
+        {PALM_DISTANCE_M * 1000.0:.0f} mm below them @ {READ}
+    assumed touch: another size's selector, and four quantities of a matrix hand, get silence @ {READ}
+    assumed touch: four quantities: sums in the matrix's scale, direction 256 steps a turn, approach 0 @ {READ}
+    stated identity: letters A, B, F are sensors 1, 2, 4 @ {ROS2} linker_hand_g20_can.py:258
+    assumed identity: B0 answers the same on an L6, L10 and O6 @ {READ}
+    assumed identity: the versions, the serial number's other fields @ {READ}
+    stated configuration: a set is answered by the present value @ linkerbot 0.5.4 hand/*/angle.py
+    assumed configuration: joints go at once where they are sent; power-up: angles 80, limits FF, 30 degrees @ {READ}
+    stated timing: an answer begins within 1 ms @ {TABLE}, remarks, 7
+    stated timing: one finger at a time; drivers wait 2.5 ms between @ linkerbot 0.5.4 l6/force_sensor.py:202
+    assumed timing: 100 Hz conversion; an answer begins at once @ {READ}
+""")
+OLDER_FACTS = fact_table(f"""
+    measured identity: 64 of a right L10: 10, 6, 22, 82, 20, 17, 0 @ {PYTHON} doc/API-Reference.md:98
+    assumed identity: software 2.4, from which on the L10's driver reads torques, and the same of an L6, O6 @ {READ}
+""")
+MOTOR_FACTS = fact_table(f"""
+    assumed configuration: 255 is open, 0 closed ({", ".join(f"{j} {s} rad" for j, s in JOINT_STROKES_RAD.items())}) @
+        {READ}
+    assumed configuration: in an engine a stroke takes {STROKE_S} s at speed 255; torque 255 is {STRENGTH_NM} Nm and
+        1400 mA; fault bit 3 while a joint is stalled at more than {OVERLOAD_SHARE:.0%} of that @ {READ}
+""")
+TABLE_FACTS = fact_table(f"""
+    stated touch: sensors 5 and 7: sizes, two bytes, a third for sums behind FF @ {TABLE} H70, H71
+    stated touch: frames of row, column, five numbers; sums u16 LE @ {ROS2} linker_hand_g20_can.py:485-556
+    stated touch: the palm of 5 is 20 x 28, and asked for so @ {TABLE} H70; C++ library
+    stated touch: it is 28 x 20, and asked for so @ {ROS2} linker_hand_g20_can.py:557, doc/Topic-Reference.md:131
+    assumed touch: it is 28 x 20; asked for the other way round, a palm comes so @ {READ}
+    assumed touch: a sum is that of the counts, at most FFFF; letter B beside sensors 5 and 7 @ {READ}
+    stated identity: 21 characters in four frames; a frame that is not full ends them @ {TABLE} H77; C++ library
+    stated identity: C1, C2, C4 answer three numbers; C3 the id, FF is a broadcast @ {TABLE} H78..H81
+    assumed identity: FF is answered under the hand's own id @ {TABLE}, remarks, 5
+    stated configuration: sets and answers of one form; wrong ones get no answer @ {TABLE}, remarks, 2, 6
+    stated configuration: a finger is yaw, roll, root 1, 2, 3, tip; which are used @ {TABLE} H32, J3..P8
+    stated configuration: speeds and torques answer what is, not the limits @ {TABLE} E8..E19, remarks, 2
+    measured configuration: so does an L21: speeds 0, 1, 4, 6, torques 0 to 16, reserved joints 0 @ {L21_TOPIC}
+    stated configuration: shown=set: speeds are those set @ linkerhand-cpp-sdk@a0100cf docs/API-Reference.md:158
+    stated configuration: angles 80 in the example of 41, reserved ones too @ {TABLE} H32
+    stated configuration: one byte sets the roll of the thumb @ linkerhand-cpp-sdk@a0100cf, its library sends it
+    assumed configuration: whole fingers: mean of the used joints, faults of any of them @ {READ}
+""")
+L25_FACTS = fact_table(f"""
+    stated configuration: sets of five bytes behind 49..4D, 51..55; 85 @ {PYTHON} linker_hand_l25_can.py:418-463
+    assumed configuration: five bytes leave the tip as it is; 85 answers what was set and disables nothing @ {READ}
+    stated configuration: the vendor's classes take roll for the first of a finger @ {PYTHON} linker_hand_l25_can.py:620
+    stated identity: version_numbers=4: shown from four numbers on @ linkerhand-cpp-sdk@a0100cf, L25Hand::getVersion
+    measured identity: an L21 has four: 7, 0, 0, 0 @ {L21_TOPIC}
+""")
+L20_FACTS = fact_table(f"""
+    stated configuration: joints, 05 06 07, silent from 11 on, C3, CF @ {PYTHON} linker_hand_l20_can.py:11-32
+    stated configuration: a query may carry 00; 09 0B 0C 0D are temperatures @ {PYTHON} linker_hand_l20_can.py:236, 377,
+        392
+    assumed configuration: hardware V10 and V11 follow the table, others the vendor's class @ {READ}
+""")
 
 
 class LinkerHandL6(LinkerHand):

@@ -12,29 +12,15 @@ from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 
-from firmware_protocols import Can, CanFrame, Column, Command, Counts, Device, Option, Reading, Transmissions
-from firmware_protocols.adc import quantize
+from firmware_protocols import (
+    Can, CanFrame, Column, Command, Counts, Device, Motors, Option, Reading, Transmissions, quantize,
+)  # fmt: skip
 from firmware_protocols.devices.linker_hand_joints import (
-    AT_POWER_UP,
-    MAX_JOINTS,
-    MOTION,
-    SIX_JOINTS,
-    USED_JOINTS,
-    View,
-    Views,
-)
+    AT_POWER_UP, MAX_JOINTS, MOTION, SIX_JOINTS, USED_JOINTS, View, Views,
+)  # fmt: skip
 from firmware_protocols.devices.linker_hand_touch import (
-    COUNTS_PER_NEWTON,
-    FINGERS,
-    PALM_SENSORS,
-    QUANTITIES,
-    SENSORS,
-    Touch,
-    four_quantities,
-    pads,
-    sums,
-)
-from firmware_protocols.motors import Motors
+    COUNTS_PER_NEWTON, FINGERS, PALM_SENSORS, QUANTITIES, SENSORS, Touch, four_quantities, pads, sums,
+)  # fmt: skip
 
 FIRST_MATRIX_COMMAND = 0xB1
 PALM_PART = 5

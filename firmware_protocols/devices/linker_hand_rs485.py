@@ -26,13 +26,13 @@ from typing import Annotated, Literal
 
 import numpy as np
 
-from firmware_protocols import Column, Command, Counts, Device, Option, Reading, Rs485, Transmissions
-from firmware_protocols.adc import quantize
+from firmware_protocols import (
+    Column, Command, Counts, Device, Option, Reading, RegisterMap, Registers, Rs485, Transmissions, fact_table,
+    quantize,
+)  # fmt: skip
 from firmware_protocols.devices.linker_hand_base import OLDER_IDENTITY, OLDER_VERSIONS
 from firmware_protocols.devices.linker_hand_touch import COUNTS_PER_NEWTON, FINGER_SPACING_M, PITCH_M, pads
-from firmware_protocols.facts import assumed, stated
 from firmware_protocols.protocols.modbus import Banks, Rtu, silence_ns
-from firmware_protocols.registers import RegisterMap, Registers
 
 MAP = RegisterMap(
     """
@@ -67,25 +67,23 @@ class LinkerHandL10Rs485(Device):
         "Modbus application protocol V1.1b3; Modbus over serial line V1.02",
     )
     judge = "linker-bot/linkerhand-python-sdk@b371361"
-    facts = (
-        stated("touch", "70 selects, 8 ms, 96 numbers from 72 on, 82..153 are 12 rows of 6", f"{SDK_FILE}:110-170"),
-        stated("touch", "low bytes", f"{SDK_FILE}:151"),
-        assumed("touch", f"{COUNTS_PER_NEWTON:.0f} counts/N of normal force per taxel (no scale is published)", READ),
-        assumed(
-            "touch", f"pitch {PITCH_M * 1e3} mm, fingertips side by side every {FINGER_SPACING_M * 1e3:.0f} mm, row 0 "
-            "at the tip", READ,
-        ),
-        assumed("touch", "the ten numbers before the matrix and those behind it are 0", READ),
-        assumed("touch", "no finger is shown until one is selected; then at once, with the present forces", READ),
-        stated("identity", "158: freedom, version, number, direction, software, hardware", f"{SDK_FILE}:69-79"),
-        assumed("identity", "they are those on CAN (64), less the last", READ),
-        stated("configuration", "units; input registers for reading, 16 for writing", f"{SDK_FILE}:15-66, 173-204"),
-        assumed("configuration", "functions 03 and 04 show the same registers", READ),
-        assumed("configuration", "joints answer what was last set, and have no faults; power-up as on CAN", READ),
-        assumed("configuration", "writes elsewhere: exception 2; above 255, fingers above 5: exception 3", READ),
-        stated("timing", "5 ms between calls, 8 ms after 70, 50 ms for an answer", f"{SDK_FILE}:8, 22, 139"),
-        assumed("timing", "100 Hz conversion; an answer begins after the silence of Modbus", READ),
-    )  # fmt: skip
+    facts = fact_table(f"""
+        stated touch: 70 selects, 8 ms, 96 numbers from 72 on, 82..153 are 12 rows of 6 @ {SDK_FILE}:110-170
+        stated touch: low bytes @ {SDK_FILE}:151
+        assumed touch: {COUNTS_PER_NEWTON:.0f} counts/N of normal force per taxel (no scale is published) @ {READ}
+        assumed touch: pitch {PITCH_M * 1000.0} mm, fingertips side by side every {FINGER_SPACING_M * 1000.0:.0f} mm,
+            row 0 at the tip @ {READ}
+        assumed touch: the ten numbers before the matrix and those behind it are 0 @ {READ}
+        assumed touch: no finger is shown until one is selected; then at once, with the present forces @ {READ}
+        stated identity: 158: freedom, version, number, direction, software, hardware @ {SDK_FILE}:69-79
+        assumed identity: they are those on CAN (64), less the last @ {READ}
+        stated configuration: units; input registers for reading, 16 for writing @ {SDK_FILE}:15-66, 173-204
+        assumed configuration: functions 03 and 04 show the same registers @ {READ}
+        assumed configuration: joints answer what was last set, and have no faults; power-up as on CAN @ {READ}
+        assumed configuration: writes elsewhere: exception 2; above 255, fingers above 5: exception 3 @ {READ}
+        stated timing: 5 ms between calls, 8 ms after 70, 50 ms for an answer @ {SDK_FILE}:8, 22, 139
+        assumed timing: 100 Hz conversion; an answer begins after the silence of Modbus @ {READ}
+    """)
 
     def __init__(self, *, side: Annotated[Literal["left", "right"], Option("which hand; sets the unit")] = "left"):
         self.unit = 0x28 if side == "left" else 0x27

@@ -10,9 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from firmware_protocols import Layout, grid_layout
-from firmware_protocols.adc import quantize
-from firmware_protocols.layouts import stack
+from firmware_protocols import Layout, grid_layout, quantize, stack
 
 FINGERS = ("thumb", "index", "middle", "ring", "little")
 FINGER_SPACING_M = 0.025

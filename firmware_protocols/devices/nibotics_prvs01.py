@@ -22,26 +22,10 @@ from typing import Annotated, Literal
 import numpy as np
 
 from firmware_protocols import (
-    Column,
-    Command,
-    Counts,
-    Device,
-    Option,
-    Reading,
-    Sense,
-    Serial,
-    Transmissions,
-    assumed,
-    grid_layout,
-    points,
-    stated,
-)
-from firmware_protocols.adc import pack_12_bits, quantize
-from firmware_protocols.framing import MORE, NO_PACKET, SOUND, Packets
-from firmware_protocols.layouts import place, stack
-from firmware_protocols.motors import Motors
+    MORE, NO_PACKET, SOUND, Column, Command, Counts, Device, Frame, Motors, Option, Packets, Reading, Sense, Serial,
+    Transmissions, fact_table, grid_layout, pack_12_bits, place, points, quantize, stack,
+)  # fmt: skip
 from firmware_protocols.sums import crc8
-from firmware_protocols.tables import Frame
 
 MESSAGE = Frame("""
     message, either direction
@@ -97,21 +81,21 @@ class NiboticsPrvs01(Device):
     evidence = ("driver",)
     sources = ("nibotics-hand 0.1.0 protocol.py, definitions.py, hand.py, README (METADATA)",)
     judge = "nibotics-hand 0.1.0"
-    facts = (
-        stated("touch", "pressures are hPa, temperatures deg C", f"{_PACKAGE} README (METADATA), Sensor Data"),
-        stated("touch", "channels of each finger and the palm; 19 and 24 of them",
-               f"{_PACKAGE} definitions.py:42, protocol.py:8"),
-        assumed("touch", "0 at rest (two channels are called icp1, icp2: a barometer would read 1013); channels that "
-                "are not in use read 0; a place stands for the square of its pitch", _READ),
-        assumed("touch", "places: three in a row at 15 mm on each finger, 2 x 2 at 25 mm on the palm, in one plane, "
-                "normal +z", _READ),
-        stated("configuration", "speeds 0..250, positions 0..4095, in that order", f"{_PACKAGE} hand.py:52, README"),
-        assumed("configuration", "4096 counts/g, 32.8 counts/(deg/s), in the palm's axes; microphones 2048", _READ),
-        assumed("configuration", "an order holds until the next; speeds above 250 are 250; it stands open at power-up",
-                _READ),
-        assumed("timing", "both messages 100 times a second; speed n is 41 n counts/s; a speed reads as ordered while "
-                "its motor moves, else 0", _READ),
-    )  # fmt: skip
+    facts = fact_table(f"""
+        stated touch: pressures are hPa, temperatures deg C @ {_PACKAGE} README (METADATA), Sensor Data
+        stated touch: channels of each finger and the palm; 19 and 24 of them @ {_PACKAGE} definitions.py:42,
+            protocol.py:8
+        assumed touch: 0 at rest (two channels are called icp1, icp2: a barometer would read 1013); channels that are
+            not in use read 0; a place stands for the square of its pitch @ {_READ}
+        assumed touch: places: three in a row at 15 mm on each finger, 2 x 2 at 25 mm on the palm, in one plane, normal
+            +z @ {_READ}
+        stated configuration: speeds 0..250, positions 0..4095, in that order @ {_PACKAGE} hand.py:52, README
+        assumed configuration: 4096 counts/g, 32.8 counts/(deg/s), in the palm's axes; microphones 2048 @ {_READ}
+        assumed configuration: an order holds until the next; speeds above 250 are 250; it stands open at power-up @
+            {_READ}
+        assumed timing: both messages 100 times a second; speed n is 41 n counts/s; a speed reads as ordered while its
+            motor moves, else 0 @ {_READ}
+    """)
 
     def __init__(
         self,

@@ -26,26 +26,10 @@ from typing import Annotated, Literal
 import numpy as np
 
 from firmware_protocols import (
-    USB,
-    Column,
-    Command,
-    Counts,
-    Device,
-    Layout,
-    Option,
-    Patch,
-    Reading,
-    Rollover,
-    Sense,
-    Serial,
-    Transmissions,
-)
-from firmware_protocols.adc import LowPass, quantize
-from firmware_protocols.facts import assumed, measured, stated
-from firmware_protocols.framing import NO_PACKET, SOUND, Broken, Packets
-from firmware_protocols.layouts import points
+    NO_PACKET, SOUND, USB, Broken, Column, Command, Counts, Device, Frame, Layout, LowPass, Option, Packets, Patch,
+    Reading, Rollover, Sense, Serial, Transmissions, fact_table, points, quantize,
+)  # fmt: skip
 from firmware_protocols.sums import sum16
-from firmware_protocols.tables import Frame
 
 DATA = Frame("""
     data, dome by dome
@@ -117,28 +101,28 @@ class OptoForce(Device):
         "shadow-robot/optoforce@fe3c086 (an independent driver that agrees), issue 31 (326 captured bytes, 6 axes)",
     )
     judge = "optoforce 0.3.0, shadow-robot/optoforce@fe3c086"
-    facts = (
-        stated("touch", "counts of each axis over a number of the sensor's sensitivity report are N",
-               "optoforce 0.3.0 reading.py:4-6, shadow-robot/optoforce README.md (Quickstart), config/*.yaml"),
-        assumed("touch", "a taxel per dome, at its top, 10 mm above the base; four domes 20 mm apart; Fz counts a push "
-                "as positive; with 6 axes the force acts 50 mm above the flange", "both drivers, all files; issue 31"),
-        assumed("touch", "6 axes: 1000 counts/Nm, capacity 30 Nm; overload beyond 300, 300, 2000 N",
-                "optoforce 0.3.0 __init__.py:211 (it has no sheet for torques), shadow-robot config/*.yaml"),
-        stated("identity", "04D8:000A, OptoForce DAQ; serial numbers as ISE174",
-               "shadow-robot/optoforce optoforce.rules, README.md; optoforce 0.3.0 __init__.py:55"),
-        stated("identity", "the answer to AB 00 12 08 00 C5: eight characters, blanks are cut off",
-               "shadow-robot/optoforce src/optoforce/optoforce.py:83, 191-201, 316-321"),
-        stated("configuration", "speeds, cutoffs and zero of CONFIGURE; its answer has seven bytes",
-               "optoforce 0.3.0 __init__.py:33-52, shadow-robot optoforce.py:53-75"),
-        stated("configuration", "bits of the status word", "optoforce 0.3.0 status.py (untested, as it says)"),
-        stated("configuration", "the maker's Ethernet box powers up at 100 Hz with the 15 Hz filter, both drivers' "
-               "defaults", "Optoforce_ethernet_converter_manual.pdf 8.5, 8.6; both drivers"),
-        assumed("configuration", "the DAQ does, too; the filter is a first-order low-pass; AA 00 50 01 answers, 0 "
-                "accepted, 1 wrong sum, 2 wrong value", "both drivers, which skip the answer"),
-        measured("timing", "the counter of a captured 6-axis sensor counts samples of 1 kHz",
-                 "shadow-robot/optoforce issue 31, 326 bytes"),
-        assumed("timing", "by default it counts packets (option ``counter``)", "both drivers, which do not look at it"),
-    )  # fmt: skip
+    facts = fact_table("""
+        stated touch: counts of each axis over a number of the sensor's sensitivity report are N @ optoforce 0.3.0
+            reading.py:4-6, shadow-robot/optoforce README.md (Quickstart), config/*.yaml
+        assumed touch: a taxel per dome, at its top, 10 mm above the base; four domes 20 mm apart; Fz counts a push as
+            positive; with 6 axes the force acts 50 mm above the flange @ both drivers, all files; issue 31
+        assumed touch: 6 axes: 1000 counts/Nm, capacity 30 Nm; overload beyond 300, 300, 2000 N @ optoforce 0.3.0
+            __init__.py:211 (it has no sheet for torques), shadow-robot config/*.yaml
+        stated identity: 04D8:000A, OptoForce DAQ; serial numbers as ISE174 @ shadow-robot/optoforce optoforce.rules,
+            README.md; optoforce 0.3.0 __init__.py:55
+        stated identity: the answer to AB 00 12 08 00 C5: eight characters, blanks are cut off @ shadow-robot/optoforce
+            src/optoforce/optoforce.py:83, 191-201, 316-321
+        stated configuration: speeds, cutoffs and zero of CONFIGURE; its answer has seven bytes @ optoforce 0.3.0
+            __init__.py:33-52, shadow-robot optoforce.py:53-75
+        stated configuration: bits of the status word @ optoforce 0.3.0 status.py (untested, as it says)
+        stated configuration: the maker's Ethernet box powers up at 100 Hz with the 15 Hz filter, both drivers' defaults
+            @ Optoforce_ethernet_converter_manual.pdf 8.5, 8.6; both drivers
+        assumed configuration: the DAQ does, too; the filter is a first-order low-pass; AA 00 50 01 answers, 0 accepted,
+            1 wrong sum, 2 wrong value @ both drivers, which skip the answer
+        measured timing: the counter of a captured 6-axis sensor counts samples of 1 kHz @ shadow-robot/optoforce issue
+            31, 326 bytes
+        assumed timing: by default it counts packets (option ``counter``) @ both drivers, which do not look at it
+    """)
 
     def __init__(
         self,

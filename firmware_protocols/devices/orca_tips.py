@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from firmware_protocols.layouts import Layout, Patch
+from firmware_protocols import Layout, Patch
 
 TIP_TABLES = {
     "DP18A": """

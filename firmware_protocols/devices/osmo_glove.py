@@ -26,13 +26,10 @@ from __future__ import annotations
 import struct
 from typing import Annotated, Literal
 
-from firmware_protocols import USB, Column, Counts, Device, Option, Reading, Rollover, Serial, Transmissions
-from firmware_protocols.adc import quantize
-from firmware_protocols.device import Axis
-from firmware_protocols.facts import assumed, measured, stated
-from firmware_protocols.framing import cobs
-from firmware_protocols.layouts import points
-from firmware_protocols.magnetic import LinearMagnet
+from firmware_protocols import (
+    USB, Axis, Column, Counts, Device, LinearMagnet, Option, Reading, Rollover, Serial, Transmissions, cobs, fact_table,
+    points, quantize,
+)  # fmt: skip
 
 SOURCE = "jessicayin/osmo_tactile_glove@e0465b6"
 GUIDE = "jessicayin/osmo_tactile_glove@284b722 hardware_guides"
@@ -79,29 +76,25 @@ class OsmoGlove(Device):
         "bowie_node_synced.py (sensors of link 1 alone)",
     )
     judge = SOURCE
-    facts = (
-        stated(
-            "identity", "USB 2833:B015, Meta AI, BowieGlove, 123456789", f"{SOURCE} RTOS usb_descriptors.c l.33-104"
-        ),
-        measured("identity", "a real one is listed so, as ttyACM0", f"{GUIDE} flash_firmware.md, step 6"),
-        stated("identity", "twenty boards, numbers of finger, link and sensor", f"{SOURCE} RTOS glove.c l.59-81"),
-        stated("identity", "the second magnetometer's number is 20 higher", f"{SOURCE} RTOS bhi360.c l.198"),
-        stated("identity", "a glove of link 1 alone, two magnetometers each", f"{SOURCE} bowie_node_synced.py l.61-75"),
-        stated("touch", "x, y, z are counts; 5000 / 32768 uT each", f"{SOURCE} RTOS glove.c l.446-448 (in a comment)"),
-        stated("touch", "orientation in steps of 1 / 16384", f"{SOURCE} RTOS glove.c l.414-418"),
-        stated("timing", "50 Hz", f"{SOURCE} firmware/README.md l.5 (glove.c asks the chips for 100)"),
-        stated("timing", "index counts orientations, clocks count 15.625 us", f"{SOURCE} RTOS bhi360.c l.132-168"),
-        stated("timing", "the build without an operating system asks for 25 Hz", f"{SOURCE} BowieGlove glove.c l.299"),
-        stated("timing", "4.5 s to start a board", f"{SOURCE} RTOS glove.c l.83"),
-        assumed("touch", "places on a flat hand; link 1 at the fingertip", f"{SOURCE} glove.c, bowie_data.py"),
-        assumed(
-            "touch", "60 uT/N in the plane, 90 uT/N along the normal, a push raises z; field at rest", "glove.c, README"
-        ),
-        assumed("touch", "the chips' range: +-2000 uT", "glove.c, bhi360.c, common.c (the chip's firmware is binary)"),
-        assumed("touch", "boards stand still: one orientation, accuracy 3", "bhi360.c, bowie_data.py l.947: 1 to 4"),
-        assumed("timing", "magnetometers, then orientation, of one instant", "bhi360.c (the chip's FIFO decides)"),
-        assumed("configuration", "it has been on for 10 minutes", "glove.c, README (its nodes drop what is younger)"),
-    )
+    facts = fact_table(f"""
+        stated identity: USB 2833:B015, Meta AI, BowieGlove, 123456789 @ {SOURCE} RTOS usb_descriptors.c l.33-104
+        measured identity: a real one is listed so, as ttyACM0 @ {GUIDE} flash_firmware.md, step 6
+        stated identity: twenty boards, numbers of finger, link and sensor @ {SOURCE} RTOS glove.c l.59-81
+        stated identity: the second magnetometer's number is 20 higher @ {SOURCE} RTOS bhi360.c l.198
+        stated identity: a glove of link 1 alone, two magnetometers each @ {SOURCE} bowie_node_synced.py l.61-75
+        stated touch: x, y, z are counts; 5000 / 32768 uT each @ {SOURCE} RTOS glove.c l.446-448 (in a comment)
+        stated touch: orientation in steps of 1 / 16384 @ {SOURCE} RTOS glove.c l.414-418
+        stated timing: 50 Hz @ {SOURCE} firmware/README.md l.5 (glove.c asks the chips for 100)
+        stated timing: index counts orientations, clocks count 15.625 us @ {SOURCE} RTOS bhi360.c l.132-168
+        stated timing: the build without an operating system asks for 25 Hz @ {SOURCE} BowieGlove glove.c l.299
+        stated timing: 4.5 s to start a board @ {SOURCE} RTOS glove.c l.83
+        assumed touch: places on a flat hand; link 1 at the fingertip @ {SOURCE} glove.c, bowie_data.py
+        assumed touch: 60 uT/N in the plane, 90 uT/N along the normal, a push raises z; field at rest @ glove.c, README
+        assumed touch: the chips' range: +-2000 uT @ glove.c, bhi360.c, common.c (the chip's firmware is binary)
+        assumed touch: boards stand still: one orientation, accuracy 3 @ bhi360.c, bowie_data.py l.947: 1 to 4
+        assumed timing: magnetometers, then orientation, of one instant @ bhi360.c (the chip's FIFO decides)
+        assumed configuration: it has been on for 10 minutes @ glove.c, README (its nodes drop what is younger)
+    """)
 
     def __init__(
         self,

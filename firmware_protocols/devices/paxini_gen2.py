@@ -25,12 +25,11 @@ from __future__ import annotations
 import struct
 from typing import Annotated
 
-from firmware_protocols import Command, Option, Sent, Serial, Transmissions
+from firmware_protocols import (
+    MORE, SOUND, Broken, Command, Frame, Option, Packets, Sent, Serial, Transmissions, fact_table,
+)  # fmt: skip
 from firmware_protocols.devices.paxini_modules import GAP_NS, TAXELS_BY_MODEL, Model, Px6axDevice
-from firmware_protocols.facts import assumed, stated
-from firmware_protocols.framing import MORE, SOUND, Broken, Packets
 from firmware_protocols.sums import lrc8
-from firmware_protocols.tables import Frame
 
 REQUEST = Frame("""
     request
@@ -101,21 +100,21 @@ class PaxiniGen2(Px6axDevice):
         "Gabriel-Ning/paxini_driver@113ab44 paxini_driver.py l.94-96, 165",
     )
     judge = DRIVER
-    facts = (
-        stated("configuration", "error codes 0 to 7", f"{PDF} appendix"),
-        stated("configuration", "modes and ports of each model", f"{PDF} table 1-0"),
-        stated("configuration", "the answer to the zero has error 06", f"{DRIVER} l.165"),
-        stated("identity", "the version is a text of 29 bytes", f"{PDF} (1d 00)"),
-        stated("identity", "its port is /dev/ttyACM0", f"{DRIVER} paxini.yaml, README"),
-        stated("touch", "an L5325 is read as 120 taxels from 1038, x and y int8, z uint8", f"{DRIVER} l.181-208"),
-        assumed("identity", "the text of the version; USB ids", f"{PDF}; {DRIVER} whole"),
-        assumed("touch", "places: rows on a flat pad of the size in the model's name; 0.1 N", f"{PDF}; {DRIVER} whole"),
-        assumed("touch", "other models have as many taxels as on GEN3", f"{PDF} (names a protocol of the module)"),
-        assumed("configuration", "a wrong tail or first byte is a wrong length; an empty port has no data", PDF),
-        assumed("configuration", "mode 5 at power-up; one module sits on every port", f"{PDF}; {DRIVER} whole"),
-        assumed("timing", "a change of mode takes 0.5 s (2 s at most is stated)", PDF),
-        assumed("timing", "a half request is forgotten after 50 ms", PDF),
-    )
+    facts = fact_table(f"""
+        stated configuration: error codes 0 to 7 @ {PDF} appendix
+        stated configuration: modes and ports of each model @ {PDF} table 1-0
+        stated configuration: the answer to the zero has error 06 @ {DRIVER} l.165
+        stated identity: the version is a text of 29 bytes @ {PDF} (1d 00)
+        stated identity: its port is /dev/ttyACM0 @ {DRIVER} paxini.yaml, README
+        stated touch: an L5325 is read as 120 taxels from 1038, x and y int8, z uint8 @ {DRIVER} l.181-208
+        assumed identity: the text of the version; USB ids @ {PDF}; {DRIVER} whole
+        assumed touch: places: rows on a flat pad of the size in the model's name; 0.1 N @ {PDF}; {DRIVER} whole
+        assumed touch: other models have as many taxels as on GEN3 @ {PDF} (names a protocol of the module)
+        assumed configuration: a wrong tail or first byte is a wrong length; an empty port has no data @ {PDF}
+        assumed configuration: mode 5 at power-up; one module sits on every port @ {PDF}; {DRIVER} whole
+        assumed timing: a change of mode takes 0.5 s (2 s at most is stated) @ {PDF}
+        assumed timing: a half request is forgotten after 50 ms @ {PDF}
+    """)
 
     def __init__(
         self,

@@ -37,14 +37,12 @@ from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 
-from firmware_protocols import USB, Command, Option, Restart, Serial, Transmissions
+from firmware_protocols import (
+    MORE, SOUND, USB, Broken, Command, Frame, Option, Packets, Restart, Serial, Transmissions, fact_table, place, stack,
+)  # fmt: skip
 from firmware_protocols.devices.orca_tips import tip
 from firmware_protocols.devices.paxini_modules import HIGH_COUNTS, LOW_COUNTS, Model, Px6axDevice
-from firmware_protocols.facts import assumed, stated
-from firmware_protocols.framing import MORE, SOUND, Broken, Packets
-from firmware_protocols.layouts import place, stack
 from firmware_protocols.sums import lrc8
-from firmware_protocols.tables import Frame
 
 REQUEST = Frame("""
     request
@@ -125,31 +123,22 @@ class PaxiniHighSpeed(Px6axDevice):
         "orca-core 0.12.0 hardware/sensing/constants.py, tactile_protocol.py (taxel registers)",
     )
     judge = "paxini-sdk 0.1.0, lerobot-robot-so101-paxini 0.1.0"
-    facts = (
-        stated("timing", "91 pushes a second", f"{LEROBOT} METADATA, configuration_paxini.py l.30"),
-        stated("identity", "the version is a text (15 bytes are read)", "paxini-sdk 0.1.0 registers.py l.13"),
-        stated("identity", "what is fitted, taxels of each", "paxini-sdk 0.1.0 registers.py l.17-43, 108-132"),
-        stated(
-            "touch", "0.1 N; x, y int8, z uint8", "paxini-sdk 0.1.0 high_speed.py l.36-59 (after the vendor's viewer)"
-        ),
-        stated(
-            "configuration", "zero: function 17, register 2, 00 is success", "paxini-sdk 0.1.0 high_speed.py l.288-320"
-        ),
-        stated("touch", "some pushes have taxels of 0 beside a resultant (not done here)", f"{PLUGIN} l.717-723"),
-        assumed("identity", "text of the version", "paxini-sdk 0.1.0, orca-core 0.12.0, both whole"),
-        assumed("identity", "USB ids (a 28E9 in orca-core constants.py l.36, /dev/ttyUSB0 in others)", LEROBOT),
-        assumed(
-            "touch",
-            "rows on a flat pad, side by side; the true places stand in paxini-sdk data/ and are not used yet",
-            "paxini-sdk 0.1.0",
-        ),
-        assumed("touch", "x, y along the pad; the resultant is the sum over the pad", "paxini-sdk 0.1.0 high_speed.py"),
-        assumed(
-            "configuration", "errors: function 3, length 1; a bad sum is not answered", "paxini-sdk 0.1.0 protocol.py"
-        ),
-        assumed("configuration", "resultants and taxels are pushed, once asked for", "paxini-sdk 0.1.0 registers.py"),
-        assumed("timing", "it answers 70 ms after the reply to a restart; 50 ms for a request", "paxini-sdk 0.1.0"),
-    )
+    facts = fact_table(f"""
+        stated timing: 91 pushes a second @ {LEROBOT} METADATA, configuration_paxini.py l.30
+        stated identity: the version is a text (15 bytes are read) @ paxini-sdk 0.1.0 registers.py l.13
+        stated identity: what is fitted, taxels of each @ paxini-sdk 0.1.0 registers.py l.17-43, 108-132
+        stated touch: 0.1 N; x, y int8, z uint8 @ paxini-sdk 0.1.0 high_speed.py l.36-59 (after the vendor's viewer)
+        stated configuration: zero: function 17, register 2, 00 is success @ paxini-sdk 0.1.0 high_speed.py l.288-320
+        stated touch: some pushes have taxels of 0 beside a resultant (not done here) @ {PLUGIN} l.717-723
+        assumed identity: text of the version @ paxini-sdk 0.1.0, orca-core 0.12.0, both whole
+        assumed identity: USB ids (a 28E9 in orca-core constants.py l.36, /dev/ttyUSB0 in others) @ {LEROBOT}
+        assumed touch: rows on a flat pad, side by side; the true places stand in paxini-sdk data/ and are not used yet
+            @ paxini-sdk 0.1.0
+        assumed touch: x, y along the pad; the resultant is the sum over the pad @ paxini-sdk 0.1.0 high_speed.py
+        assumed configuration: errors: function 3, length 1; a bad sum is not answered @ paxini-sdk 0.1.0 protocol.py
+        assumed configuration: resultants and taxels are pushed, once asked for @ paxini-sdk 0.1.0 registers.py
+        assumed timing: it answers 70 ms after the reply to a restart; 50 ms for a request @ paxini-sdk 0.1.0
+    """)
 
     def __init__(
         self,
@@ -274,25 +263,25 @@ class PaxiniHighSpeed(Px6axDevice):
 
 _ORCA = "orca-core 0.12.0 hardware/sensing"
 _READ = "orca-core 0.12.0 constants.py, hardware/ (whole); orcahand/orca_core@c783006 scripts/, docs/"
-_ORCA_FACTS = (
-    stated("touch", "0.1 N per count; Fz of a resultant ends at 255", f"{_ORCA}/constants.py:152, 158"),
-    stated("touch", "taxels of each fingertip, their order and places", f"{_ORCA}/models/touch-sensor-*/config.yaml"),
-    assumed("touch", "fingertips side by side, 25 mm apart; the resultant is the sum over the taxels, in the frame "
-            "of the fingertip, Fz along its -z", _READ),
-    stated("identity", "USB 2F5D:2202, CDC", "orca-core 0.12.0 constants.py:94"),
-    stated("identity", "the line with side, hardware, firmware, serial number and board; CFG is left out",
-           "orca-core 0.12.0 constants.py:110, hardware/sensing/serial_discovery.py:113"),
-    assumed("identity", "hardware 1, firmware 1, board id 0, the commit in the version, USB texts; a board of "
-            "firmware 1.0 that supports names", _READ),
-    stated("configuration", "a zero that went well, of each fingertip", f"{_ORCA}/constants.py:136"),
-    assumed("configuration", "a zero is done at once, and a restart forgets it, which a fingertip with power does "
-            "not; errors as on PaXini's board; counters of errors are 0", _READ),
-    stated("timing", "a push each 20 ms (firmware 1.0; an older sentence and the repository's check_sensors.py say "
-           "about 1 kHz)", f"{_ORCA}/constants.py:364"),
-    stated("timing", "encoders at 466 Hz, FFFF where none are wired: not sent here",
-           f"{_ORCA}/constants.py:351, serial_discovery.py:448"),
-    stated("timing", "a restart 50 ms after its answer, 70 ms until it answers again", f"{_ORCA}/constants.py:101"),
-)  # fmt: skip
+_ORCA_FACTS = fact_table(f"""
+    stated touch: 0.1 N per count; Fz of a resultant ends at 255 @ {_ORCA}/constants.py:152, 158
+    stated touch: taxels of each fingertip, their order and places @ {_ORCA}/models/touch-sensor-*/config.yaml
+    assumed touch: fingertips side by side, 25 mm apart; the resultant is the sum over the taxels, in the frame of the
+        fingertip, Fz along its -z @ {_READ}
+    stated identity: USB 2F5D:2202, CDC @ orca-core 0.12.0 constants.py:94
+    stated identity: the line with side, hardware, firmware, serial number and board; CFG is left out @ orca-core 0.12.0
+        constants.py:110, hardware/sensing/serial_discovery.py:113
+    assumed identity: hardware 1, firmware 1, board id 0, the commit in the version, USB texts; a board of firmware 1.0
+        that supports names @ {_READ}
+    stated configuration: a zero that went well, of each fingertip @ {_ORCA}/constants.py:136
+    assumed configuration: a zero is done at once, and a restart forgets it, which a fingertip with power does not;
+        errors as on PaXini's board; counters of errors are 0 @ {_READ}
+    stated timing: a push each 20 ms (firmware 1.0; an older sentence and the repository's check_sensors.py say about 1
+        kHz) @ {_ORCA}/constants.py:364
+    stated timing: encoders at 466 Hz, FFFF where none are wired: not sent here @ {_ORCA}/constants.py:351,
+        serial_discovery.py:448
+    stated timing: a restart 50 ms after its answer, 70 ms until it answers again @ {_ORCA}/constants.py:101
+""")
 
 
 class OrcaTouch(PaxiniHighSpeed):

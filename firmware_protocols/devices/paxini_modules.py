@@ -17,9 +17,9 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from firmware_protocols import Column, Counts, Device, Layout, Reading, Transmissions
-from firmware_protocols.framing import Broken, Packets
-from firmware_protocols.layouts import filled, place, stack
+from firmware_protocols import (
+    Broken, Column, Counts, Device, Layout, Packets, Reading, Transmissions, filled, place, stack,
+)  # fmt: skip
 
 TAXELS_BY_MODEL: Mapping[str, int] = {
     "S1813E": 31, "S1813C": 51, "S2015": 52, "S2716": 116, "S3013": 96, "M2826": 127,

@@ -34,28 +34,10 @@ from typing import Annotated, Literal
 import numpy as np
 
 from firmware_protocols import (
-    Column,
-    Command,
-    Counts,
-    Device,
-    Option,
-    Reading,
-    Restart,
-    Rs485,
-    Sense,
-    Transmissions,
-    assumed,
-    points,
-    stated,
-)
-from firmware_protocols.adc import quantize
-from firmware_protocols.device import Axis
-from firmware_protocols.framing import MORE, SOUND, Packets
-from firmware_protocols.layouts import filled, place, stack
-from firmware_protocols.motors import Motors
-from firmware_protocols.registers import Refused, RegisterMap, Registers
+    MORE, SOUND, Axis, Column, Command, Counts, Device, Frame, Motors, Option, Packets, Reading, Refused, RegisterMap,
+    Registers, Restart, Rs485, Sense, Transmissions, fact_table, filled, place, points, quantize, stack,
+)  # fmt: skip
 from firmware_protocols.sums import crc16_xmodem
-from firmware_protocols.tables import Frame
 
 MESSAGE = Frame("""
     message, either direction
@@ -139,41 +121,27 @@ class RoboteraXhand(Device):
         "wanweiwei07/wrs@552ce47 wrs/robot_con/xhand/xhand_x.py, data_type.py",
     )
     judge = "yoimika/xhand_control_python@b61a82d (RobotEra's libxhand_control.so 1.2.10), wanweiwei07/wrs@552ce47"
-    facts = (
-        stated("touch", "x and y of a point are int8, z is uint8", f"{_SDK} include/data_type.hpp:62"),
-        assumed("touch", "10 counts/N; the force of a tip is the sum over its points; thumb first", _READ),
-        assumed("touch", "places: 120 points in even rows on flat pads of 16 x 20 mm, normal +z", _READ),
-        assumed("touch", "one temperature for a tip, which its last byte and all others show", _READ),
-        stated(
-            "identity",
-            "side, serial number, id, name and calibration are registers 20, 21, 53, 54, 86",
-            f"{_SDK} include/communiation_interface.hpp:54",
-        ),
-        stated(
-            "identity",
-            "a version is <u2 patch, u1 minor, u1 major; a broadcast 15 of 186 bytes finds the hand",
-            f"{_SDK} lib/libxhand_control.so 1.2.10 takes this alone",
-        ),
-        stated(
-            "identity", "palm 1.1.3 and joints 1.0.7 are firmwares of 2024", f"{_SDK} tests/src/serial_test.cpp:225"
-        ),
-        stated("identity", "a serial number has 16 characters", f"{_EXAMPLE}:71"),
-        assumed("identity", "tips have the joints' version; the serial number's letters", _READ),
-        stated(
-            "configuration",
-            "10 00 answers 16 and 05, 00 answers 17, nothing 12; a new id is in force at once",
-            f"{_SDK} lib/libxhand_control.so 1.2.10 takes this alone",
-        ),
-        stated("configuration", "the joints' stops [deg]", f"{_SDK} tests/src/serial_test.cpp:184"),
-        assumed("configuration", "calibration is stored, without effect; 12 to the hand itself is for all tips", _READ),
-        assumed(
-            "configuration",
-            "a joint without gain p, or in another mode than 3, stays; torque, errors 0; 25 deg C",
-            _READ,
-        ),
-        assumed("configuration", "another length, command, register or target is not answered", _READ),
-        assumed("timing", "answers at once; joints move 5 rad/s; a restart takes 0.5 s", _READ),
-    )
+    facts = fact_table(f"""
+        stated touch: x and y of a point are int8, z is uint8 @ {_SDK} include/data_type.hpp:62
+        assumed touch: 10 counts/N; the force of a tip is the sum over its points; thumb first @ {_READ}
+        assumed touch: places: 120 points in even rows on flat pads of 16 x 20 mm, normal +z @ {_READ}
+        assumed touch: one temperature for a tip, which its last byte and all others show @ {_READ}
+        stated identity: side, serial number, id, name and calibration are registers 20, 21, 53, 54, 86 @ {_SDK}
+            include/communiation_interface.hpp:54
+        stated identity: a version is <u2 patch, u1 minor, u1 major; a broadcast 15 of 186 bytes finds the hand @ {_SDK}
+            lib/libxhand_control.so 1.2.10 takes this alone
+        stated identity: palm 1.1.3 and joints 1.0.7 are firmwares of 2024 @ {_SDK} tests/src/serial_test.cpp:225
+        stated identity: a serial number has 16 characters @ {_EXAMPLE}:71
+        assumed identity: tips have the joints' version; the serial number's letters @ {_READ}
+        stated configuration: 10 00 answers 16 and 05, 00 answers 17, nothing 12; a new id is in force at once @ {_SDK}
+            lib/libxhand_control.so 1.2.10 takes this alone
+        stated configuration: the joints' stops [deg] @ {_SDK} tests/src/serial_test.cpp:184
+        assumed configuration: calibration is stored, without effect; 12 to the hand itself is for all tips @ {_READ}
+        assumed configuration: a joint without gain p, or in another mode than 3, stays; torque, errors 0; 25 deg C @
+            {_READ}
+        assumed configuration: another length, command, register or target is not answered @ {_READ}
+        assumed timing: answers at once; joints move 5 rad/s; a restart takes 0.5 s @ {_READ}
+    """)
 
     def __init__(
         self,

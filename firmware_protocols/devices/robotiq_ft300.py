@@ -20,24 +20,10 @@ from typing import Annotated
 import numpy as np
 
 from firmware_protocols import (
-    Column,
-    Command,
-    Counts,
-    Device,
-    Option,
-    Reading,
-    Sense,
-    Serial,
-    Transmissions,
-    assumed,
-    points,
-    stated,
-)
-from firmware_protocols.adc import quantize
-from firmware_protocols.device import Axis
+    Axis, Column, Command, Counts, Device, Frame, Option, Reading, RegisterMap, Registers, Sense, Serial, Transmissions,
+    fact_table, points, quantize,
+)  # fmt: skip
 from firmware_protocols.protocols.modbus import Banks, Rtu, silence_ns
-from firmware_protocols.registers import RegisterMap, Registers
-from firmware_protocols.tables import Frame
 
 STREAM = Frame("""
     stream
@@ -96,23 +82,23 @@ class RobotiqFt300(Device):
         f"{PYTHON} ft300_modbusrtu.py, ft300_stream.py (acceleration)",
     )
     judge = f"{ROS}, {C}, {PYTHON}"
-    facts = (
-        stated("touch", "20 4E, six numbers low byte first, CRC", f"{COM}:406-431"),
-        stated("touch", "0.01 N and 0.001 Nm", f"{COM}:426, 431"),
-        stated("touch", "acceleration in 0.001 g, force and torque in registers", f"{PYTHON} ft300_modbusrtu.py"),
-        assumed("touch", "touched 50 mm above the origin, z out of the tool side, forces act on the tool", ALL),
-        assumed("touch", "values saturate where 16 bits end", ALL),
-        stated("identity", "firmware: three letters, then three numbers, a byte each", f"{COM}:651-656"),
-        stated("identity", "serial number: three letters, low word, high word", f"{COM}:666-682"),
-        stated("identity", "firmware begins with F", f"{COM}:273-281"),
-        assumed("identity", "FTS, firmware 1.0.0, serial number 1, year 2024; 00 where no register is", ALL),
-        stated("configuration", "50 bytes FF stop it; 0200 in register 410 starts it", f"{COM}:70-71, 517"),
-        stated("configuration", "it may stream when a driver comes", f"{COM}:257-267"),
-        assumed("configuration", "it streams from power-up on, answers Modbus while it streams", ALL),
-        assumed("configuration", "other values of register 410 do nothing; other addresses and functions refused", ALL),
-        stated("timing", "19200 8N1, unit 9", f"{COM}:812, 1189"),
-        assumed("timing", "100 frames a second", ALL),
-    )
+    facts = fact_table(f"""
+        stated touch: 20 4E, six numbers low byte first, CRC @ {COM}:406-431
+        stated touch: 0.01 N and 0.001 Nm @ {COM}:426, 431
+        stated touch: acceleration in 0.001 g, force and torque in registers @ {PYTHON} ft300_modbusrtu.py
+        assumed touch: touched 50 mm above the origin, z out of the tool side, forces act on the tool @ {ALL}
+        assumed touch: values saturate where 16 bits end @ {ALL}
+        stated identity: firmware: three letters, then three numbers, a byte each @ {COM}:651-656
+        stated identity: serial number: three letters, low word, high word @ {COM}:666-682
+        stated identity: firmware begins with F @ {COM}:273-281
+        assumed identity: FTS, firmware 1.0.0, serial number 1, year 2024; 00 where no register is @ {ALL}
+        stated configuration: 50 bytes FF stop it; 0200 in register 410 starts it @ {COM}:70-71, 517
+        stated configuration: it may stream when a driver comes @ {COM}:257-267
+        assumed configuration: it streams from power-up on, answers Modbus while it streams @ {ALL}
+        assumed configuration: other values of register 410 do nothing; other addresses and functions refused @ {ALL}
+        stated timing: 19200 8N1, unit 9 @ {COM}:812, 1189
+        assumed timing: 100 frames a second @ {ALL}
+    """)
 
     def __init__(
         self,

@@ -35,25 +35,9 @@ from typing import Annotated, Literal
 import numpy as np
 
 from firmware_protocols import (
-    USB,
-    Column,
-    Command,
-    Counts,
-    Device,
-    Layout,
-    Option,
-    Reading,
-    Restart,
-    Sense,
-    Serial,
-    Transmissions,
-    assumed,
-    stated,
-)
-from firmware_protocols.adc import int16, quantize
-from firmware_protocols.framing import MORE, Packets
-from firmware_protocols.layouts import grid_layout, place, points, stack
-from firmware_protocols.tables import Frame
+    MORE, USB, Column, Command, Counts, Device, Frame, Layout, Option, Packets, Reading, Restart, Sense, Serial,
+    Transmissions, fact_table, grid_layout, int16, place, points, quantize, stack,
+)  # fmt: skip
 
 PACKET = Frame("""
     packet, either direction
@@ -104,29 +88,29 @@ class RobotiqTsf85(Device):
         "pyrobotiqtactile 0.1.2",
     )
     judge = f"pyrobotiqtactile 0.1.2, {VENDOR}"
-    facts = (
-        stated("touch", "fields, their types, big-endian", f"{PROTOCOL}:172-250"),
-        stated("touch", "7 rows of 4, row-major, first at the top left", f"{VENDOR} sdk_cpp/README.md:132-143"),
-        assumed("touch", "5 mm pitch; pads 85 mm apart, 60 mm above the palm, row 0 at the fingertip", ALL),
-        assumed("touch", "2000 counts/N over 1000; dynamic: change of a finger's static sum / 16", ALL),
-        stated("touch", "an accelerometer at rest reads 44, 16244, 728", f"{VENDOR} sdk_cpp/README.md:70"),
-        assumed("touch", "so 16384 per g; which of its axes is up is ours", ALL),
-        assumed("touch", "131 per deg/s, 100 per deg C; the magnetometer reads 0", ALL),
-        stated("identity", "16D0:14CC, older ones 04B4:F232", f"{QUICK}:39-42"),
-        stated("identity", "E3 is answered with ASCII", f"{PROTOCOL}:112-116"),
-        stated("identity", "1.1.8 is the latest firmware", f"{VENDOR} firmware/bootloader_host.py:51"),
-        assumed("identity", "the answer is nothing but the version", ALL),
-        stated("configuration", "58 with 0 stops", f"{QUICK}:255-262"),
-        stated("configuration", "E2 makes it a HID bootloader", f"{VENDOR} firmware/bootloader_host.py:41-42, 419-436"),
-        assumed("configuration", "here E2 restarts the firmware", ALL),
-        stated("configuration", "the crc8 byte is 00", f"{PROTOCOL}:90"),
-        assumed("configuration", "it is not checked; 58 and 59 stream alike, unanswered; other lengths skipped", ALL),
-        assumed("configuration", "both fingers in one packet; drivers take one each, too", ALL),
-        stated("timing", "1 kHz, static counts at 60 Hz", f"{VENDOR} README.md:5-6"),
-        stated("timing", "a timestamp of 8 bytes, 2 in older firmware", f"{QUICK}:80, 562"),
-        stated("timing", "it counts microseconds", f"{QUICK}:746-748"),
-        assumed("timing", "static counts change with each packet, which static_hz=60 ends", ALL),
-    )
+    facts = fact_table(f"""
+        stated touch: fields, their types, big-endian @ {PROTOCOL}:172-250
+        stated touch: 7 rows of 4, row-major, first at the top left @ {VENDOR} sdk_cpp/README.md:132-143
+        assumed touch: 5 mm pitch; pads 85 mm apart, 60 mm above the palm, row 0 at the fingertip @ {ALL}
+        assumed touch: 2000 counts/N over 1000; dynamic: change of a finger's static sum / 16 @ {ALL}
+        stated touch: an accelerometer at rest reads 44, 16244, 728 @ {VENDOR} sdk_cpp/README.md:70
+        assumed touch: so 16384 per g; which of its axes is up is ours @ {ALL}
+        assumed touch: 131 per deg/s, 100 per deg C; the magnetometer reads 0 @ {ALL}
+        stated identity: 16D0:14CC, older ones 04B4:F232 @ {QUICK}:39-42
+        stated identity: E3 is answered with ASCII @ {PROTOCOL}:112-116
+        stated identity: 1.1.8 is the latest firmware @ {VENDOR} firmware/bootloader_host.py:51
+        assumed identity: the answer is nothing but the version @ {ALL}
+        stated configuration: 58 with 0 stops @ {QUICK}:255-262
+        stated configuration: E2 makes it a HID bootloader @ {VENDOR} firmware/bootloader_host.py:41-42, 419-436
+        assumed configuration: here E2 restarts the firmware @ {ALL}
+        stated configuration: the crc8 byte is 00 @ {PROTOCOL}:90
+        assumed configuration: it is not checked; 58 and 59 stream alike, unanswered; other lengths skipped @ {ALL}
+        assumed configuration: both fingers in one packet; drivers take one each, too @ {ALL}
+        stated timing: 1 kHz, static counts at 60 Hz @ {VENDOR} README.md:5-6
+        stated timing: a timestamp of 8 bytes, 2 in older firmware @ {QUICK}:80, 562
+        stated timing: it counts microseconds @ {QUICK}:746-748
+        assumed timing: static counts change with each packet, which static_hz=60 ends @ {ALL}
+    """)
 
     def __init__(
         self,

@@ -34,37 +34,14 @@ from typing import Annotated, Any, ClassVar, Literal
 import numpy as np
 
 from firmware_protocols import (
-    Column,
-    Command,
-    Counts,
-    Device,
-    Option,
-    Reading,
-    Rollover,
-    Rs485,
-    Sent,
-    Transmissions,
-    assumed,
-    grid_layout,
-    stated,
-)
-from firmware_protocols.adc import quantize
+    Column, Command, Counts, Device, Motors, Option, Reading, RegisterMap, Rollover, Rs485, Sent, Transmissions,
+    fact_table, grid_layout, place, quantize, stack,
+)  # fmt: skip
 from firmware_protocols.devices.robotis_hx5_nodes import (
-    CONTROLLER_TABLE,
-    MIDDLE_COUNTS,
-    MOTOR_TABLE,
-    MOTORS_PER_FINGER,
-    RAD_PER_COUNT,
-    SENSOR_TABLE,
-    Controller,
-    Motor,
-    Node,
-    Sensor,
-)
-from firmware_protocols.layouts import place, stack
-from firmware_protocols.motors import Motors
+    CONTROLLER_TABLE, MIDDLE_COUNTS, MOTORS_PER_FINGER, MOTOR_TABLE, RAD_PER_COUNT, SENSOR_TABLE, Controller, Motor,
+    Node, Sensor,
+)  # fmt: skip
 from firmware_protocols.protocols.dynamixel import DynamixelLine
-from firmware_protocols.registers import RegisterMap
 
 FINGERTIP_CENTRES_M = {
     # name: centre of the pad in the hand's frame [m]
@@ -96,63 +73,35 @@ class RobotisHx5(Device):
         "dynamixel-sdk 4.1.0 protocol2_packet_handler.py",
     )
     judge = "ROBOTIS-GIT/dynamixel_hardware_interface@db2b903, dynamixel-sdk 4.1.0"
-    facts = (
-        stated("touch", "nine raw bytes of each fingertip", f"{DHI}{MODELS_AT}/hx5_d20_r_synctable_1_device_5.model"),
-        stated(
-            "touch",
-            "cells row by row, from the left, from the top",
-            "howon720/robotis_hand_hx5_d20@00b3a75 tactile_sensor.cpp",
-        ),
-        assumed("touch", "pads of 3 x 3 at 4 mm in one plane, normal +z; 50 counts/N", LOOKED),
-        stated(
-            "identity",
-            "models 260 and 261, nodes 110..135 and 140..165",
-            f"{DHI}{MODELS_AT}/dynamixel.model:6; {HAND}:231",
-        ),
-        stated(
-            "identity",
-            "motors are XC335-T332, model 1700: no other has the items and addresses that are set",
-            f"{HAND}:364 read with {DHI}{MODELS_AT}/xc335_t332.model and the other 90",
-        ),
-        assumed("identity", "firmware 1 of every node, model 0 of the sensors", LOOKED),
-        stated(
-            "configuration",
-            "every node answers reboot; controller and motors ping",
-            f"{DHI}src/dynamixel_hardware_interface.cpp:201",
-        ),
-        stated(
-            "configuration",
-            "data of the slots lie one after the other",
-            f"{DHI}scripts/hx_synctable_model_generator.py:178",
-        ),
-        stated("configuration", "slots, sizes and indirect addresses", f"{HAND}:236, 371"),
-        assumed(
-            "configuration",
-            "at power-up they are as the vendor's driver sets them; sync is 0; a reboot takes no time",
-            LOOKED,
-        ),
-        assumed("configuration", "tables stand still while sync is 0; goals are passed on while it is 1", LOOKED),
-        assumed(
-            "configuration",
-            "drive mode 8: a goal turns the torque on; offset, direction, profile and gains do nothing",
-            LOOKED,
-        ),
-        assumed("configuration", "motors: positions 0..4095 at 6 rad/s, no current, currents are not obeyed", LOOKED),
-        assumed(
-            "configuration",
-            "watchdog, line speeds, protocol are stored without effect; voltages read 0; no Modbus",
-            LOOKED,
-        ),
-        stated(
-            "configuration",
-            "errors 2 instruction, 4 range, 6 value, 7 access",
-            "dynamixel-sdk 4.1.0 protocol2_packet_handler.py:52",
-        ),
-        assumed(
-            "configuration", "which error: unknown instruction 2, bad CRC 3, beyond the tables 4, read only 7", LOOKED
-        ),
-        assumed("timing", "1000 conversions a second; the tick begins at power-up", LOOKED),
-    )
+    facts = fact_table(f"""
+        stated touch: nine raw bytes of each fingertip @ {DHI}{MODELS_AT}/hx5_d20_r_synctable_1_device_5.model
+        stated touch: cells row by row, from the left, from the top @ howon720/robotis_hand_hx5_d20@00b3a75
+            tactile_sensor.cpp
+        assumed touch: pads of 3 x 3 at 4 mm in one plane, normal +z; 50 counts/N @ {LOOKED}
+        stated identity: models 260 and 261, nodes 110..135 and 140..165 @ {DHI}{MODELS_AT}/dynamixel.model:6;
+            {HAND}:231
+        stated identity: motors are XC335-T332, model 1700: no other has the items and addresses that are set @
+            {HAND}:364 read with {DHI}{MODELS_AT}/xc335_t332.model and the other 90
+        assumed identity: firmware 1 of every node, model 0 of the sensors @ {LOOKED}
+        stated configuration: every node answers reboot; controller and motors ping @
+            {DHI}src/dynamixel_hardware_interface.cpp:201
+        stated configuration: data of the slots lie one after the other @
+            {DHI}scripts/hx_synctable_model_generator.py:178
+        stated configuration: slots, sizes and indirect addresses @ {HAND}:236, 371
+        assumed configuration: at power-up they are as the vendor's driver sets them; sync is 0; a reboot takes no time
+            @ {LOOKED}
+        assumed configuration: tables stand still while sync is 0; goals are passed on while it is 1 @ {LOOKED}
+        assumed configuration: drive mode 8: a goal turns the torque on; offset, direction, profile and gains do nothing
+            @ {LOOKED}
+        assumed configuration: motors: positions 0..4095 at 6 rad/s, no current, currents are not obeyed @ {LOOKED}
+        assumed configuration: watchdog, line speeds, protocol are stored without effect; voltages read 0; no Modbus @
+            {LOOKED}
+        stated configuration: errors 2 instruction, 4 range, 6 value, 7 access @ dynamixel-sdk 4.1.0
+            protocol2_packet_handler.py:52
+        assumed configuration: which error: unknown instruction 2, bad CRC 3, beyond the tables 4, read only 7 @
+            {LOOKED}
+        assumed timing: 1000 conversions a second; the tick begins at power-up @ {LOOKED}
+    """)
 
     def __init__(
         self,

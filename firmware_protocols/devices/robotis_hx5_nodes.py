@@ -12,8 +12,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from firmware_protocols.motors import Motors
-from firmware_protocols.registers import Refused, RegisterMap, Registers
+from firmware_protocols import Motors, Refused, RegisterMap, Registers
 
 FINGERS = ("thumb", "index", "middle", "ring", "little")
 FIRST_FINGER_TABLE = 1024

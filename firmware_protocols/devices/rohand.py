@@ -50,25 +50,10 @@ from typing import Annotated, Literal
 import numpy as np
 
 from firmware_protocols import (
-    Column,
-    Command,
-    Counts,
-    Device,
-    Layout,
-    Option,
-    Reading,
-    Restart,
-    Rs485,
-    Transmissions,
-    assumed,
-    grid_layout,
-    stated,
-)
-from firmware_protocols.adc import quantize
-from firmware_protocols.layouts import place, stack
-from firmware_protocols.motors import Motors
+    Column, Command, Counts, Device, Layout, Motors, Option, Reading, Refused, RegisterMap, Registers, Restart, Rs485,
+    Transmissions, fact_table, grid_layout, place, quantize, stack,
+)  # fmt: skip
 from firmware_protocols.protocols.modbus import Banks, Rtu, silence_ns
-from firmware_protocols.registers import Refused, RegisterMap, Registers
 
 BAUD = 115200
 COMMON_REGISTERS = """
@@ -180,29 +165,28 @@ class RoHand(Device):
         "unienv-rohand 0.0.1a2 roh_registers_v1.py, rohand.py (1085..1174, units, angles open and closed)",
     )
     judge = "oymotion/roh_gen2_demos@026e86b, unienv-rohand 0.0.1a2"
-    facts = (
-        stated("touch", "dots, parts, bytes of each generation's touch", f"{_DEMOS} force_chart.py:120"),
-        stated("touch", "forces of fingers are mN (first generation)", f"{_DOC}:242"),
-        assumed("touch", "second generation: forces are mN, sums over dots; 0 of three-axis points", _READ),
-        assumed("touch", "places: flat grids, 9x4, 12x5, 8x4 and 7x8 dots; 2 mm on fingers, "
-                "5 mm on the palm (the vendor's drawing has dots that are none); three-axis points 12 mm apart, "
-                "single ones mid-finger", _READ),
-        assumed("touch", "50 counts/N of a dot, 100 counts/N of a three-axis point, direction 0..359 deg; never "
-                "invalid", _READ),
-        stated("identity", "hardware 2001", f"{_DEMOS} force_on_rohand/force_chart.py:29"),
-        stated("identity", "firmware 3.1.309 of the first generation", f"{_FIRMWARE} firmware/RELEASE_INFO.md:25"),
-        assumed("identity", "firmware of the second generation 1.0, boot loader 0", _READ),
-        stated("configuration", "RS-232 and RS-485, 115200", f"{_DOC}:12"),
-        stated("configuration", "registers of the second generation", f"{_DEMOS} common/roh_registers_v2.py:7"),
-        stated("configuration", "registers and factory defaults of the first generation", f"{_DOC}:122"),
-        stated("configuration", "a new unit is kept, and restarts the hand", f"{_DOC}:127"),
-        stated("configuration", "1014: 0 restarts, else an update", f"{_DOC}:136"),
-        assumed("configuration", "the second generation has the first one's defaults; force targets 15000", _READ),
-        assumed("configuration", "limits, gains, calibrating, initialising and stalls do nothing; the hand is ready "
-                "at once; the zero is forgotten at power-off; reserved registers are stored; others read 0", _READ),
-        assumed("timing", "a full stroke takes 1 s at full speed; 200 mA while moving; a restart is 0.1 s later; "
-                "100 Hz conversion", _READ),
-    )  # fmt: skip
+    facts = fact_table(f"""
+        stated touch: dots, parts, bytes of each generation's touch @ {_DEMOS} force_chart.py:120
+        stated touch: forces of fingers are mN (first generation) @ {_DOC}:242
+        assumed touch: second generation: forces are mN, sums over dots; 0 of three-axis points @ {_READ}
+        assumed touch: places: flat grids, 9x4, 12x5, 8x4 and 7x8 dots; 2 mm on fingers, 5 mm on the palm (the vendor's
+            drawing has dots that are none); three-axis points 12 mm apart, single ones mid-finger @ {_READ}
+        assumed touch: 50 counts/N of a dot, 100 counts/N of a three-axis point, direction 0..359 deg; never invalid @
+            {_READ}
+        stated identity: hardware 2001 @ {_DEMOS} force_on_rohand/force_chart.py:29
+        stated identity: firmware 3.1.309 of the first generation @ {_FIRMWARE} firmware/RELEASE_INFO.md:25
+        assumed identity: firmware of the second generation 1.0, boot loader 0 @ {_READ}
+        stated configuration: RS-232 and RS-485, 115200 @ {_DOC}:12
+        stated configuration: registers of the second generation @ {_DEMOS} common/roh_registers_v2.py:7
+        stated configuration: registers and factory defaults of the first generation @ {_DOC}:122
+        stated configuration: a new unit is kept, and restarts the hand @ {_DOC}:127
+        stated configuration: 1014: 0 restarts, else an update @ {_DOC}:136
+        assumed configuration: the second generation has the first one's defaults; force targets 15000 @ {_READ}
+        assumed configuration: limits, gains, calibrating, initialising and stalls do nothing; the hand is ready at
+            once; the zero is forgotten at power-off; reserved registers are stored; others read 0 @ {_READ}
+        assumed timing: a full stroke takes 1 s at full speed; 200 mA while moving; a restart is 0.1 s later; 100 Hz
+            conversion @ {_READ}
+    """)
 
     def __init__(
         self,

@@ -29,10 +29,9 @@ from typing import Annotated, Literal
 
 import numpy as np
 
-from firmware_protocols import USB, Column, Command, Counts, Device, Option, Reading, Serial, Transmissions, points
-from firmware_protocols.adc import quantize
-from firmware_protocols.facts import assumed, stated
-from firmware_protocols.framing import Lines
+from firmware_protocols import (
+    USB, Column, Command, Counts, Device, Lines, Option, Reading, Serial, Transmissions, fact_table, points, quantize,
+)  # fmt: skip
 
 FINGER_SPACING_M = 0.02
 MIN_PERIOD_MS = 20
@@ -63,28 +62,28 @@ class SeedFts3(Device):
         "seedrobotics/ros2_sensor_pkg@a920d6c script/read_publish_sensor_node.py; seedrobotics/ros_fts README",
     )
     judge = "seedrobotics/SensorTools@a4b7613, seedrobotics/ros2_sensor_pkg@a920d6c"
-    facts = (
-        stated("touch", "whole numbers in mN, up to 3 kg; counts by a command that is not in the model",
-               "kb.seedrobotics.com fts3_pressuresensor; ros_fts README.md:63"),
-        assumed("touch", "-32767..32767; z counts a push as positive, x and y act on the skin; fingertips 20 mm apart",
-                "kb.seedrobotics.com, SensorTools, ros2_sensor_pkg, ros_fts, all files"),
-        assumed("identity", "the version, and that nothing else stands behind #OK",
-                "read_publish_sensor_node.py:213, SensorTool.py, which look at #OK alone"),
-        stated("configuration", "five sensors in each line; empty: a missing sensor, x and y of one with z alone",
-               "SensorTools README.md (Data Format), read_publish_sensor_node.py:150-180"),
-        stated("configuration", "enabletime, disabletime, calibrate, setepoch, setperiod", "SensorTools README.md"),
-        stated("configuration", "seconds of setepoch and milliseconds of setperiod may have a fraction",
-               "SensorTool.py:98, read_publish_sensor_node.py:138-140"),
-        stated("configuration", "0403:6010, the second port", "SensorTool.py:26-50"),
-        assumed("configuration", "100 ms of silence end a command; no answer to an unknown one; fractions are cut off",
-                "SensorTool.py (waits 0.3 s), read_publish_sensor_node.py; README's example 1781003060, 0"),
-        assumed("configuration", "dumpsensors and dumponboard write nothing, so that resume has nothing to do",
-                "read_publish_sensor_node.py:117-126, which logs what comes; README.md, kb.seedrobotics.com"),
-        stated("timing", "lines from power-up, 50 a second, at 1 Mbaud", "kb.seedrobotics.com fts3_pressuresensor"),
-        stated("timing", "at most 50 lines a second", "read_publish_sensor_node.py:141-146, ros_fts README.md:86"),
-        assumed("timing", "after power-up with the time, from 0; less than 20 ms is 20 ms",
-                "SensorTool.py and read_publish_sensor_node.py, which set or take both"),
-    )  # fmt: skip
+    facts = fact_table("""
+        stated touch: whole numbers in mN, up to 3 kg; counts by a command that is not in the model @
+            kb.seedrobotics.com fts3_pressuresensor; ros_fts README.md:63
+        assumed touch: -32767..32767; z counts a push as positive, x and y act on the skin; fingertips 20 mm apart @
+            kb.seedrobotics.com, SensorTools, ros2_sensor_pkg, ros_fts, all files
+        assumed identity: the version, and that nothing else stands behind #OK @ read_publish_sensor_node.py:213,
+            SensorTool.py, which look at #OK alone
+        stated configuration: five sensors in each line; empty: a missing sensor, x and y of one with z alone @
+            SensorTools README.md (Data Format), read_publish_sensor_node.py:150-180
+        stated configuration: enabletime, disabletime, calibrate, setepoch, setperiod @ SensorTools README.md
+        stated configuration: seconds of setepoch and milliseconds of setperiod may have a fraction @ SensorTool.py:98,
+            read_publish_sensor_node.py:138-140
+        stated configuration: 0403:6010, the second port @ SensorTool.py:26-50
+        assumed configuration: 100 ms of silence end a command; no answer to an unknown one; fractions are cut off @
+            SensorTool.py (waits 0.3 s), read_publish_sensor_node.py; README's example 1781003060, 0
+        assumed configuration: dumpsensors and dumponboard write nothing, so that resume has nothing to do @
+            read_publish_sensor_node.py:117-126, which logs what comes; README.md, kb.seedrobotics.com
+        stated timing: lines from power-up, 50 a second, at 1 Mbaud @ kb.seedrobotics.com fts3_pressuresensor
+        stated timing: at most 50 lines a second @ read_publish_sensor_node.py:141-146, ros_fts README.md:86
+        assumed timing: after power-up with the time, from 0; less than 20 ms is 20 ms @ SensorTool.py and
+            read_publish_sensor_node.py, which set or take both
+    """)
 
     def __init__(
         self,

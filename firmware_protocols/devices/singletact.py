@@ -24,24 +24,9 @@ from __future__ import annotations
 from typing import Annotated, Literal
 
 from firmware_protocols import (
-    USB,
-    Column,
-    Command,
-    Counts,
-    Device,
-    Option,
-    Reading,
-    Rollover,
-    Sent,
-    Serial,
-    Transmissions,
-    assumed,
-    points,
-    stated,
-)
-from firmware_protocols.adc import quantize
-from firmware_protocols.framing import MORE, SOUND, Packets
-from firmware_protocols.tables import Frame
+    MORE, SOUND, USB, Column, Command, Counts, Device, Frame, Option, Packets, Reading, Rollover, Sent, Serial,
+    Transmissions, fact_table, points, quantize,
+)  # fmt: skip
 
 REQUEST = Frame("""
     request
@@ -137,38 +122,35 @@ class SingleTact(Device):
         f"{ROS2} SingleTactInterface.py, SingleTactPortDriver.py",
     )
     judge = f"{PYTHON}, {ROS2}"
-    facts = (
-        stated("touch", "255 is no force, high byte first", f"{PI}:303-305"),
-        stated("touch", "512 counts are the full range", f"{NET} SingleTact Demo/GUI.cs:241, 281"),
-        stated("touch", "ranges of 1, 10, 100 or 4.5, 45, 450 N", f"{NET} SingleTact Demo/GUI.cs:122-140"),
-        assumed("touch", "10 N; a pad of 8 mm; values end at 0 and 1023", ALL),
-        stated("touch", "frame index, time, value in the six bytes", f"{PI}:303-305"),
-        stated("identity", "2341:8036 is the USB board, another 2341 an Arduino", f"{NET} ComPortFinder.cs:42-51"),
-        assumed("identity", "an Arduino Uno, 2341:0043", ALL),
-        stated("identity", "an answer of the USB board begins with AA", f"{NET} ArduinoSingleTactDriver.cs:359-362"),
-        assumed("identity", "so do its three other bytes, as one driver wants them", f"{ALL}; {ROS2} reads AA AA"),
-        stated("identity", "where serial number, firmware and gain are", f"{NET} SingleTactSettings.cs:19-34"),
-        assumed("identity", "serial number 1, firmware 1, timer and current 0", ALL),
-        stated("configuration", "settings are in flash, which takes 50 ms", f"{NET} ArduinoSingleTactDriver.cs:132"),
-        stated("configuration", "a write of settings tares", f"{NET} SingleTact.cs:210-214"),
-        stated("configuration", "firmware 2 to 254: a sum as last byte", f"{NET} SingleTact.cs:70-82"),
-        assumed("configuration", "a wrong sum is answered and not obeyed; the tare is forgotten at power-off", ALL),
-        stated("configuration", "scaling is at least 100", f"{NET} SingleTact Demo/GUI.cs:193-195"),
-        assumed("configuration", "values follow the scaling, 100 is 1", ALL),
-        stated("configuration", "0 to 191 are valid", f"{NET} ArduinoSingleTactDriver.cs:239"),
-        stated("configuration", "all answer to 4", f"{NET} SingleTact.cs:217"),
-        stated("configuration", "03 and 04 are answered without data", f"{FIRMWARE} SingleTactDemo.ino:317-410"),
-        stated("configuration", "another address: the old buffer", f"{FIRMWARE} SingleTactDemo.ino:277-302"),
-        assumed("configuration", "the USB board does as the Arduino; silence beyond 191", ALL),
-        stated(
-            "configuration",
-            "DTR restarts an Arduino, for 2 s; in the model it has no effect",
-            f"{NET} ArduinoSingleTactDriver.cs:63-67",
-        ),
-        stated("timing", "the clock counts 0.1 ms", f"{FIRMWARE} SingleTactDemo.ino:114; {NET} SingleTact.cs:184"),
-        stated("timing", "a write repeats the time of the last read", f"{FIRMWARE} SingleTactDemo.ino:226-266"),
-        assumed("timing", "100 conversions a second, which the iteration counts; reads take no time", ALL),
-    )
+    facts = fact_table(f"""
+        stated touch: 255 is no force, high byte first @ {PI}:303-305
+        stated touch: 512 counts are the full range @ {NET} SingleTact Demo/GUI.cs:241, 281
+        stated touch: ranges of 1, 10, 100 or 4.5, 45, 450 N @ {NET} SingleTact Demo/GUI.cs:122-140
+        assumed touch: 10 N; a pad of 8 mm; values end at 0 and 1023 @ {ALL}
+        stated touch: frame index, time, value in the six bytes @ {PI}:303-305
+        stated identity: 2341:8036 is the USB board, another 2341 an Arduino @ {NET} ComPortFinder.cs:42-51
+        assumed identity: an Arduino Uno, 2341:0043 @ {ALL}
+        stated identity: an answer of the USB board begins with AA @ {NET} ArduinoSingleTactDriver.cs:359-362
+        assumed identity: so do its three other bytes, as one driver wants them @ {ALL}; {ROS2} reads AA AA
+        stated identity: where serial number, firmware and gain are @ {NET} SingleTactSettings.cs:19-34
+        assumed identity: serial number 1, firmware 1, timer and current 0 @ {ALL}
+        stated configuration: settings are in flash, which takes 50 ms @ {NET} ArduinoSingleTactDriver.cs:132
+        stated configuration: a write of settings tares @ {NET} SingleTact.cs:210-214
+        stated configuration: firmware 2 to 254: a sum as last byte @ {NET} SingleTact.cs:70-82
+        assumed configuration: a wrong sum is answered and not obeyed; the tare is forgotten at power-off @ {ALL}
+        stated configuration: scaling is at least 100 @ {NET} SingleTact Demo/GUI.cs:193-195
+        assumed configuration: values follow the scaling, 100 is 1 @ {ALL}
+        stated configuration: 0 to 191 are valid @ {NET} ArduinoSingleTactDriver.cs:239
+        stated configuration: all answer to 4 @ {NET} SingleTact.cs:217
+        stated configuration: 03 and 04 are answered without data @ {FIRMWARE} SingleTactDemo.ino:317-410
+        stated configuration: another address: the old buffer @ {FIRMWARE} SingleTactDemo.ino:277-302
+        assumed configuration: the USB board does as the Arduino; silence beyond 191 @ {ALL}
+        stated configuration: DTR restarts an Arduino, for 2 s; in the model it has no effect @ {NET}
+            ArduinoSingleTactDriver.cs:63-67
+        stated timing: the clock counts 0.1 ms @ {FIRMWARE} SingleTactDemo.ino:114; {NET} SingleTact.cs:184
+        stated timing: a write repeats the time of the last read @ {FIRMWARE} SingleTactDemo.ino:226-266
+        assumed timing: 100 conversions a second, which the iteration counts; reads take no time @ {ALL}
+    """)
 
     def __init__(
         self,

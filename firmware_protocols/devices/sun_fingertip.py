@@ -11,10 +11,9 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from firmware_protocols import Column, Command, Counts, Device, Option, Reading, Serial, Transmissions, grid_layout
-from firmware_protocols.adc import quantize
-from firmware_protocols.facts import assumed, stated
-from firmware_protocols.tables import Frame
+from firmware_protocols import (
+    Column, Command, Counts, Device, Frame, Option, Reading, Serial, Transmissions, fact_table, grid_layout, quantize,
+)  # fmt: skip
 
 FRAME = Frame("""
     frame, row by row
@@ -36,20 +35,20 @@ class SunFingertip(Device):
     evidence = ("driver",)
     sources = ("marcocostanzo/tactile_sensor_ros@149032e",)
     judge = "marcocostanzo/tactile_sensor_ros@149032e"
-    facts = (
-        stated("touch", "25 values of 12 bits, low byte first, x * 3.3 / 4096 V; rows, columns: parameters",
-               f"{DRIVER} src/read_tactile_serial_node.cpp:115-121"),
-        assumed("touch", "row by row from the upper left, pitch 3.5 mm; high bits 0, which the driver masks",
-                "marcocostanzo/tactile_sensor_ros@149032e, all files (the network of read_wrench_node has no file)"),
-        assumed("touch", "600 counts untouched, 400 counts/N more along each taxel's normal",
-                "remove_bias_node.cpp, read_wrench_node.cpp, gen_net_files.m: less a bias, a network does the rest"),
-        stated("configuration", "1 000 000 baud for wired fingers; 500 000 without a parameter",
-               f"README.md (Run), {DRIVER} launch/tactile_serial.launch:5, read_tactile_serial_node.cpp:61"),
-        assumed("configuration", "letters but a are not answered; no version, no serial number",
-                "read_tactile_serial_node.cpp, which sends a alone"),
-        stated("timing", "500 frames a second is full speed", "README.md (Setup)"),
-        assumed("timing", "500 conversions a second; a frame is what was converted last", "README.md, all of src"),
-    )  # fmt: skip
+    facts = fact_table(f"""
+        stated touch: 25 values of 12 bits, low byte first, x * 3.3 / 4096 V; rows, columns: parameters @ {DRIVER}
+            src/read_tactile_serial_node.cpp:115-121
+        assumed touch: row by row from the upper left, pitch 3.5 mm; high bits 0, which the driver masks @
+            marcocostanzo/tactile_sensor_ros@149032e, all files (the network of read_wrench_node has no file)
+        assumed touch: 600 counts untouched, 400 counts/N more along each taxel's normal @ remove_bias_node.cpp,
+            read_wrench_node.cpp, gen_net_files.m: less a bias, a network does the rest
+        stated configuration: 1 000 000 baud for wired fingers; 500 000 without a parameter @ README.md (Run), {DRIVER}
+            launch/tactile_serial.launch:5, read_tactile_serial_node.cpp:61
+        assumed configuration: letters but a are not answered; no version, no serial number @
+            read_tactile_serial_node.cpp, which sends a alone
+        stated timing: 500 frames a second is full speed @ README.md (Setup)
+        assumed timing: 500 conversions a second; a frame is what was converted last @ README.md, all of src
+    """)
 
     def __init__(
         self,

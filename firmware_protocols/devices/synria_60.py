@@ -20,22 +20,10 @@ from typing import Annotated
 import numpy as np
 
 from firmware_protocols import (
-    Column,
-    Command,
-    Counts,
-    Device,
-    Option,
-    Reading,
-    Rs485,
-    Transmissions,
-    assumed,
-    grid_layout,
-    stated,
-)
-from firmware_protocols.adc import quantize
+    Column, Command, Counts, Device, Frame, Option, Reading, Refused, RegisterMap, Registers, Rs485, Transmissions,
+    fact_table, grid_layout, quantize,
+)  # fmt: skip
 from firmware_protocols.protocols.modbus import Banks, Rtu
-from firmware_protocols.registers import Refused, RegisterMap, Registers
-from firmware_protocols.tables import Frame
 
 MAP = RegisterMap(
     """
@@ -86,22 +74,22 @@ class Synria60(Device):
     evidence = ("driver",)
     sources = ("tactile-pressure-sdk 2.0.0 tactile_sdk/protocol/constants.py, modbus_rtu.py, api/ (the vendor's own)",)
     judge = "tactile-pressure-sdk 2.0.0"
-    facts = (
-        stated("touch", "ADC values of 12 bits (or 16, as the firmware is); mN end at 65535", f"{_README} l.999"),
-        stated("touch", "one module's ADC reads 559 at 100 mN, 2284 at 1000 mN of a point", f"{_README} l.975"),
-        assumed("touch", "the ADC is linear, mN are exact", _READ),
-        stated("touch", "a point has 25 mm2, 60 of them", f"{_README} l.455, l.742"),
-        assumed("touch", "6 x 10 points at 5 mm, normal +z, row by row", _READ),
-        stated("identity", "texts", "tactile-pressure-sdk 2.0.0 tactile_sdk/models.py:25"),
-        stated("configuration", "4 000 000 8N1, unit 1; registers 17 and 18 are write-only", f"{_README} l.743, l.991"),
-        stated("configuration", "2 in register 18 brings back the zero of power-up", f"{_README} l.948"),
-        assumed("configuration", "defaults of all registers but 15 and 16; what is written is kept without power, the "
-                "zero is not", _READ),
-        assumed("configuration", "values that are pushed (register 11) have an undocumented form: they are not "
-                "sent; calibration is stored, without effect", _READ),
-        stated("timing", "a host reads it 1480 times a second at most", f"{_README} l.1000"),
-        assumed("timing", "200 conversions a second, answers at once", _READ),
-    )  # fmt: skip
+    facts = fact_table(f"""
+        stated touch: ADC values of 12 bits (or 16, as the firmware is); mN end at 65535 @ {_README} l.999
+        stated touch: one module's ADC reads 559 at 100 mN, 2284 at 1000 mN of a point @ {_README} l.975
+        assumed touch: the ADC is linear, mN are exact @ {_READ}
+        stated touch: a point has 25 mm2, 60 of them @ {_README} l.455, l.742
+        assumed touch: 6 x 10 points at 5 mm, normal +z, row by row @ {_READ}
+        stated identity: texts @ tactile-pressure-sdk 2.0.0 tactile_sdk/models.py:25
+        stated configuration: 4 000 000 8N1, unit 1; registers 17 and 18 are write-only @ {_README} l.743, l.991
+        stated configuration: 2 in register 18 brings back the zero of power-up @ {_README} l.948
+        assumed configuration: defaults of all registers but 15 and 16; what is written is kept without power, the zero
+            is not @ {_READ}
+        assumed configuration: values that are pushed (register 11) have an undocumented form: they are not sent;
+            calibration is stored, without effect @ {_READ}
+        stated timing: a host reads it 1480 times a second at most @ {_README} l.1000
+        assumed timing: 200 conversions a second, answers at once @ {_READ}
+    """)
 
     def __init__(
         self,

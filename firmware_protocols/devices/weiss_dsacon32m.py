@@ -35,25 +35,10 @@ from typing import Annotated
 import numpy as np
 
 from firmware_protocols import (
-    Column,
-    Command,
-    Counts,
-    Device,
-    Option,
-    Reading,
-    Rollover,
-    Serial,
-    Transmissions,
-    assumed,
-    grid_layout,
-    measured,
-    stated,
-)
-from firmware_protocols.adc import quantize
-from firmware_protocols.framing import MORE, SOUND, Packets
-from firmware_protocols.layouts import stack
+    MORE, SOUND, Column, Command, Counts, Device, Frame, Option, Packets, Reading, Rollover, Serial, Transmissions,
+    fact_table, grid_layout, quantize, stack,
+)  # fmt: skip
 from firmware_protocols.sums import crc16_weiss
-from firmware_protocols.tables import Frame
 
 MESSAGE = Frame("""
     message, either direction
@@ -187,32 +172,32 @@ class WeissDsacon32m(Device):
     evidence = ("driver",)
     sources = (f"{SDH}dsa.cpp, dsa.h, crc.h, crc.cpp (the vendor's own)", f"{RECORDINGS} (gain, threshold, period)")
     judge = "ipab-slmc/SDHLibrary-CPP@0217d4e"
-    facts = (
-        stated("touch", "texels row by row, matrix by matrix", f"{SDH}dsa.cpp:488, 973"),
-        stated("touch", "matrix = 2 finger + part, proximal before distal", f"{SDH}dsa.h:644"),
-        measured("touch", "14 x 6 and 13 x 6 texels of 3.4 mm in turn", RECORDINGS),
-        measured("touch", "a texel below the threshold reads 0", RECORDINGS),
-        measured("touch", "counts follow the sensitivity linearly from 0.1 to 1", RECORDINGS),
-        measured("touch", "the corners of a 13 x 6 do not exist and read 0; here they are texels", RECORDINGS),
-        assumed("touch", "1000 counts/N at the factory's sensitivity; full scale 4095; flat, 40 mm apart", BOTH),
-        stated("identity", "18 bytes of the host's 19 answer 01", f"{SDH}dsa.cpp:319-324"),
-        stated("identity", "software is a release, such as 268 or 288", f"{SDH}dsa.cpp:424, 908, 936"),
-        stated("identity", "firmware 2.9.0.0 has sound single frames: release 290 here", f"{SDH}dsa.h:536-539"),
-        assumed("identity", "serial number 1001, hardware 1, everything else in the answers 0", BOTH),
-        stated("configuration", "one frame with rate 0; any other rate: 30 a second", f"{SDH}dsa.h:521-524"),
-        stated("configuration", "up to 288, but for 269, it streams instead", f"{SDH}dsa.cpp:424"),
-        stated("configuration", "layouts of 0F and 13, their flags", f"{SDH}dsa.cpp:845-867, 912-923"),
-        stated("configuration", "what is kept gets no answer", f"{SDH}dsa.cpp:870, 925"),
-        stated("configuration", "factory's sensitivity 0.5; the user may change it", f"{SDH}dsa.h:209, 570"),
-        stated("configuration", "error codes", f"{SDH}dsa.h:120-147"),
-        assumed("configuration", "the meaning of each error; factory's threshold 0; bad CRCs get no answer", BOTH),
-        assumed("configuration", "bit 0 of a frame's flags is that of the request", BOTH),
-        stated("timing", "115200 baud", f"{SDH}dsa.cpp:617"),
-        stated("timing", "mute for 8 s, 1B 5B 35 6E three times in 0.82 s", f"{SDH}dsa.cpp:681-684"),
-        assumed("timing", "the three come at once, when it begins to answer", BOTH),
-        measured("timing", "a frame each 32 ms", RECORDINGS),
-        assumed("timing", "it scans 30 times a second all the time; one frame is that of the next scan", BOTH),
-    )
+    facts = fact_table(f"""
+        stated touch: texels row by row, matrix by matrix @ {SDH}dsa.cpp:488, 973
+        stated touch: matrix = 2 finger + part, proximal before distal @ {SDH}dsa.h:644
+        measured touch: 14 x 6 and 13 x 6 texels of 3.4 mm in turn @ {RECORDINGS}
+        measured touch: a texel below the threshold reads 0 @ {RECORDINGS}
+        measured touch: counts follow the sensitivity linearly from 0.1 to 1 @ {RECORDINGS}
+        measured touch: the corners of a 13 x 6 do not exist and read 0; here they are texels @ {RECORDINGS}
+        assumed touch: 1000 counts/N at the factory's sensitivity; full scale 4095; flat, 40 mm apart @ {BOTH}
+        stated identity: 18 bytes of the host's 19 answer 01 @ {SDH}dsa.cpp:319-324
+        stated identity: software is a release, such as 268 or 288 @ {SDH}dsa.cpp:424, 908, 936
+        stated identity: firmware 2.9.0.0 has sound single frames: release 290 here @ {SDH}dsa.h:536-539
+        assumed identity: serial number 1001, hardware 1, everything else in the answers 0 @ {BOTH}
+        stated configuration: one frame with rate 0; any other rate: 30 a second @ {SDH}dsa.h:521-524
+        stated configuration: up to 288, but for 269, it streams instead @ {SDH}dsa.cpp:424
+        stated configuration: layouts of 0F and 13, their flags @ {SDH}dsa.cpp:845-867, 912-923
+        stated configuration: what is kept gets no answer @ {SDH}dsa.cpp:870, 925
+        stated configuration: factory's sensitivity 0.5; the user may change it @ {SDH}dsa.h:209, 570
+        stated configuration: error codes @ {SDH}dsa.h:120-147
+        assumed configuration: the meaning of each error; factory's threshold 0; bad CRCs get no answer @ {BOTH}
+        assumed configuration: bit 0 of a frame's flags is that of the request @ {BOTH}
+        stated timing: 115200 baud @ {SDH}dsa.cpp:617
+        stated timing: mute for 8 s, 1B 5B 35 6E three times in 0.82 s @ {SDH}dsa.cpp:681-684
+        assumed timing: the three come at once, when it begins to answer @ {BOTH}
+        measured timing: a frame each 32 ms @ {RECORDINGS}
+        assumed timing: it scans 30 times a second all the time; one frame is that of the next scan @ {BOTH}
+    """)
 
     def __init__(
         self,

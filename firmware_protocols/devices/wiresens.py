@@ -23,20 +23,8 @@ from typing import Annotated
 import numpy as np
 
 from firmware_protocols import (
-    Column,
-    Counts,
-    Device,
-    Option,
-    Reading,
-    Rollover,
-    Serial,
-    Transmissions,
-    assumed,
-    grid_layout,
-    stated,
-)
-from firmware_protocols.adc import quantize
-from firmware_protocols.tables import Frame
+    Column, Counts, Device, Frame, Option, Reading, Rollover, Serial, Transmissions, fact_table, grid_layout, quantize,
+)  # fmt: skip
 
 PACKET = Frame("""
     packet
@@ -70,25 +58,23 @@ class Wiresens(Device):
     evidence = ("firmware", "driver")
     sources = (f"{CPP} (the board's firmware)", f"{PYTHON} GenericReceiver.py, Sensor.py, utils.py")
     judge = PYTHON
-    facts = (
-        stated("touch", "row by row: y is the ground wire, x the read wire", f"{CPP}:566-640"),
-        stated(
-            "touch", "the rest of a scan is at the head of the next packet", f"{CPP}:566-640; {PYTHON} Sensor.py:86-104"
-        ),
-        stated("touch", "a push lowers the value, 0 is saturated", f"{CPP}:509-522"),
-        stated("touch", "2.5 V is no push, 3.3 V are 4096", f"{CPP}:523-530"),
-        assumed("touch", "16 x 16 taxels, 5 mm apart; a push of 1 N halves the value, linearly", BOTH),
-        stated("identity", "sensor id 1 as shipped", f"{PYTHON} WiSensConfigClean.json, WiSensConfig.json"),
-        stated("configuration", "JSON on a line sets id and values in a packet", f"{CPP}:98-131"),
-        stated("configuration", "the host sends it without an end of line", f"{PYTHON} utils.py:69"),
-        stated("configuration", "the board's text before it", f"{CPP}:78-117, 282"),
-        stated("configuration", "120 values as shipped", f"{PYTHON} WiSensConfigClean.json"),
-        assumed("configuration", "64 values by default, which fill 16 x 16", BOTH),
-        assumed("configuration", "a matrix of another size is refused; intermittent sending is not there", BOTH),
-        stated("timing", "250000 baud", f"{FIRMWARE} README.md; {PYTHON} WiSensConfigClean.json"),
-        stated("timing", "packets are numbered from 0", f"{FIRMWARE} src/WiSensToolkit.h:559"),
-        assumed("timing", "30 scans a second", BOTH),
-    )
+    facts = fact_table(f"""
+        stated touch: row by row: y is the ground wire, x the read wire @ {CPP}:566-640
+        stated touch: the rest of a scan is at the head of the next packet @ {CPP}:566-640; {PYTHON} Sensor.py:86-104
+        stated touch: a push lowers the value, 0 is saturated @ {CPP}:509-522
+        stated touch: 2.5 V is no push, 3.3 V are 4096 @ {CPP}:523-530
+        assumed touch: 16 x 16 taxels, 5 mm apart; a push of 1 N halves the value, linearly @ {BOTH}
+        stated identity: sensor id 1 as shipped @ {PYTHON} WiSensConfigClean.json, WiSensConfig.json
+        stated configuration: JSON on a line sets id and values in a packet @ {CPP}:98-131
+        stated configuration: the host sends it without an end of line @ {PYTHON} utils.py:69
+        stated configuration: the board's text before it @ {CPP}:78-117, 282
+        stated configuration: 120 values as shipped @ {PYTHON} WiSensConfigClean.json
+        assumed configuration: 64 values by default, which fill 16 x 16 @ {BOTH}
+        assumed configuration: a matrix of another size is refused; intermittent sending is not there @ {BOTH}
+        stated timing: 250000 baud @ {FIRMWARE} README.md; {PYTHON} WiSensConfigClean.json
+        stated timing: packets are numbered from 0 @ {FIRMWARE} src/WiSensToolkit.h:559
+        assumed timing: 30 scans a second @ {BOTH}
+    """)
 
     def __init__(
         self,

@@ -33,12 +33,11 @@ from typing import Annotated, Literal
 
 import numpy as np
 
-from firmware_protocols import Column, Counts, Device, Option, Reading, Rollover, Transmissions, WebSocket, grid_layout
-from firmware_protocols.adc import quantize
+from firmware_protocols import (
+    Column, Counts, Device, LinearMagnet, Option, Reading, Rollover, Transmissions, WebSocket, fact_table, grid_layout,
+    place, quantize, stack,
+)  # fmt: skip
 from firmware_protocols.devices.xela_uskin import GAIN_UT_PER_N, PITCH_M, REST_FIELD_UT, UT_PER_COUNT
-from firmware_protocols.facts import assumed, stated
-from firmware_protocols.layouts import place, stack
-from firmware_protocols.magnetic import LinearMagnet
 
 Model = Literal["uSPa44", "uSPa46", "uSPa22", "uSPa21", "uSPa11", "XR1944", "XR1844"]
 SIZES_BY_MODEL: dict[str, tuple[int, int]] = {
@@ -62,25 +61,25 @@ class XelaServer(Device):
         "mcsix/xela_server_ros@a115511; penn-figueroa-lab/xela_setup@34d1dc1 example.py (4 rows of 6, calibrated)",
     )
     judge = "mcsix/xela_server_ros2@3a890cf, penn-figueroa-lab/xela_setup@34d1dc1, websocket-client 1.9.2"
-    facts = (
-        stated("touch", "X,Y,Z of each taxel, from the top left, line by line; whole numbers 0..65535",
-               "mcsix/xela_server_ros2@3a890cf readme.md (Components), msg/Taxel.msg"),
-        stated("touch", "forces X and Y have a sign for the direction; Z, a normal pressure, has none: a push is "
-               "positive (one figure of an example is negative)", "xela_server_ros2 readme.md; xela_setup README.md"),
-        assumed("touch", "raw counts and gains as of xela_uskin, taxels 4.7 mm apart, sensors 10 mm; N in the taxel's "
-                "own frame, four decimals", "xela_server_ros2, xela_server_ros, xela_setup, all files"),
-        stated("identity", "model, position and number of taxels of each sensor, and nothing else",
-               "xela_server_ros2@3a890cf scripts/xela_service:456-486"),
-        assumed("identity", "rows and columns of the models but uSPa44 and uSPa46; curved and other models, extradots "
-                "and temperatures are left out", "xela_server_ros2, xela_server_ros, xela_setup, all files"),
-        stated("configuration", "forces only of sensors that have them, and if enabled in xServ.ini",
-               "xela_server_ros2@3a890cf readme.md (xServStream)"),
-        assumed("configuration", "the greeting has no other key; what a client sends changes nothing",
-                "scripts/xela_service:520-545, which looks at its key message alone, and sends nothing"),
-        stated("timing", "the time is Unix time, of the server", "xela_server_ros2@3a890cf readme.md (1695690788.83)"),
-        assumed("timing", "100 messages a second, counted from 1, also without a client",
-                "xela_server_ros2, xela_server_ros, xela_setup, all files (messages 1476 and 5548 are shown)"),
-    )  # fmt: skip
+    facts = fact_table("""
+        stated touch: X,Y,Z of each taxel, from the top left, line by line; whole numbers 0..65535 @
+            mcsix/xela_server_ros2@3a890cf readme.md (Components), msg/Taxel.msg
+        stated touch: forces X and Y have a sign for the direction; Z, a normal pressure, has none: a push is positive
+            (one figure of an example is negative) @ xela_server_ros2 readme.md; xela_setup README.md
+        assumed touch: raw counts and gains as of xela_uskin, taxels 4.7 mm apart, sensors 10 mm; N in the taxel's own
+            frame, four decimals @ xela_server_ros2, xela_server_ros, xela_setup, all files
+        stated identity: model, position and number of taxels of each sensor, and nothing else @
+            xela_server_ros2@3a890cf scripts/xela_service:456-486
+        assumed identity: rows and columns of the models but uSPa44 and uSPa46; curved and other models, extradots and
+            temperatures are left out @ xela_server_ros2, xela_server_ros, xela_setup, all files
+        stated configuration: forces only of sensors that have them, and if enabled in xServ.ini @
+            xela_server_ros2@3a890cf readme.md (xServStream)
+        assumed configuration: the greeting has no other key; what a client sends changes nothing @
+            scripts/xela_service:520-545, which looks at its key message alone, and sends nothing
+        stated timing: the time is Unix time, of the server @ xela_server_ros2@3a890cf readme.md (1695690788.83)
+        assumed timing: 100 messages a second, counted from 1, also without a client @ xela_server_ros2,
+            xela_server_ros, xela_setup, all files (messages 1476 and 5548 are shown)
+    """)
 
     def __init__(
         self,

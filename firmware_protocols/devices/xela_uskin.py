@@ -29,22 +29,9 @@ from typing import Annotated, Literal
 import numpy as np
 
 from firmware_protocols import (
-    Can,
-    CanFrame,
-    Column,
-    Command,
-    Counts,
-    Device,
-    Option,
-    Reading,
-    Transmissions,
-    assumed,
-    grid_layout,
-    stated,
-)
-from firmware_protocols.adc import quantize
-from firmware_protocols.magnetic import LinearMagnet
-from firmware_protocols.tables import Frame
+    Can, CanFrame, Column, Command, Counts, Device, Frame, LinearMagnet, Option, Reading, Transmissions, fact_table,
+    grid_layout, quantize,
+)  # fmt: skip
 
 TAXEL = Frame("""
     taxel, raw magnetic counts
@@ -60,16 +47,13 @@ GAIN_UT_PER_N = (300.0, 300.0, -500.0)
 
 
 _ARQ = "uskin_can_drivers@081807b"
-_ASSUMED = (
-    assumed(
-        "touch",
-        "0.1 uT per count, 300 uT/N in the plane, 500 uT/N along the normal, 24000/24000/21000 counts at rest",
-        "both drivers (maxima by trial: 45000, 25000, 25600; Z at least 18300), xela_models",
-    ),
-    assumed("touch", "unused bytes 0", "both drivers, which do not look at them"),
-    assumed("configuration", "silent after power-up; whatever else is sent gets silence", "both drivers"),
-    assumed("timing", "100 Hz", "both drivers"),
-)
+_ASSUMED = fact_table("""
+    assumed touch: 0.1 uT per count, 300 uT/N in the plane, 500 uT/N along the normal, 24000/24000/21000 counts at rest
+        @ both drivers (maxima by trial: 45000, 25000, 25600; Z at least 18300), xela_models
+    assumed touch: unused bytes 0 @ both drivers, which do not look at them
+    assumed configuration: silent after power-up; whatever else is sent gets silence @ both drivers
+    assumed timing: 100 Hz @ both drivers
+""")
 
 
 class XelaUskin(Device[CanFrame]):
@@ -87,11 +71,13 @@ class XelaUskin(Device[CanFrame]):
     )
     judge = "o2as/ur-o2as@97adced"
     facts = (
-        stated("touch", "a frame for a taxel, three numbers, high byte first, ids 710 on", "xela_sensor.py:37-52"),
-        stated("touch", "4.7 mm from taxel to taxel", "ur-o2as xela_sensor_node.py taxel_area"),
         *_ASSUMED,
-        assumed("touch", "a 4x4 product with ids 'grid' (that generation's known product is 4x6)", "both drivers"),
-        stated("configuration", "07 00 starts", "xela_sensor.py:23"),
+        *fact_table("""
+        stated touch: a frame for a taxel, three numbers, high byte first, ids 710 on @ xela_sensor.py:37-52
+        stated touch: 4.7 mm from taxel to taxel @ ur-o2as xela_sensor_node.py taxel_area
+        assumed touch: a 4x4 product with ids 'grid' (that generation's known product is 4x6) @ both drivers
+        stated configuration: 07 00 starts @ xela_sensor.py:23
+        """),
     )
 
     def __init__(
@@ -161,15 +147,13 @@ class XelaUskin4x6(XelaUskin):
     rows, cols = 4, 6
     judge = "ARQ-CRISP/uskin_can_drivers@081807b"
     facts = (
-        stated(
-            "touch", "ids by row and column, column by column; 135 ends a sample", f"{_ARQ} uskinCanDriver.cpp:133-150"
-        ),
-        stated("touch", "three numbers, high byte first", f"{_ARQ} can_communication.cpp convert_16bit_hex_to_dec"),
         *_ASSUMED,
-        assumed("touch", "the pitch of the 4x4", f"{_ARQ}, all files"),
-        stated(
-            "configuration", "07 00 starts, 07 01 stops, to 201", f"{_ARQ} can_communication.cpp requestData, stopData"
-        ),
+        *fact_table(f"""
+        stated touch: ids by row and column, column by column; 135 ends a sample @ {_ARQ} uskinCanDriver.cpp:133-150
+        stated touch: three numbers, high byte first @ {_ARQ} can_communication.cpp convert_16bit_hex_to_dec
+        assumed touch: the pitch of the 4x4 @ {_ARQ}, all files
+        stated configuration: 07 00 starts, 07 01 stops, to 201 @ {_ARQ} can_communication.cpp requestData, stopData
+        """),
     )
 
     def __init__(
