@@ -81,9 +81,9 @@ def _datasheet(skin: PageSkin) -> Sequence[str]:
     try:
         if target is None:
             raise TactemuError("the emulator does not name it")
-        return datasheet(skin.device, make_device(target, dict(skin.about.get("options", {}))))
+        return datasheet(skin.described.device, make_device(target, dict(skin.about.get("options", {}))))
     except (TactemuError, OSError) as error:
-        return [skin.title, "", f"its device cannot be made here: {error}"]
+        return [skin.described.title, "", f"its device cannot be made here: {error}"]
 
 
 def main() -> int:

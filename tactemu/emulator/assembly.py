@@ -24,7 +24,7 @@ from tactemu.emulator.scenario import faults_of, laws_needed, schedule
 from tactemu.emulator.sources import resolve_source, without_replaced
 from tactemu.geometry.motion import Joint
 from tactemu.scene.building import build_scene, make_devices
-from tactemu.scene.description import SceneDescription
+from tactemu.scene.description import SceneContext
 from tactemu.scene.file import LoadedScene
 from tactemu.scene.measured_defaults import with_measured_defaults
 from tactemu.scene.placement import NullSource, PlacedSkin, SenseReader
@@ -183,7 +183,7 @@ def assemble(
         channels[skin.title] = _channel(skin, device, SenseReader(readings, device), own, run_options, wire_seed)
     followed = [*played.values(), *([given.readings] if given.readings else [])]
     advanced = Playback(simulation, followed) if followed else simulation
-    truth.context = SceneDescription(simulation, devices, placed)
+    truth.context = SceneContext(simulation, devices, placed)
     emulator = Emulator(advanced, channels.values(), clock=clock, truth=truth, recipe=_recipe(original, run_options))
     schedule(emulator, events)
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from tactemu.base.frame_text import text
+from tactemu.scene.description import PartDescription
 from tactemu.truth.entries import BodyPose, Entry, Injection, Passage, PortEvent, Sample
-from tactemu.view.conversions.drawn_scene import Part
 
 ZERO_COLOUR = np.array([0.18, 0.24, 0.36])
 """The colour of a taxel that reads 0."""
@@ -28,7 +28,7 @@ def in_contact(sample: Sample) -> np.ndarray:
     return (ideal != 0).any(axis=1)
 
 
-def pitch(part: Part) -> float:
+def pitch(part: PartDescription) -> float:
     """Return the distance of a taxel to its nearest neighbour [m], the median of the first 256; alone: 3 mm."""
     positions = part.positions[:256]
     if len(positions) < 2:

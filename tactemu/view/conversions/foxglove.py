@@ -23,10 +23,12 @@ import numpy as np
 from foxglove import channels, messages
 from foxglove.mcap import MCAPCompression, MCAPWriteOptions
 
+from firmware_protocols.layouts import Patch
 from tactemu.geometry import rotation
+from tactemu.scene.description import BodyDescription, PartDescription, SceneDescription
 from tactemu.truth.entries import BodyPose, Entry, Header, Sample
 from tactemu.view.conversions.display import is_warning, log_text
-from tactemu.view.conversions.drawn_scene import WORLD, DrawnBody, DrawnScene, TaxelTable
+from tactemu.view.conversions.taxel_tables import WORLD, TaxelTable, grids_of, tables_of
 
 _NUMERIC = messages.PackedElementFieldNumericType
 _TYPES = {
@@ -47,12 +49,12 @@ class FoxgloveFile:
         self._file = foxglove.open_mcap(target, context=self._context, writer_options=options)
         self._channels: dict[str, Any] = {}
         self._clouds: dict[tuple, list[_Cloud]] = {}
-        self._described = DrawnScene(Header())
+        self._scene = SceneDescription()
 
     def begin(self, header: Header) -> None:
         """Write the bodies' shapes."""
-        self._described = DrawnScene(header)
-        entities = [_entity(body) for body in self._described.bodies]
+        self._scene = SceneDescription.from_json(header.scene)
+        entities = [_entity(body) for body in self._scene.bodies]
         if entities:
             update = messages.SceneUpdate(entities=entities)
             self._channel(channels.SceneUpdateChannel, "/bodies").log(update, log_time=0)
@@ -92,10 +94,10 @@ class FoxgloveFile:
             return
         key = sample.device, sample.sense, sample.ideal.shape, sample.counts.shape, sample.counts.dtype
         if key not in self._clouds:
-            columns = self._described.columns(sample.device, sample.sense)
-            patches = self._described.patches(sample.device)
-            tables = [TaxelTable(sample, part, columns) for part in self._described.parts(sample)]
-            self._clouds[key] = [_Cloud(sample, table, patches, self._channel) for table in tables]
+            grids = grids_of(self._scene, sample.device)
+            self._clouds[key] = [
+                _Cloud(sample, table, grids, self._channel) for table in tables_of(self._scene, sample)
+            ]
         for cloud in self._clouds[key]:
             cloud.log(sample)
 
@@ -103,7 +105,7 @@ class FoxgloveFile:
 class _Cloud:
     """Taxels of one part of a skin as a cloud, and as pictures of its patches."""
 
-    def __init__(self, sample: Sample, table: TaxelTable, patches: Any, channel: Any):
+    def __init__(self, sample: Sample, table: TaxelTable, patches: list[Patch], channel: Any):
         self._table, part = table, table.part
         topic = "/" + "/".join(filter(None, (part.name or sample.device, sample.sense)))
         self._cloud = channel(channels.PointCloudChannel, f"{topic}/taxels")
@@ -115,12 +117,11 @@ class _Cloud:
         places = {taxel: k for k, taxel in enumerate(part.taxels.tolist())}
         self._grids = []
         for patch in patches:
-            rows, cols = patch["rows"], patch["cols"]
-            taxels = range(patch["start"], patch["start"] + rows * cols)
-            if rows > 1 and cols > 1 and all(taxel in places for taxel in taxels):
+            taxels = range(patch.start, patch.start + len(patch))
+            if all(taxel in places for taxel in taxels):
                 own = np.array([places[taxel] for taxel in taxels])
-                grid = channel(channels.GridChannel, f"{topic}/grid/{patch['name'].replace(' ', '_')}")
-                self._grids.append((grid, own, cols, *_plane(part, own, rows, cols)))
+                grid = channel(channels.GridChannel, f"{topic}/grid/{patch.name.replace(' ', '_')}")
+                self._grids.append((grid, own, patch.cols, *_plane(part, own, patch)))
 
     def log(self, sample: Sample) -> None:
         """Write a message for the cloud and for each picture."""
@@ -137,8 +138,9 @@ class _Cloud:
             channel.log(grid, log_time=t_ns)
 
 
-def _plane(part: Any, own: np.ndarray, rows: int, cols: int) -> tuple[messages.Pose, messages.Vector2]:
+def _plane(part: PartDescription, own: np.ndarray, patch: Patch) -> tuple[messages.Pose, messages.Vector2]:
     """Return the pose of a patch's corner on its body (x along its rows, y from row to row), and the size of a cell."""
+    rows, cols = patch.rows, patch.cols
     points = rotation.rotate(part.quaternion, part.positions[own].reshape(rows, cols, 3)) + part.position
     u = (points[:, -1] - points[:, 0]).mean(0) / (cols - 1)
     v = (points[-1] - points[0]).mean(0) / (rows - 1)
@@ -155,12 +157,12 @@ def _plane(part: Any, own: np.ndarray, rows: int, cols: int) -> tuple[messages.P
     return messages.Pose(position=_vector(corner), orientation=_quaternion(turn)), size
 
 
-def _entity(body: DrawnBody) -> messages.SceneEntity:
+def _entity(body: BodyDescription) -> messages.SceneEntity:
     """Return a body's shape in its own frame."""
     return messages.SceneEntity(frame_id=body.name, id=body.name, frame_locked=True, **_primitives(body))
 
 
-def _primitives(body: DrawnBody) -> Mapping[str, Any]:
+def _primitives(body: BodyDescription) -> Mapping[str, Any]:
     outline = body.outline
     still = messages.Pose(position=_vector((0, 0, 0)), orientation=_quaternion((1, 0, 0, 0)))
     if "faces" in outline:

@@ -22,9 +22,10 @@ import matplotlib  # noqa: TID253  this module is imported only to draw
 import numpy as np
 
 from tactemu.base.errors import TactemuError
+from tactemu.scene.description import SceneDescription, SenseDescription, SkinDescription
 from tactemu.truth.entries import Header, Passage, Sample, belongs_to
 from tactemu.truth.log_reader import records
-from tactemu.view.conversions.drawn_scene import DrawnScene
+from tactemu.view.conversions.taxel_tables import parts_of
 
 matplotlib.use("agg")
 from matplotlib.figure import Figure  # noqa: TID253
@@ -94,13 +95,13 @@ def series_of(path: Path, skin: str | None = None, sense: str | None = None) -> 
     Raises:
         TactemuError: the log is missing, or has no samples of this skin.
     """
-    described, found = DrawnScene(Header()), None
+    scene, found = SceneDescription(), None
     for record in records(path):
         if isinstance(record, Header):
-            described = DrawnScene(record)
+            scene = SceneDescription.from_json(record.scene)
         elif isinstance(record, Sample) and skin in (None, record.device) and sense in (None, record.sense):
             if found is None:
-                found = _begun(record, described)
+                found = _begun(record, scene)
             if (record.device, record.sense) == (found.device, found.sense):
                 found.add(record)
         elif isinstance(record, Passage) and found and record.kind == "tx" and belongs_to(record, found.device):
@@ -111,15 +112,13 @@ def series_of(path: Path, skin: str | None = None, sense: str | None = None) -> 
     return found
 
 
-def _begun(sample: Sample, described: DrawnScene) -> Series:
-    skin = described.skins.get(sample.device, {})
-    senses = skin.get("senses", {})
-    quantity = senses.get(sample.sense or next(iter(senses), ""), {}).get("quantity", "")
-    parts = described.parts(sample)
+def _begun(sample: Sample, scene: SceneDescription) -> Series:
+    senses = scene.skins.get(sample.device, SkinDescription()).senses
+    sense = senses.get(sample.sense or next(iter(senses), ""), SenseDescription())
     positions = np.zeros((len(np.atleast_1d(sample.ideal)), 3))
-    for part in parts:
+    for part in parts_of(scene, sample):
         positions[part.taxels] = part.positions
-    return Series(sample.device, sample.sense, UNITS.get(quantity, ""), positions)
+    return Series(sample.device, sample.sense, UNITS.get(sense.quantity, ""), positions)
 
 
 def _magnitudes(values: np.ndarray) -> np.ndarray:

@@ -25,10 +25,12 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
+from firmware_protocols.layouts import Patch
+from tactemu.scene.description import BodyDescription, PartDescription, SceneDescription
 from tactemu.truth.entries import BodyPose, Entry, Header, Sample
 from tactemu.truth.memory import size_of
 from tactemu.view.conversions.display import colours, in_contact, is_warning, log_text, pitch
-from tactemu.view.conversions.drawn_scene import DrawnBody, DrawnScene, Part
+from tactemu.view.conversions.taxel_tables import grids_of, parts_of
 
 TIMELINE = "time"
 _MAX_WAITING_BYTES = 1_000_000
@@ -55,7 +57,7 @@ class RerunFile:
         self._stream = rr.RecordingStream("tactemu", send_properties=False)
         if target is not None:
             self._stream.save(target)
-        self._described = DrawnScene(Header())
+        self._scene = SceneDescription()
         self._skins: dict[tuple, _Skin] = {}
         self._poses: dict[str, list[BodyPose]] = {}
         self._words: dict[str, list[Entry]] = {}
@@ -71,9 +73,9 @@ class RerunFile:
 
     def begin(self, header: Header) -> None:
         """Write the bodies' shapes."""
-        self._described = DrawnScene(header)
+        self._scene = SceneDescription.from_json(header.scene)
         self._stream.log("bodies", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-        for body in self._described.bodies:
+        for body in self._scene.bodies:
             for name, shape in _shapes(body):
                 self._stream.log(f"{_path('bodies', body.name)}/{name}", shape, static=True)
 
@@ -121,8 +123,8 @@ class RerunFile:
             return
         key = sample.device, sample.sense, sample.ideal.shape, sample.counts.shape
         if key not in self._skins:
-            parts = self._described.parts(sample)
-            self._skins[key] = _Skin(self._stream, sample, parts, self._described.patches(sample.device))
+            parts, grids = parts_of(self._scene, sample), grids_of(self._scene, sample.device)
+            self._skins[key] = _Skin(self._stream, sample, parts, grids)
         self._skins[key].waiting.append(sample)
 
     def _send_poses(self, path: str, poses: list[BodyPose]) -> None:
@@ -155,7 +157,7 @@ class RerunFile:
 class _Skin:
     """Samples of one sense of one skin that wait to be sent."""
 
-    def __init__(self, stream: rr.RecordingStream, first: Sample, parts: list[Part], patches: Any):
+    def __init__(self, stream: rr.RecordingStream, first: Sample, parts: list[PartDescription], patches: list[Patch]):
         self.name = _path(*filter(None, (first.device, first.sense)))
         self.numbers = sum(np.size(getattr(first, name)) for name in _CURVES)
         self.waiting: list[Sample] = []
@@ -164,12 +166,10 @@ class _Skin:
         n = len(first.ideal)
         self._vectors = first.ideal.shape == (n, 3)
         self._pictures = [
-            (f"pictures/{self.name}/{_path(each['name'])}", each)
-            for each in patches
-            if each["rows"] > 1 and each["cols"] > 1 and each["start"] + each["rows"] * each["cols"] <= n
+            (f"pictures/{self.name}/{_path(patch.name)}", patch) for patch in patches if patch.start + len(patch) <= n
         ]
         for path, patch in self._pictures:
-            size = rr.components.ImageFormat(width=patch["cols"], height=patch["rows"], channel_datatype="F32")
+            size = rr.components.ImageFormat(width=patch.cols, height=patch.rows, channel_datatype="F32")
             stream.log(path, rr.DepthImage.from_fields(format=size, colormap="inferno"), static=True)
         for part in parts:
             path = self._place(part)
@@ -186,7 +186,7 @@ class _Skin:
             for name, shape in _debug_shapes(part):
                 stream.log(f"{path}/{name}", shape, static=True)
 
-    def _place(self, part: Part) -> str:
+    def _place(self, part: PartDescription) -> str:
         return _path("bodies", *((part.body,) if part.body != "world" else ()), self.name, *part.name.split("/")[1:])
 
     def views(self) -> list[Any]:
@@ -215,10 +215,10 @@ class _Skin:
                 self._stream.send_columns(f"{path}/forces", times, columns)
             if part.draw:
                 met = np.stack([in_contact(each)[part.taxels] for each in samples])[..., None]
-                painted = np.where(met, part.draw["contact_color"], part.draw["probe_color"])
+                painted = np.where(met, part.draw.contact_color, part.draw.probe_color)
                 self._coloured(f"{path}/probes", times, painted)
-                if part.draw["opacity"]:
-                    opaque = np.full((*painted.shape[:-1], 1), part.draw["opacity"])
+                if part.draw.opacity:
+                    opaque = np.full((*painted.shape[:-1], 1), part.draw.opacity)
                     self._coloured(f"{path}/radii", times, np.concatenate([painted, opaque], axis=-1), rr.Ellipsoids3D)
         for path, patch in self._pictures:
             self._send_pictures(path, samples, size, patch)
@@ -228,9 +228,8 @@ class _Skin:
         columns = kind.columns(colors=flat).partition([painted.shape[1]] * len(painted))
         self._stream.send_columns(path, times, columns)
 
-    def _send_pictures(self, path: str, samples: list[Sample], size: np.ndarray, patch: Any) -> None:
-        rows, cols, start = patch["rows"], patch["cols"], patch["start"]
-        pictures = np.ascontiguousarray(size[:, start : start + rows * cols], np.float32)
+    def _send_pictures(self, path: str, samples: list[Sample], size: np.ndarray, patch: Patch) -> None:
+        pictures = np.ascontiguousarray(size[:, patch.taxels], np.float32)
         columns = rr.DepthImage.columns(buffer=pictures.view(np.uint8))
         self._stream.send_columns(path, _times(each.t_ns for each in samples), columns)
 
@@ -248,7 +247,7 @@ def _transform(position: Any, quaternion: Any) -> rr.Transform3D:
     return rr.Transform3D(translation=position, quaternion=rr.Quaternion(xyzw=[x, y, z, w]))
 
 
-def _shapes(body: DrawnBody) -> list[tuple[str, Any]]:
+def _shapes(body: BodyDescription) -> list[tuple[str, Any]]:
     """Return the shapes of a body, in its frame."""
     found: list[tuple[str, Any]] = []
     outline, grey = body.outline, (150, 150, 165, 110)
@@ -269,21 +268,21 @@ def _shapes(body: DrawnBody) -> list[tuple[str, Any]]:
         capsule = rr.Capsules3D(lengths=[outline["length"]], radii=[outline["radius"]], translations=low, **solid)
         found.append(("shape", capsule))
     if body.points:
-        colour = [round(255 * part) for part in body.points["color"]]
-        points = rr.Points3D(body.points["positions"], radii=body.points["radius"], colors=[colour])
+        colour = [round(255 * part) for part in body.points.color]
+        points = rr.Points3D(body.points.positions, radii=body.points.radius, colors=[colour])
         found.append(("points", points))
     return found
 
 
-def _debug_shapes(part: Part) -> list[tuple[str, Any]]:
+def _debug_shapes(part: PartDescription) -> list[tuple[str, Any]]:
     """Return the shapes of the probes of a sensor with ``draw_debug``."""
     if part.draw is None:
         return []
-    positions, radii = np.array(part.draw["probes"]).reshape(-1, 3), np.array(part.draw["radii"])
+    positions, radii = part.draw.probes, part.draw.radii
     found: list[tuple[str, Any]] = [
-        ("probes", rr.Points3D.from_fields(positions=positions, radii=part.draw["center_radius"]))
+        ("probes", rr.Points3D.from_fields(positions=positions, radii=part.draw.center_radius))
     ]
-    if part.draw["opacity"]:
+    if part.draw.opacity:
         balls = rr.Ellipsoids3D.from_fields(
             centers=positions, half_sizes=np.repeat(radii[:, None], 3, axis=1), fill_mode="solid"
         )

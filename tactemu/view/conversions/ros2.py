@@ -22,10 +22,11 @@ import numpy as np
 from mcap.writer import CompressionType, Writer
 from rosbags.typesys import Stores, get_typestore
 
+from tactemu.scene.description import BodyDescription, SceneDescription
 from tactemu.truth.entries import BodyPose, Entry, Header, Passage, Sample
 from tactemu.truth.messages import message_of
 from tactemu.view.conversions.display import is_warning, log_text
-from tactemu.view.conversions.drawn_scene import WORLD, DrawnBody, DrawnScene, TaxelTable
+from tactemu.view.conversions.taxel_tables import WORLD, TaxelTable, tables_of
 
 _CHUNK_BYTES = 1 << 20
 _TYPES = {"|i1": 1, "|u1": 2, "<i2": 3, "<u2": 4, "<i4": 5, "<u4": 6, "<f4": 7, "<f8": 8}
@@ -49,12 +50,12 @@ class Ros2File:
         self._channels: dict[str, int] = {}
         self._tables: dict[tuple, list[tuple[str, str, TaxelTable, list]]] = {}
         self._placed: set[str] = set()
-        self._described = DrawnScene(Header())
+        self._scene = SceneDescription()
 
     def begin(self, header: Header) -> None:
         """Write the bodies' shapes."""
-        self._described = DrawnScene(header)
-        bodies = self._described.bodies
+        self._scene = SceneDescription.from_json(header.scene)
+        bodies = self._scene.bodies
         if not bodies:
             return
         markers = [marker for k, body in enumerate(bodies) for marker in self._markers(k, body)]
@@ -90,7 +91,7 @@ class Ros2File:
             return
         key = sample.device, sample.sense, sample.ideal.shape, sample.counts.shape, sample.counts.dtype
         if key not in self._tables:
-            self._tables[key] = [self._table(sample, part) for part in self._described.parts(sample)]
+            self._tables[key] = [self._cloud(sample, table) for table in tables_of(self._scene, sample)]
         for topic, frame, table, fields in self._tables[key]:
             rows = table.rows(sample)
             cloud = self._new(
@@ -100,9 +101,9 @@ class Ros2File:
             )  # fmt: skip
             self._write(topic, "sensor_msgs/msg/PointCloud2", t_ns, cloud)
 
-    def _table(self, sample: Sample, part: Any) -> tuple[str, str, TaxelTable, list]:
+    def _cloud(self, sample: Sample, table: TaxelTable) -> tuple[str, str, TaxelTable, list]:
         """Return topic, frame, table and fields of one part of a skin, after writing its frame once."""
-        table = TaxelTable(sample, part, self._described.columns(sample.device, sample.sense))
+        part = table.part
         fields = [
             self._new("PointField", name=name, offset=offset, datatype=_TYPES[dtype.str], count=1)
             for name, offset, dtype in table.fields
@@ -123,7 +124,7 @@ class Ros2File:
         ]  # fmt: skip
         self._write(topic, "tf2_msgs/msg/TFMessage", t_ns, self._new("TFMessage", transforms=transforms))
 
-    def _markers(self, number: int, body: DrawnBody) -> list:
+    def _markers(self, number: int, body: BodyDescription) -> list:
         """Return the markers of a body in its own frame; a capsule is a cylinder and two balls."""
         outline, origin = body.outline, (0.0, 0.0, 0.0)
         if "faces" in outline:
@@ -144,7 +145,7 @@ class Ros2File:
         return found
 
     def _marker(
-        self, number: int, body: DrawnBody, kind: int, size: Any, at: Any, corners: Any = (), place: int = 0
+        self, number: int, body: BodyDescription, kind: int, size: Any, at: Any, corners: Any = (), place: int = 0
     ) -> Any:
         pose = self._new("Pose", position=self._xyz("Point", at), orientation=self._turn((1, 0, 0, 0)))
         nothing = self._new("CompressedImage", header=self._header(0, ""), format="", data=np.zeros(0, np.uint8))

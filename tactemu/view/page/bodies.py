@@ -11,9 +11,10 @@ import trimesh
 import viser
 
 from tactemu.geometry import rotation
+from tactemu.scene.description import BodyDescription, PartDescription
 from tactemu.truth.entries import Sample
 from tactemu.view.conversions.display import colours, in_contact, pitch
-from tactemu.view.conversions.drawn_scene import WORLD, DrawnBody, Part
+from tactemu.view.conversions.taxel_tables import WORLD, parts_of
 from tactemu.view.page.feed import DescribedRun, PageState, magnitudes
 
 _GREY = (150, 155, 168)
@@ -63,17 +64,17 @@ class Scene:
         ]
         self._place_camera(server)
 
-    def _add_body(self, scene: viser.SceneApi, body: DrawnBody) -> None:
+    def _add_body(self, scene: viser.SceneApi, body: BodyDescription) -> None:
         path = f"/bodies/{_path(body.name)}"
         self.frames[body.name] = scene.add_frame(
             path, show_axes=False, position=np.array(body.position), wxyz=np.array(body.quaternion)
         )
         self.solids[body.name] = _solids(scene, path, body)
         if body.points:
-            red, green, blue = (round(255 * part) for part in body.points["color"][:3])
+            red, green, blue = (round(255 * part) for part in body.points.color[:3])
             scene.add_point_cloud(
-                f"{path}/points", np.array(body.points["positions"], np.float32).reshape(-1, 3),
-                (red, green, blue), point_size=2 * body.points["radius"], point_shape="circle",
+                f"{path}/points", body.points.positions.astype(np.float32),
+                (red, green, blue), point_size=2 * body.points.radius, point_shape="circle",
             )  # fmt: skip
         reach = _reach(body)
         self.labels[body.name] = scene.add_label(f"{path}/label", "", position=(0.0, 0.0, 1.1 * reach), visible=False)
@@ -111,7 +112,9 @@ class Board:
         fine: draw taxels as discs with an edge; else as flat hexagons, a tenth of the work.
     """
 
-    def __init__(self, scene: viser.SceneApi, path: str, parts: Sequence[tuple[str, Part]], *, fine: bool = True):
+    def __init__(
+        self, scene: viser.SceneApi, path: str, parts: Sequence[tuple[str, PartDescription]], *, fine: bool = True
+    ):
         self._parts = list(parts)
         self._pitches = np.concatenate([np.full(len(part.taxels), pitch(part)) for _, part in parts])
         placed = [_placed(part) for _, part in parts]
@@ -170,14 +173,11 @@ class Board:
 class _Probes:
     """The probes of a sensor with ``draw_debug``: spheres that change their colour in contact."""
 
-    def __init__(self, scene: viser.SceneApi, path: str, skin: str, part: Part):
+    def __init__(self, scene: viser.SceneApi, path: str, skin: str, part: PartDescription):
         assert part.draw is not None
         self._skin, self._part, draw = skin, part, part.draw
-        self._probe_colour, self._contact_colour = (
-            np.array(draw["probe_color"][:3]),
-            np.array(draw["contact_color"][:3]),
-        )
-        places, _ = _placed(part, np.array(draw["probes"], float).reshape(-1, 3))
+        self._probe_colour, self._contact_colour = np.array(draw.probe_color[:3]), np.array(draw.contact_color[:3])
+        places, _ = _placed(part, draw.probes)
         n = len(places)
         self._was_in_contact = np.zeros(n, bool)
         ball = trimesh.creation.icosphere(subdivisions=2)
@@ -186,14 +186,14 @@ class _Probes:
         self._balls = [
             scene.add_batched_meshes_simple(
                 f"{path}/probes", ball.vertices, ball.faces, turns, places, batched_colors=self._painted(),
-                batched_scales=np.full(n, draw["center_radius"], np.float32), **settings,
+                batched_scales=np.full(n, draw.center_radius, np.float32), **settings,
             )
         ]  # fmt: skip
-        if draw["opacity"]:
+        if draw.opacity:
             self._balls.append(
                 scene.add_batched_meshes_simple(
                     f"{path}/radii", ball.vertices, ball.faces, turns, places, batched_colors=self._painted(),
-                    batched_scales=np.array(draw["radii"], np.float32), opacity=draw["opacity"], **settings,
+                    batched_scales=draw.radii.astype(np.float32), opacity=draw.opacity, **settings,
                 )
             )  # fmt: skip
 
@@ -223,12 +223,12 @@ def _hexagon() -> trimesh.Trimesh:
     return trimesh.Trimesh(corners, [(0, k, k + 1) for k in range(1, 5)], process=False)
 
 
-def _parts(run: DescribedRun, skin: str, taxels: int) -> list[Part]:
+def _parts(run: DescribedRun, skin: str, taxels: int) -> list[PartDescription]:
     nothing = np.zeros(taxels)
-    return run.scene.parts(Sample(0, skin, nothing, nothing, nothing)) if taxels else []
+    return parts_of(run.scene, Sample(0, skin, nothing, nothing, nothing)) if taxels else []
 
 
-def _placed(part: Part, positions: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+def _placed(part: PartDescription, positions: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
     """Return places and normals in the frame of the body."""
     turn = rotation.normalised(part.quaternion)
     places = part.positions if positions is None else positions
@@ -243,7 +243,7 @@ def _turned(normals: np.ndarray) -> np.ndarray:
     return turns / np.linalg.norm(turns, axis=1, keepdims=True)
 
 
-def _vectors(sample: Sample, part: Part, most: float) -> np.ndarray:
+def _vectors(sample: Sample, part: PartDescription, most: float) -> np.ndarray:
     """Return the forces on the taxels in the frame of the body, 1 for the largest so far; zeros if readings are no
     vectors."""
     if np.shape(sample.measured)[1:] != (3,) or not most:
@@ -264,7 +264,7 @@ def _path(name: str) -> str:
     return name.replace("/", "∕")
 
 
-def _reach(body: DrawnBody) -> float:
+def _reach(body: BodyDescription) -> float:
     """Return an approximate radius of a body around its origin [m]."""
     outline = body.outline
     if "vertices" in outline:
@@ -274,7 +274,7 @@ def _reach(body: DrawnBody) -> float:
     return float(outline.get("radius", 0.0)) + float(outline.get("length", 0.0)) / 2
 
 
-def _solids(scene: viser.SceneApi, path: str, body: DrawnBody) -> list[Any]:
+def _solids(scene: viser.SceneApi, path: str, body: BodyDescription) -> list[Any]:
     """Return the meshes of a body, in its frame."""
     outline, name = body.outline, f"{path}/shape"
     look: dict[str, Any] = {"color": _GREY, "opacity": 0.55, "cast_shadow": False, "receive_shadow": False}

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from firmware_protocols.layouts import Layout, Patch
-from tactemu.truth.entries import Header, Sample
-from tactemu.view.conversions.drawn_scene import DrawnScene
+from firmware_protocols.layouts import Layout
+from tactemu.scene.description import SceneDescription, SkinDescription
+from tactemu.truth.entries import Sample
 
 
 @dataclass(frozen=True)
@@ -18,13 +18,14 @@ class PageSkin:
     """A skin as the emulator describes it."""
 
     name: str
-    device: str
-    title: str
-    layout: Layout
-    rest: np.ndarray
-    """The counts of an untouched taxel by the datasheet, one for each column."""
+    described: SkinDescription
     about: Mapping[str, Any]
     """The full description of its device: columns, tables, commands, adjustable options."""
+
+    @property
+    def layout(self) -> Layout:
+        """The taxels in the device's frame."""
+        return self.described.layout
 
 
 class DescribedRun:
@@ -38,26 +39,9 @@ class DescribedRun:
     """
 
     def __init__(self, description: Mapping[str, Any]):
-        scene = description.get("scene", {})
-        self.scene = DrawnScene(Header(scene=scene))
+        self.scene = SceneDescription.from_json(description.get("scene"))
         devices = description.get("devices", {})
-        self.skins = {name: _skin(name, each, devices.get(name, {})) for name, each in scene.get("skins", {}).items()}
-
-
-def _skin(name: str, described: Mapping[str, Any], about: Mapping[str, Any]) -> PageSkin:
-    patches = tuple(Patch(**each) for each in described["patches"])
-    layout = Layout(
-        positions=np.array(described["positions"], float).reshape(-1, 3),
-        normals=_unit(np.array(described["normals"], float).reshape(-1, 3)),
-        patches=patches,
-    )
-    rest = np.array([column["rest"] for column in about.get("columns", ())], float)
-    return PageSkin(name, described["device"], described["title"], layout, rest, about)
-
-
-def _unit(normals: np.ndarray) -> np.ndarray:
-    """Return normals of length 1 again: their digits were rounded for the description."""
-    return normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-9)
+        self.skins = {name: PageSkin(name, skin, devices.get(name, {})) for name, skin in self.scene.skins.items()}
 
 
 @dataclass
@@ -101,7 +85,7 @@ class Baseline:
     the datasheet."""
 
     def __init__(self, skin: PageSkin):
-        self._datasheet_counts = skin.rest
+        self._datasheet_counts = np.array([column["rest"] for column in skin.about.get("columns", ())], float)
         self._baseline = np.zeros((0, 0))
         self._seen = np.zeros(0, bool)
 
