@@ -63,9 +63,18 @@ def hand():
         yield env
 
 
+SEND = """
+import sys
+import can
+with can.Bus(interface="socketcan", channel="can0") as bus:
+    for ident, _, data in (frame.partition("#") for frame in sys.argv[1:]):
+        bus.send(can.Message(arbitration_id=int(ident, 16), data=bytes.fromhex(data), is_extended_id=False))
+"""
+
+
 def start(env, *frames):
-    for frame in frames:
-        env.run(["cansend", "can0", frame], check=True)
+    """Send frames, written as cansend takes them, into ``can0`` of the view."""
+    env.run([sys.executable, "-c", SEND, *frames], check=True)
 
 
 needs_can_utils = pytest.mark.skipif(not shutil.which("candump"), reason="can-utils: sudo apt-get install can-utils")
