@@ -6,9 +6,6 @@ moved against the touched object, or back, until the skin's total force equals t
 model has friction, its frame is likewise moved along the object until the friction force is MuJoCo's.
 """
 
-# MuJoCo's functions come from a compiled module that a checker cannot see into.
-# pyright: reportAttributeAccessIssue=false
-
 from __future__ import annotations
 
 from dataclasses import dataclass

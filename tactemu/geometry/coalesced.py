@@ -4,8 +4,6 @@ A thread by itself would write numbers that lie one taxel's channels apart, so t
 as many times: for nine channels, as the elastic layer has, that took twice as long.
 """
 
-# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
-
 import functools
 
 import warp as wp

@@ -3,8 +3,6 @@
 Warp aligns a vector like one of its numbers, so that a GPU would move each number separately.
 """
 
-# pyright: reportInvalidTypeForm=false, reportReturnType=false, reportArgumentType=false
-
 import functools
 
 import warp as wp

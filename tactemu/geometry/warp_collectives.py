@@ -3,8 +3,6 @@
 On a GPU a single thread that reads all entries of an environment waits for memory at each. On a CPU there is one lane.
 """
 
-# pyright: reportInvalidTypeForm=false, reportReturnType=false
-
 import warp as wp
 
 WARP_SIZE = 32

@@ -1,7 +1,6 @@
 """The laws' coefficients that depend on time, computed once a step per sensor: a few float64 numbers on the device."""
 
-# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
-# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
+# pyright: reportIndexIssue=false
 
 import functools
 

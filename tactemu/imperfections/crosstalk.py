@@ -4,8 +4,8 @@ A kernel that is the product of a column and a row except in its middle, such as
 and then along the columns: a kernel of 33 x 33 taxels then takes 66 products for each taxel instead of 1089.
 """
 
-# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
-# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
+# pyright: reportArgumentType=false, reportAssignmentType=false, reportOperatorIssue=false
+# pyright: reportGeneralTypeIssues=false
 
 import functools
 import math

@@ -6,8 +6,7 @@ steps. Two laws in a row are only nearly exact: hysteresis outputs a curve, whic
 step.
 """
 
-# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
-# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false, reportReturnType=false
+# pyright: reportReturnType=false
 
 import warp as wp
 

@@ -1,7 +1,6 @@
 """Noise on the probe radius, as an array that the sensor's kernel reads in place of the nominal radii."""
 
-# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
-# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
+# pyright: reportIndexIssue=false, reportAssignmentType=false, reportGeneralTypeIssues=false
 
 import functools
 

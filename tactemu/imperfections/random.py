@@ -6,8 +6,7 @@ low, step high, index, environment); the key is that of the stream (:mod:`tactem
 of resets. Both float widths use the same words.
 """
 
-# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
-# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
+# pyright: reportIndexIssue=false, reportArgumentType=false, reportOperatorIssue=false
 
 import functools
 import math

@@ -1,7 +1,6 @@
 """Kernels that count the resets of environments and draw gains and dead taxels at each."""
 
-# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
-# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
+# pyright: reportIndexIssue=false, reportAssignmentType=false, reportGeneralTypeIssues=false
 
 import functools
 

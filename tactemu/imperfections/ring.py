@@ -5,9 +5,6 @@ older than an environment's last reset do not count; the step's number decides, 
 Times are int64 nanoseconds, so that nothing is rounded to steps.
 """
 
-# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
-# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
-
 import math
 
 import warp as wp

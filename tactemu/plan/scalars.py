@@ -1,7 +1,5 @@
 """Functions of single numbers for kernels, written so that compilers turn them into few instructions."""
 
-# pyright: reportReturnType=false
-
 from typing import Any
 
 import warp as wp
@@ -9,9 +7,11 @@ import warp as wp
 
 @wp.func
 def is_nan(x: Any):
-    """Return True for NaN. A comparison is used because Warp's own function is a call into the C library on a CPU,
-    before which every number must leave its register. Do not use it in kernels with ``fast_math``, where it is always
-    False."""
+    """Return True for NaN.
+
+    A comparison is used because Warp's own function is a call into the C library on a CPU, before which every number
+    must leave its register. Do not use it in kernels with ``fast_math``, where it is always False.
+    """
     return x != x
 
 

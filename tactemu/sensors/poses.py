@@ -6,8 +6,8 @@ body's origin [m/s], angular velocity [rad/s]. For every link that carries a ski
 in the link's frame and, where a sensor needs it, the relative twist, and rounds only these to the kernels' type.
 """
 
-# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
-# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
+# pyright: reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false, reportAssignmentType=false
+# pyright: reportOperatorIssue=false, reportGeneralTypeIssues=false
 
 import functools
 from collections.abc import Callable, Sequence

@@ -1,7 +1,6 @@
 """World poses of all bodies: set from Python per body, sent to the device in one copy per body and step."""
 
-# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
-# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
+# pyright: reportArgumentType=false, reportAssignmentType=false, reportGeneralTypeIssues=false
 
 import functools
 from collections.abc import Sequence

@@ -11,8 +11,7 @@ lasts. ``rated_n`` makes the reading a force along the normal: it has this value
 ε0 εr A/g has doubled.
 """
 
-# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
-# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
+# pyright: reportAssignmentType=false, reportGeneralTypeIssues=false
 
 import functools
 from collections.abc import Sequence

@@ -8,8 +8,7 @@ Silicone around the medium relaxes: put :class:`~tactemu.transducers.material.Ma
 taxels have one medium, as in a finger filled with liquid: each reads the mean pressure.
 """
 
-# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
-# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
+# pyright: reportAssignmentType=false, reportGeneralTypeIssues=false
 
 import functools
 from collections.abc import Sequence

@@ -12,8 +12,8 @@ inside, it is ``µ0/4π 2 m/a³`` with the ball's radius ``a``. Neighbours are d
 with those; the earth's field turns in the link's frame as the link does.
 """
 
-# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
-# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
+# pyright: reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false, reportAssignmentType=false
+# pyright: reportGeneralTypeIssues=false
 
 import functools
 from collections.abc import Sequence

@@ -12,8 +12,8 @@ With the load ``v``, its peak ``P`` since the skin was last free, and ``n`` pres
 and ends below half of that.
 """
 
-# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
-# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
+# pyright: reportCallIssue=false, reportArgumentType=false, reportAssignmentType=false, reportOperatorIssue=false
+# pyright: reportGeneralTypeIssues=false
 
 import functools
 from collections.abc import Sequence

@@ -12,8 +12,7 @@ Gain and zero each have a drift term. ``rated_n`` makes the reading a force alon
 is 1, for devices whose counts are forces; otherwise the reading is the resistance in the divider [Ohm].
 """
 
-# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
-# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
+# pyright: reportAssignmentType=false, reportGeneralTypeIssues=false
 
 import functools
 from collections.abc import Sequence

@@ -1,8 +1,5 @@
 """The pressure on a taxel, from a model's force or pressure, for transducers that respond to it."""
 
-# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
-# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
-
 import functools
 
 import numpy as np

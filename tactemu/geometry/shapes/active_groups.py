@@ -3,8 +3,7 @@
 Parallel threads list entries in groups of fixed size; one warp per environment then lists the groups.
 """
 
-# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
-# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
+# pyright: reportAssignmentType=false, reportGeneralTypeIssues=false
 
 import functools
 from collections.abc import Callable

@@ -10,8 +10,8 @@ distance is computed where the two differ by more than :data:`TOLERANCE_M` (besi
 where the surface is nearer than :data:`EXACT_WITHIN_M`, so that the sign is not in doubt, and beyond the band.
 """
 
-# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
-# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false, reportAttributeAccessIssue=false
+# pyright: reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false, reportAssignmentType=false
+# pyright: reportGeneralTypeIssues=false
 
 import functools
 import logging

@@ -6,8 +6,7 @@ distance, a unit vector out of the shape, and *zero* where there is none (the ce
 callers then use the taxel's own normal.
 """
 
-# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
-# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
+# pyright: reportArgumentType=false
 
 import functools
 from typing import Any, NamedTuple

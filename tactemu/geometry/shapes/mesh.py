@@ -1,7 +1,6 @@
 """A triangle mesh: :mod:`triangles` reads and checks it, :mod:`mesh_query` finds distances to it."""
 
-# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
-# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false, reportAttributeAccessIssue=false
+# pyright: reportArgumentType=false, reportOperatorIssue=false, reportAttributeAccessIssue=false
 
 import functools
 from collections.abc import Sequence

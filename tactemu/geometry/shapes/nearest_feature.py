@@ -1,7 +1,6 @@
 """The nearest point of a mesh's faces to a point, and the normal of the feature on which it lies, as Warp functions."""
 
-# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
-# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false, reportAttributeAccessIssue=false
+# pyright: reportIndexIssue=false
 
 import functools
 

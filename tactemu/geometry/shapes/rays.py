@@ -5,8 +5,7 @@ the normal keeps growing. For the line ``o + s d`` (``|d| = 1``) each function r
 the solid; without a hit the first is +1e18 and the last -1e18. Convex shapes are exact.
 """
 
-# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
-# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false, reportAttributeAccessIssue=false
+# pyright: reportCallIssue=false, reportArgumentType=false, reportOperatorIssue=false
 
 import functools
 from typing import Any, NamedTuple

@@ -9,9 +9,6 @@
 imported within the functions that build kernels, so that describing a scene does not load it.
 """
 
-# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
-# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
-
 import dataclasses
 import functools
 import itertools

@@ -1,8 +1,5 @@
 """A ball."""
 
-# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
-# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
-
 import functools
 from dataclasses import dataclass
 from typing import Annotated

@@ -4,8 +4,7 @@ Beyond the grid the nearest surface is assumed to be the one that is nearest to 
 the distance is continuous across the grid's border and keeps growing.
 """
 
-# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
-# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
+# pyright: reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false, reportOperatorIssue=false
 
 import functools
 import zipfile

@@ -5,8 +5,7 @@ its anchor. It is released when it is farther outside than the release margin. A
 markers around it by ``b (y - anchor)``, see :mod:`tactemu.sensors.elastomer.shear`. The anchor never slips.
 """
 
-# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
-# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
+# pyright: reportCallIssue=false, reportArgumentType=false, reportAssignmentType=false, reportGeneralTypeIssues=false
 
 import functools
 from collections.abc import Callable

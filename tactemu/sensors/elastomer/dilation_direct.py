@@ -3,8 +3,7 @@
 The pressed taxels are listed chunk by chunk, in a fixed order, so that the sums skip the others and are reproducible.
 """
 
-# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
-# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
+# pyright: reportAssignmentType=false, reportGeneralTypeIssues=false
 
 import functools
 from collections.abc import Callable

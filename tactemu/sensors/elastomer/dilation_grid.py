@@ -4,8 +4,7 @@ Pass 1 sums over rows, for every column in contact; pass 2 over columns. On a GP
 a column, so that neighbouring threads read neighbouring memory. The version for a CPU is :mod:`.dilation_simd`.
 """
 
-# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
-# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
+# pyright: reportAssignmentType=false, reportGeneralTypeIssues=false
 
 import functools
 from collections.abc import Callable

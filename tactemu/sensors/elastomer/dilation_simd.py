@@ -1,8 +1,7 @@
 """Dilation on a regular grid on a CPU: the two passes of :mod:`.dilation_grid` as products of small matrices, of which
 eight rows by eight columns stay in vector registers."""
 
-# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
-# pyright: reportAssignmentType=false, reportGeneralTypeIssues=false
+# pyright: reportIndexIssue=false, reportAssignmentType=false, reportGeneralTypeIssues=false
 
 import functools
 

@@ -11,8 +11,7 @@ CPU they fill the vector registers (:mod:`.simd`), on a GPU ``lanes`` is 1 and e
 transforms along the rows and writes its result transposed; a convolution takes two passes forward and two back.
 """
 
-# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
-# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
+# pyright: reportIndexIssue=false
 
 import functools
 from typing import Any, NamedTuple

@@ -4,8 +4,6 @@ The formulas are those of :mod:`.friction_cells`, which explains them. Values th
 it sticks) are computed for all eight and discarded.
 """
 
-# pyright: reportInvalidTypeForm=false
-
 import functools
 from typing import Any, NamedTuple
 

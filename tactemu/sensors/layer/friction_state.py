@@ -1,7 +1,6 @@
 """The working arrays and the state of the friction solver (:mod:`tactemu.sensors.layer.friction`)."""
 
-# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
-# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
+# pyright: reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
 
 import functools
 

@@ -1,7 +1,6 @@
 """The overlap of each cell of the layer with the bodies, and their slide since the last step."""
 
-# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
-# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
+# pyright: reportIndexIssue=false, reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
 
 import functools
 

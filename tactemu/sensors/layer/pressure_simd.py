@@ -1,7 +1,5 @@
 """The operations of :mod:`.pressure` on each cell between convolutions, on a CPU, eight cells at a time."""
 
-# pyright: reportInvalidTypeForm=false
-
 import functools
 from typing import Any, NamedTuple
 

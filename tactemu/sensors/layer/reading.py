@@ -1,7 +1,6 @@
 """The reading of each taxel: averages over its cells, in SI units and the link's frame."""
 
-# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
-# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
+# pyright: reportCallIssue=false, reportArgumentType=false, reportAssignmentType=false, reportGeneralTypeIssues=false
 
 import functools
 

@@ -4,8 +4,7 @@ Everything is dimensionless: lengths in pitches, pressures relative to the one t
 pitch. A scene of nanometres and one of kilometres give the solvers the same numbers.
 """
 
-# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
-# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
+# pyright: reportArgumentType=false
 
 import functools
 from typing import NamedTuple

@@ -9,8 +9,7 @@ Tractions along x and y move the surface along both. With the mirrored wave numb
 ``-k`` mirrors both wave numbers. Lengths of transforms are powers of two, so that masking bits gives a mirrored place.
 """
 
-# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
-# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
+# pyright: reportIndexIssue=false
 
 import functools
 from typing import Any, NamedTuple

@@ -1,7 +1,6 @@
 """The window of cells that an environment's contact can reach, and its distribution over the threads of a block."""
 
-# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
-# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
+# pyright: reportIndexIssue=false, reportArgumentType=false, reportOperatorIssue=false
 
 import functools
 

@@ -10,8 +10,8 @@ The normal part is the force on the *body*, the shear part the force on the skin
 reverses the normal and twist parts, so that all of F and T acts on the skin.
 """
 
-# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
-# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
+# pyright: reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false, reportAssignmentType=false
+# pyright: reportGeneralTypeIssues=false
 
 import functools
 from collections.abc import Callable, Sequence

@@ -1,8 +1,5 @@
 """The clouds of one sensor on the device, as kernels read them."""
 
-# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
-# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
-
 import functools
 
 import numpy as np

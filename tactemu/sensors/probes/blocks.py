@@ -4,8 +4,6 @@ All threads of a block then read the same poses, and compute the environment fro
 thread's own number by the number of probes would take longer than testing a ball.
 """
 
-# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
-
 import functools
 from dataclasses import dataclass
 

@@ -1,8 +1,5 @@
 """ContactDepthProbe: the depth of each probe in the body that it touches [m]."""
 
-# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
-# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
-
 import functools
 from dataclasses import dataclass
 

@@ -5,8 +5,7 @@ inequalities are strict and are evaluated in the kernels' own float type. The tr
 measured branch on the depth after imperfections (metres until here), and the delay acts on the bit.
 """
 
-# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
-# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
+# pyright: reportAssignmentType=false, reportGeneralTypeIssues=false
 
 import functools
 from dataclasses import dataclass

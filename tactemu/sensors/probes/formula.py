@@ -12,9 +12,6 @@ of probe ``i`` of environment ``e`` into ``out``:
 The formula is called with depth 0 where no body is near a probe.
 """
 
-# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
-# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
-
 import functools
 from typing import Any, NamedTuple
 

@@ -10,8 +10,7 @@ The normal part is the force on the skin. The shear and twist parts oppose the b
 *body*, as in Genesis. ``forces_on_skin`` reverses them, so that all of F and T acts on the skin.
 """
 
-# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
-# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
+# pyright: reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
 
 import functools
 from dataclasses import dataclass

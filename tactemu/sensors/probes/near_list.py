@@ -4,8 +4,7 @@ them.
 If each thread searched for its own probe, only some of which are near a mesh, most threads of a warp would be idle.
 """
 
-# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
-# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
+# pyright: reportArgumentType=false
 
 import functools
 

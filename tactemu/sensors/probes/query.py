@@ -6,8 +6,7 @@ free space within ``R`` reads ``R`` minus the distance. There is no gate: two fi
 distance is that to the nearest surface, or with ``contact_depth_query="ray"`` that along the taxel's normal.
 """
 
-# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
-# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
+# pyright: reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false, reportOperatorIssue=false
 
 import functools
 

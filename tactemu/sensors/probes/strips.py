@@ -4,8 +4,8 @@ On a GPU each thread has its own probe (:mod:`tactemu.sensors.probes.blocks`); w
 near to any are listed first (:mod:`tactemu.sensors.probes.near_list`).
 """
 
-# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
-# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
+# pyright: reportArgumentType=false, reportAssignmentType=false, reportOperatorIssue=false
+# pyright: reportGeneralTypeIssues=false
 
 import functools
 from typing import Any

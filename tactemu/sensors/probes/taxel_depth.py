@@ -1,6 +1,5 @@
 """The depth of each taxel's own position inside the sensed bodies, and the part of a grid that is in contact."""
 
-# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
 # pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
 
 import functools

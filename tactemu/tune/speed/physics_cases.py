@@ -5,7 +5,7 @@ There are two scenes. In the first a ball is 1 mm deep in a pad of 40 mm, and a 
 nearly all taxels are in contact. Only figures of that scene are compared with those of Genesis.
 """
 
-# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
+# pyright: reportInvalidTypeForm=false
 
 from collections.abc import Mapping
 from dataclasses import dataclass
