@@ -29,6 +29,9 @@ class Command:
     """The port that it is sent to; default: the device's first port."""
     origin: str = ""
     """The source of the example: a manual's page, a capture, the driver that sends it."""
+    safe: bool = False
+    """True if the request and those in ``after`` only read: they write nothing that lasts, reset, zero or move nothing,
+    and change neither rate nor mode. `tactemu compare` sends only such requests, unless you add ``--ask-all``."""
 
     @property
     def frame(self) -> WireFrame:

@@ -210,7 +210,7 @@ class AbilityHand(Device):
         if self.address != 0x50 or not self.stuffing:
             return ()
         return tuple(
-            Command(name=name, request=f"7E {request} 7E", reply=reply, origin=origin)
+            Command(name=name, request=f"7E {request} 7E", reply=reply, origin=origin, safe=name.startswith("read"))
             for name, request, reply, origin in _EXAMPLES
         )
 

@@ -214,6 +214,7 @@ class AgibotOmniHand(Device[CanFrame]):
                 request=f"{part:02X}{message:02X}0101##1{'00' * 64}",
                 reply=f"{part:02X}{message:02X}0101##1 {reply or '*'}",
                 origin=origin,
+                safe=True,
             )
             for name, message, part, reply in asked
         )

@@ -211,12 +211,12 @@ class AllegroV5Sense(Device[CanFrame]):
         side = self.serial[3:4].hex()
         return (
             Command(name="servo off", request="104#", origin=driver),
-            Command(name="information", request="200#R", reply="200#0005000100000000", origin=driver),
-            Command(name="serial number", request="220#R", reply=f"220#563553{side}30303031", origin=driver),
+            Command(name="information", request="200#R", reply="200#0005000100000000", origin=driver, safe=True),
+            Command(name="serial number", request="220#R", reply=f"220#563553{side}30303031", origin=driver, safe=True),
             Command(name="joints every 3 ms", request="204#030000000000", reply=_are_poses, origin=driver),
             Command(name="servo on", request="100#", origin=driver),
             Command(name="is it on", request="200#R", after=["100#"], reply="200#0005000100000100", origin=driver),
-            Command(name="joints of the thumb", request="08C#R", reply="08C#..{8}", origin=socket),
+            Command(name="joints of the thumb", request="08C#R", reply="08C#..{8}", origin=socket, safe=True),
             Command(name="calibration", request="224#", origin=driver),
             Command(name="torques of the index", request="180#F0000000000010FF", about="moves nothing", origin=socket),
             Command(name="positions in place of torques", request="228#0100000000000000", origin=driver),

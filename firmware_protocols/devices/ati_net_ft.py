@@ -175,9 +175,23 @@ class AtiNetFt(Rdt):
             Command(name="start, Axia", request="12 34 00 01 00 00 00 00", origin=f"{AXIA}, table 12.1"),
             Command(name="start, buffered", request="12 34 00 03 00 00 00 00", origin=f"{NET_FT}, table 10.1"),
             Command(name="clear latch", request="12 34 00 41 00 00 00 00", origin=f"{NET_FT}, table 10.1"),
-            Command(name="page", request=ask, reply=f"{b'HTTP/1.1 200 '.hex()} *", port="http", origin="pynetft 2.1.3"),
-            Command(name="read", request=f"00 {padding} 00", reply="12 34 ..{14}", port="tcp", origin=tcp),
-            Command(name="calibration", request=f"01 {padding} 00", reply="12 34 02 03 ..{20}", port="tcp", origin=tcp),
+            Command(
+                name="page",
+                request=ask,
+                reply=f"{b'HTTP/1.1 200 '.hex()} *",
+                port="http",
+                origin="pynetft 2.1.3",
+                safe=True,
+            ),
+            Command(name="read", request=f"00 {padding} 00", reply="12 34 ..{14}", port="tcp", origin=tcp, safe=True),
+            Command(
+                name="calibration",
+                request=f"01 {padding} 00",
+                reply="12 34 02 03 ..{20}",
+                port="tcp",
+                origin=tcp,
+                safe=True,
+            ),
             Command(name="bias and read", request=f"00 {padding} 01", reply="12 34 ..{14}", port="tcp", origin=manual),
             Command(name="tool transform", request=f"02 {padding} 00", reply="12 34 02 01", port="tcp", origin=manual),
             Command(
@@ -300,8 +314,15 @@ class OnrobotHex(Rdt):
             *(Command(name=name, request=f"12 34 00 {what}", origin=vendor) for name, what in named),
             *(Command(name=name, request=f"12 34 00 {what}", origin=ros) for name, what in twice),
             Command(name="no records", request="12 34 00 82 00 00 00 00", origin=f"{HEX_MANUAL}, 8.6"),
-            Command(name="read", request=f"00 {padding}", reply="12 34 ..{14}", port="tcp", origin=tcp),
-            Command(name="calibration", request=f"01 {padding}", reply="12 34 02 03 ..{20}", port="tcp", origin=tcp),
+            Command(name="read", request=f"00 {padding}", reply="12 34 ..{14}", port="tcp", origin=tcp, safe=True),
+            Command(
+                name="calibration",
+                request=f"01 {padding}",
+                reply="12 34 02 03 ..{20}",
+                port="tcp",
+                origin=tcp,
+                safe=True,
+            ),
         )
 
     def _sample(self, t_ns: int) -> int:

@@ -222,17 +222,18 @@ class AtiNetcanoem(Device[CanFrame]):
         ids = [f"{self.first_id + k:03X}#" for k in range(16)]
         table = "manual, table 4.2"
         return (
-            Command(name="gauges", request=ids[0], reply=[ids[0] + "..{8}", ids[1] + "..{6}"], origin=table),
+            Command(name="gauges", request=ids[0], reply=[ids[0] + "..{8}", ids[1] + "..{6}"], origin=table, safe=True),
             *(
                 Command(
                     name=f"row of {axis}",
                     request=f"{ids[2]}{k:02X}",
                     reply=[each + "..{8}" for each in ids[2:5]],
                     origin=table,
+                    safe=True,
                 )
                 for k, axis in enumerate(("Fx", "Fy", "Fz", "Tx", "Ty", "Tz"))
             ),
-            Command(name="serial number", request=ids[5], reply=ids[5] + "..{8}", origin=table),
+            Command(name="serial number", request=ids[5], reply=ids[5] + "..{8}", origin=table, safe=True),
             Command(name="calibration 0", request=ids[6] + "00", reply=ids[6] + "00", origin=table),
             Command(
                 name="calibration 1",
@@ -241,10 +242,16 @@ class AtiNetcanoem(Device[CanFrame]):
                 about="status bit 6 marks it as bad",
                 origin=table,
             ),
-            Command(name="counts per unit", request=ids[7], reply=ids[7] + "..{8}", origin=table),
-            Command(name="units", request=ids[8], reply=ids[8] + "02 03", origin=table),
+            Command(name="counts per unit", request=ids[7], reply=ids[7] + "..{8}", origin=table, safe=True),
+            Command(name="units", request=ids[8], reply=ids[8] + "02 03", origin=table, safe=True),
             *(
-                Command(name=f"voltage of {what}", request=f"{ids[9]}{k:02X}", reply=ids[9] + "..{2}", origin=table)
+                Command(
+                    name=f"voltage of {what}",
+                    request=f"{ids[9]}{k:02X}",
+                    reply=ids[9] + "..{2}",
+                    origin=table,
+                    safe=True,
+                )
                 for k, what in ((0, "middle"), (2, "thermistor"), (3, "power"), (4, "DAC"), (5, "ground"))
             ),
             Command(name="reset", request=ids[12], origin=table),
@@ -258,5 +265,5 @@ class AtiNetcanoem(Device[CanFrame]):
                 about="from the next power-up on",
                 origin=table,
             ),
-            Command(name="firmware version", request=ids[15], reply=ids[15] + "..{4}", origin=table),
+            Command(name="firmware version", request=ids[15], reply=ids[15] + "..{4}", origin=table, safe=True),
         )

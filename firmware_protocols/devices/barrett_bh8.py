@@ -310,8 +310,10 @@ class BarrettBh8(Device[CanFrame]):
         """The drivers' first requests, then cells and tare of each puck, awake."""
         wake = "400#85000200"
         listed = [
-            Command(name="is it awake", request="00B#05", reply="566#85000000", origin="libbarrett puck.cpp"),
-            Command(name="role", request="00E#01", reply="5C6#81000512", origin="libbarrett puck.h"),
+            Command(
+                name="is it awake", request="00B#05", reply="566#85000000", origin="libbarrett puck.cpp", safe=True
+            ),
+            Command(name="role", request="00E#01", reply="5C6#81000512", origin="libbarrett puck.h", safe=True),
             Command(name="wake all", request=wake, origin="pyHand initialize"),
             Command(name="cells of one that sleeps", request="00B#EA000200", origin="libbarrett property_list.cpp"),
         ]

@@ -80,7 +80,13 @@ class BraincoRevo2(Revo2):
         if self.unit != 0x7E or not self.capacitive:
             return ()
         return tuple(
-            Command(name=name, request=f"7E {request}", reply=f"7E {reply or request}", origin=self.sources[0])
+            Command(
+                name=name,
+                request=f"7E {request}",
+                reply=f"7E {reply or request}",
+                origin=self.sources[0],
+                safe=request[:2] in ("03", "04"),
+            )
             for name, request, reply in _EXAMPLES
         )
 
@@ -120,7 +126,13 @@ class BraincoRevo2CanFd(Revo2):
         if self.unit != 0x7E or not self.capacitive:
             return ()
         return tuple(
-            Command(name=name, request=request, reply=reply, origin="; ".join(self.sources[:2]))
+            Command(
+                name=name,
+                request=request,
+                reply=reply,
+                origin="; ".join(self.sources[:2]),
+                safe=request.startswith(("007E0108##1 7E 03", "007E0108##1 7E 04")),
+            )
             for name, request, reply in _CAN_EXAMPLES
         )
 

@@ -253,7 +253,13 @@ class BraincoRevo3(Device):
         if not self.array:
             return ()
         return tuple(
-            Command(name=name, request=f"7E {request}", reply=f"7E {reply or request}", origin=origin)
+            Command(
+                name=name,
+                request=f"7E {request}",
+                reply=f"7E {reply or request}",
+                origin=origin,
+                safe=request[:2] in ("03", "04"),
+            )
             for name, request, reply, origin in _EXAMPLES
         )
 

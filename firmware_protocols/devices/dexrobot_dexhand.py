@@ -242,7 +242,7 @@ class DexrobotDexHand(Device[CanFrame]):
             ),
             Command(name="feedback off", request=f"{to}0374010100", reply=f"{reply}03740001", origin=python),
             Command(name="clear errors", request=f"{to}03A4", reply=f"{reply}03A40001", origin=python),
-            Command(name="version", request=f"{to}0102{'00' * 6}", reply=f"{reply}..{{4}}", origin=cpp),
+            Command(name="version", request=f"{to}0102{'00' * 6}", reply=f"{reply}..{{4}}", origin=cpp, safe=True),
             Command(name="motion", request=motion, reply=None, about="both motors to 10 and 20 deg", origin=cpp),
             Command(
                 name="motion, as a question",

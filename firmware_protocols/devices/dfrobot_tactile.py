@@ -158,7 +158,13 @@ class DfrobotTactile(Device):
         if self.registers["unit"] != 1:
             return ()
         return tuple(
-            Command(name=name, request=f"01 {request}", reply=f"01 {reply or request}", origin=origin)
+            Command(
+                name=name,
+                request=f"01 {request}",
+                reply=f"01 {reply or request}",
+                origin=origin,
+                safe=request[:2] in ("03", "04"),
+            )
             for name, request, reply, origin in _EXAMPLES
         )
 

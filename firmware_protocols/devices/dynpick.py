@@ -114,15 +114,15 @@ class DynPick(Device):
         """The letters, each with its answer."""
         tork, umemoto, rust = self.sources
         return (
-            Command(name="read", request="52", reply="30 ..{24} 0D 0A", origin=tork),
-            Command(name="sensitivity", request="70", reply="..{44} 0D 0A", origin=rust),
+            Command(name="read", request="52", reply="30 ..{24} 0D 0A", origin=tork, safe=True),
+            Command(name="sensitivity", request="70", reply="..{44} 0D 0A", origin=rust, safe=True),
             Command(name="zero", request="4F", origin=tork),
             Command(name="each second conversion", request="32 46", origin=tork),
             Command(name="divider", request="30 46", reply="32 0D 0A", after=("32 46",), origin=tork),
             Command(name="start", request="53", origin=umemoto),
             Command(name="stop", request="45", origin=umemoto),
-            Command(name="temperature", request="54", reply="..{4} 0D 0A", origin=umemoto),
-            Command(name="version", request="56", reply="*", origin=umemoto),
+            Command(name="temperature", request="54", reply="..{4} 0D 0A", origin=umemoto, safe=True),
+            Command(name="version", request="56", reply="*", origin=umemoto, safe=True),
         )
 
     def measure(self, reading: Reading, t_ns: int) -> Counts:

@@ -356,16 +356,29 @@ class FeetechSts3215(Device):
         if self.options:
             return ()
         return (
-            Command(name="ping", request="FF FF 01 02 01 FB", reply=done, origin=driver),
+            Command(name="ping", request="FF FF 01 02 01 FB", reply=done, origin=driver, safe=True),
             Command(
                 name="ping all",
                 request="FF FF FE 02 01 FE",
                 reply=[f"FF FF {ident:02X} 02 00 {0xFD - ident:02X}" for ident in range(1, 7)],
                 about="one after another",
                 origin=driver,
+                safe=True,
             ),
-            Command(name="model", request="FF FF 01 04 02 03 02 F3", reply="FF FF 01 04 00 09 03 EE", origin=driver),
-            Command(name="position", request="FF FF 01 04 02 38 02 BE", reply="FF FF 01 04 00 .. .. ..", origin=driver),
+            Command(
+                name="model",
+                request="FF FF 01 04 02 03 02 F3",
+                reply="FF FF 01 04 00 09 03 EE",
+                origin=driver,
+                safe=True,
+            ),
+            Command(
+                name="position",
+                request="FF FF 01 04 02 38 02 BE",
+                reply="FF FF 01 04 00 .. .. ..",
+                origin=driver,
+                safe=True,
+            ),
             Command(name="torque on", request="FF FF 01 04 03 28 01 CE", reply=done, origin=driver),
             Command(name="middle", request="FF FF 01 04 03 28 80 4F", reply=done, about="here is 2048", origin=table),
             Command(name="offset", request="FF FF 02 05 03 1F 54 09 79", reply="FF FF 02 02 00 FB", origin=driver),
@@ -376,6 +389,7 @@ class FeetechSts3215(Device):
                 request="FF FF FE 0A 82 38 02 01 02 03 04 05 06 26",
                 reply=[f"FF FF {ident:02X} 04 00 .. .. .." for ident in range(1, 7)],
                 origin=driver,
+                safe=True,
             ),
             Command(name="goals", request="FF FF FE 0A 83 2A 02 01 00 08 02 64 09 D0", origin=driver),
             Command(name="500 kbaud", request="FF FF 01 04 03 06 01 F0", reply=done, origin=table),

@@ -149,7 +149,7 @@ class FulaiGlove(Device):
         asked = (self.answer if self.identity else UNKNOWN_COMMAND).hex()
         return (
             Command(name="stop", request=b"vofa off\r\n", origin=origin),
-            Command(name="identity", request=b"bridge info get\r\n", reply=asked, origin=origin),
+            Command(name="identity", request=b"bridge info get\r\n", reply=asked, origin=origin, safe=True),
             Command(name="go on", request=b"vofa on\r\n", origin=origin),
         )
 

@@ -228,7 +228,13 @@ class GHand5(Device):
             return ()
         origin = f"{_SDK}; CRC by a second program"
         return tuple(
-            Command(name=name, request=f"31 {request}", reply=f"31 {reply or request}", origin=origin)
+            Command(
+                name=name,
+                request=f"31 {request}",
+                reply=f"31 {reply or request}",
+                origin=origin,
+                safe=request[:2] in ("03", "04"),
+            )
             for name, request, reply in _EXAMPLES
         )
 

@@ -237,8 +237,10 @@ class IcubSkin(Device[CanFrame]):
         version = f"2{back}1C 0B 01 19 00 02 00 "
         return (
             *set_up,
-            Command(name="version", request=to + "1C", reply=version + "00", origin=_VERSION),
-            Command(name="version, protocol 2.0", request=to + "1C 02 00", reply=version + "01", origin=_VERSION),
+            Command(name="version", request=to + "1C", reply=version + "00", origin=_VERSION, safe=True),
+            Command(
+                name="version, protocol 2.0", request=to + "1C 02 00", reply=version + "01", origin=_VERSION, safe=True
+            ),
             Command(
                 name="additional information",
                 request=f"70{board.address:X}#0C",

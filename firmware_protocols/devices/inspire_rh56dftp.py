@@ -309,10 +309,22 @@ class InspireRh56dftp(Device):
             return ()
         line = ("rtu", _NATIVE, _OVER_NATIVE) if self.native else ("rtu", _RTU, _OVER_RTU)
         return tuple(
-            Command(name=name, request=request, reply=request if reply == "" else reply, origin=origin, port=port)
+            Command(
+                name=name,
+                request=request,
+                reply=request if reply == "" else reply,
+                origin=origin,
+                port=port,
+                safe=_reads(bytes.fromhex(request), port),
+            )
             for port, origin, listed in (line, ("tcp", _TCP, _OVER_TCP))
             for name, request, reply in listed
         )
+
+
+def _reads(request: bytes, port: str) -> bool:
+    """Return True for Modbus function 03, and for 11 of the vendor's protocol."""
+    return request[4] == 0x11 if request[0] == 0xEB else request[7 if port == "tcp" else 1] == 3
 
 
 _RTU = "register map of the vendor manual 2.4, 2.6; CRC by pymodbus 3.11"

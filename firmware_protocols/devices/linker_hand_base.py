@@ -276,7 +276,8 @@ class LinkerHand(Device[CanFrame]):
 
         def command(name: str, request: str, *replies: str, origin: str = source) -> Command:
             answers = [to + reply for reply in replies]
-            return Command(name=name, request=to + request, reply=answers or None, origin=origin)
+            reads = bool(answers) and not name.startswith(("set", "clear", "forget")) and name != "id"
+            return Command(name=name, request=to + request, reply=answers or None, origin=origin, safe=reads)
 
         listed = [
             command("serial number", "C0", *(f"C0 {k * self.serial_step:02X} *" for k in range(4))),

@@ -120,7 +120,14 @@ class LinkerHandL10Rs485(Device):
         if self.unit != 0x28:
             return ()
         return tuple(
-            Command(name=name, request=f"28 {request}", reply=f"28 {reply or request}", after=after, origin=origin)
+            Command(
+                name=name,
+                request=f"28 {request}",
+                reply=f"28 {reply or request}",
+                after=after,
+                origin=origin,
+                safe=not after and request[:2] in ("03", "04"),
+            )
             for name, request, reply, after, origin in _EXAMPLES
         )
 

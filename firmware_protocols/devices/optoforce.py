@@ -173,6 +173,7 @@ class OptoForce(Device):
                 request="AB 00 12 08 00 C5",
                 reply="AA 00 12 08 ..{8} ..{2}",
                 origin="shadow-robot/optoforce@fe3c086",
+                safe=True,
             ),
         )
 

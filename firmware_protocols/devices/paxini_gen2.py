@@ -149,6 +149,7 @@ class PaxiniGen2(Px6axDevice):
                 request="55 AA 7B 7B 0E 01 60 A0 01 00 00 F0 55 AA 7D 7D",
                 reply="55 AA 7B 7B 0E 01 60 A0 01 00 * 55 AA 7D 7D",
                 origin=pdf,
+                safe=True,
             ),
             Command(
                 name="set mode",
@@ -161,6 +162,7 @@ class PaxiniGen2(Px6axDevice):
                 request="55 AA 7B 7B 0E 01 70 C0 0D 00 00 B4 55 AA 7D 7D",
                 reply="55 AA 7B 7B 0E 01 70 C0 0D 00 01 00 05 AE 55 AA 7D 7D",
                 origin=pdf,
+                safe=True,
             ),
             Command(
                 name="select port",
@@ -173,6 +175,7 @@ class PaxiniGen2(Px6axDevice):
                 request="55 AA 7B 7B 0E 00 70 C0 06 05 00 7B 0E 04 1E 00 0C 55 AA 7D 7D",
                 reply="55 AA 7B 7B 0E 00 70 C0 06 00 24 00 00 7B 0E 04 1E 00 ..{30} .. 55 AA 7D 7D",
                 origin=pdf,
+                safe=True,
             ),
             Command(
                 name="zero",

@@ -246,7 +246,9 @@ class PaxiniHighSpeed(Px6axDevice):
             return ()
         done = "AA 55 00 10 17 00 01 00 00 D9"
         return tuple(
-            Command(name=name, request=request, reply=reply, origin="frames of paxini-sdk 0.1.0")
+            Command(
+                name=name, request=request, reply=reply, origin="frames of paxini-sdk 0.1.0", safe=request[9:11] == "03"
+            )
             for name, request, reply in (
                 ("fitted modules", "55 AA 00 03 10 00 04 00 EA", "AA 55 00 03 10 00 04 00 44 44 04 00 5E"),
                 ("taxels of each", "55 AA 00 03 30 00 38 00 96", "AA 55 00 03 30 00 38 00 ..{56} .."),
@@ -355,7 +357,14 @@ class OrcaTouch(PaxiniHighSpeed):
         if self.options:
             return ()
         return tuple(
-            Command(name=name, request=request, reply=reply, origin="frames of orca-core 0.12.0", after=after)
+            Command(
+                name=name,
+                request=request,
+                reply=reply,
+                origin="frames of orca-core 0.12.0",
+                after=after,
+                safe=not after and (request[9:11] == "03" or name.startswith("who")),
+            )
             for name, request, reply, after in (
                 ("who", "4F 52 43 41 5F 49 44 3F 0A", "4F 52 43 41 3A 53 45 4E 53 4F 52 0A", ()),
                 ("who, in full", "4F 52 43 41 5F 49 4E 46 4F 3F 0A", "4F 52 43 41 3A 53 45 4E 53 4F 52 3B * 0A", ()),

@@ -145,18 +145,21 @@ class PaxiniPx6ax(Px6axDevice):
                 request="55 AA 09 00 03 00 FB D4 17 00 00 64 00 AB",
                 reply="AA 55 6E 00 03 00 FB D4 17 00 00 64 00 01 50 41 58 49 4E 49 20 ..{93} ..",
                 origin=captured,
+                safe=True,
             ),
             Command(
                 name="resultant",
                 request="55 AA 09 00 03 00 FB F0 03 00 00 03 00 04",
                 reply="AA 55 0D 00 03 00 FB F0 03 00 00 03 00 01 ..{3} ..",
                 origin=captured,
+                safe=True,
             ),
             Command(
                 name="resultant and taxels",
                 request="55 AA 09 00 03 00 FB F0 03 00 00 7B 00 8C",
                 reply="AA 55 85 00 03 00 FB F0 03 00 00 7B 00 01 ..{123} ..",
                 origin=captured,
+                safe=True,
             ),
             Command(
                 name="zero",

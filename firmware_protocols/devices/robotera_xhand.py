@@ -277,20 +277,20 @@ class RoboteraXhand(Device):
         return (
             Command(
                 name="version", request="55 AA FE 80 13 00 00 EF C3", reply="55 AA 80 FE 13 04 00 03 00 01 01 A4 EC",
-                origin=_SENT,
+                origin=_SENT, safe=True,
             ),
             Command(
                 name="version of joint 0", request="55 AA FE 00 13 00 00 D7 1E",
-                reply="55 AA 80 FE 13 04 00 07 00 00 01 64 15", origin=_SENT,
+                reply="55 AA 80 FE 13 04 00 07 00 00 01 64 15", origin=_SENT, safe=True,
             ),
             Command(name="state", request=_STILL, reply="55 AA 80 FE 02 A0 08 ..{2208} ..{2}", origin=_RECORDS),
             Command(
                 name="search", request="55 AA FE FF 15 04 00 14 00 BA 00 A2 4A",
-                reply="55 AA 80 FE 15 BC 00 14 00 52 ..{185} ..{2}", origin=_SENT,
+                reply="55 AA 80 FE 15 BC 00 14 00 52 ..{185} ..{2}", origin=_SENT, safe=True,
             ),
             Command(
                 name="side", request="55 AA FE 80 15 04 00 14 00 01 00 9B E1",
-                reply="55 AA 80 FE 15 03 00 14 00 52 F8 61", origin=_SENT,
+                reply="55 AA 80 FE 15 03 00 14 00 52 F8 61", origin=_SENT, safe=True,
             ),
             Command(
                 name="name xhand", request="55 AA FE 80 16 07 00 36 00 78 68 61 6E 64 39 00",

@@ -147,8 +147,14 @@ class RobotiqTsf85(Device):
         together = [f"9A 00 61 {2 * size:02X} 10 ..{{{2 * size - 1}}}"]
         each = [f"9A 00 61 {size:02X} {kind} ..{{{size - 1}}}" for kind in ("10", "14")]
         return (
-            Command(name="version", request="9A 00 E3 00", reply=version, origin=origin),
-            Command(name="read once", request="9A 00 61 00", reply=together if self.together else each, origin=origin),
+            Command(name="version", request="9A 00 E3 00", reply=version, origin=origin, safe=True),
+            Command(
+                name="read once",
+                request="9A 00 61 00",
+                reply=together if self.together else each,
+                origin=origin,
+                safe=True,
+            ),
             Command(name="autosend synchronous, 10 ms", request="9A 00 58 01 0A", origin=origin),
             Command(name="autosend asynchronous, 10 ms", request="9A 00 59 01 0A", origin=origin),
             Command(name="stop", request="9A 00 58 01 00", origin=origin),

@@ -177,7 +177,14 @@ class RobotisHx5(Device):
         if self.options:
             return ()
         return tuple(
-            Command(name=name, request=f"FF FF FD 00 {request}", reply=reply, after=after, origin=_ORIGIN)
+            Command(
+                name=name,
+                request=f"FF FF FD 00 {request}",
+                reply=reply,
+                after=after,
+                origin=_ORIGIN,
+                safe=not after and request[9:11] in _READS,
+            )
             for name, request, reply, after in _EXAMPLES
         )
 
@@ -188,6 +195,7 @@ _SYNC = "FF FF FD 00 6E 06 00 03 46 00 01 53 0F"
 _DONE = f"{_HEAD} 6E 04 00 55 00 09 1F"
 _NINE = f"{_HEAD} 6E 0D 00 55 00 ..{{9}} ..{{2}}"
 _NINE_FAST = f"{_HEAD} FE 0E 00 55 00 6E ..{{9}} ..{{2}}"
+_READS = ("01", "02", "82", "8A", "92", "9A")
 _EXAMPLES = (
     # name, request, reply, what goes before
     ("ping", "6E 03 00 01 08 82", f"{_HEAD} 6E 07 00 55 00 04 01 01 EA 32", ()),

@@ -312,7 +312,13 @@ class RoHand(Device):
         if self.touch != "dots" or self.unit != 2:
             return ()
         return tuple(
-            Command(name=name, request=f"02 {request}", reply=f"02 {reply or request}", origin=origin)
+            Command(
+                name=name,
+                request=f"02 {request}",
+                reply=f"02 {reply or request}",
+                origin=origin,
+                safe=request[:2] in ("03", "04"),
+            )
             for name, request, reply, origin in _EXAMPLES
         )
 

@@ -117,7 +117,10 @@ class SeedFts3(Device):
         version = f"23 4F 4B 2C {self.version.hex()} 0D 0A"
         return (
             *(Command(name=each.decode(), request=each.hex(), reply="23 4F 4B 0D 0A", origin=tool) for each in lines),
-            *(Command(name=each.decode(), request=each.hex(), reply=version, origin=tool) for each in versions),
+            *(
+                Command(name=each.decode(), request=each.hex(), reply=version, origin=tool, safe=True)
+                for each in versions
+            ),
             Command(
                 name="setepoch with a fraction",
                 request=b"setepoch,1781003060.4375293,0".hex(),

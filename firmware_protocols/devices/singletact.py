@@ -184,6 +184,7 @@ class SingleTact(Device):
                 request=f"FF FF FF FF 04 64 {request} FF FE FE FE FE",
                 reply=f"{reply} FE FE FE FE",
                 origin=origin,
+                safe=name.startswith(("reading", "settings")),
             )
             for name, request, reply in _EXAMPLES
         )

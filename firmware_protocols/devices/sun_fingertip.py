@@ -66,7 +66,7 @@ class SunFingertip(Device):
     @property
     def commands(self) -> tuple[Command, ...]:
         """The only command."""
-        return (Command(name="read", request="61", reply="..{50}", origin=self.sources[0]),)
+        return (Command(name="read", request="61", reply="..{50}", origin=self.sources[0], safe=True),)
 
     def measure(self, reading: Reading, t_ns: int) -> Counts:
         """Return the counts of each taxel, 0..4095, shape ``(25,)``."""

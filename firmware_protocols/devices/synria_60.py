@@ -159,7 +159,10 @@ class Synria60(Device):
         if self.registers["unit"] != 1:
             return ()
         origin = "tactile-pressure-sdk 2.0.0; CRC by its calculate_crc16()"
-        return tuple(Command(name=name, request=request, reply=reply, origin=origin) for name, request, reply in _ASKED)
+        return tuple(
+            Command(name=name, request=request, reply=reply, origin=origin, safe=request[3:5] in ("03", "41", "42"))
+            for name, request, reply in _ASKED
+        )
 
 
 _ASKED = (

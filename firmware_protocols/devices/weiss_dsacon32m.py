@@ -158,6 +158,8 @@ FINGER_PARTS = {"proximal": (14, 0.03), "distal": (13, 0.09)}
 """The rows of each part, and its place along the finger [m]."""
 FINGER_SPACING_M = 0.04
 
+READS = ("controller", "sensor", "matrix 5", "sensitivity of matrix 0", "threshold of matrix 0")
+
 
 class WeissDsacon32m(Device):
     """A controller of two matrices in each of three fingers, which a driver polls or which stream."""
@@ -239,7 +241,7 @@ class WeissDsacon32m(Device):
         origin = "SDHLibrary-CPP@0217d4e dsa.cpp; CRC by its table, worked out apart"
         done = "AA AA AA 03 02 00 00 00 4B B9"
         return tuple(
-            Command(name=name, request=f"AA AA AA {request}", reply=reply, origin=origin)
+            Command(name=name, request=f"AA AA AA {request}", reply=reply, origin=origin, safe=name in READS)
             for name, request, reply in (
                 ("stop", "03 03 00 00 00 00 8D 00", done),
                 ("controller", "01 00 00", "AA AA AA 01 12 00 00 00 ..{16} ..{2}"),

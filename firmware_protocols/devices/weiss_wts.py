@@ -85,6 +85,7 @@ TEMPERATURE = 0x46
 SYSTEM_INFO = 0x50
 SET_TAG = 0x51
 TAG = 0x52
+READS = ("loop", "matrix", "temperature", "threshold", "gain", "type", "system", "tag")
 MAX_PAYLOAD_BYTES = 64
 PAYLOAD_BYTES = {
     **dict.fromkeys((STOP, MATRIX_INFO, THRESHOLD, GAIN, TYPE, TEMPERATURE, SYSTEM_INFO, TAG), (0,)),
@@ -181,7 +182,13 @@ class WeissWts(Device):
             return ()
         origin = f"{CPP}; CRC by a second program"
         return tuple(
-            Command(name=name, request=f"AA AA AA {request}", reply=reply and f"AA AA AA {reply}", origin=origin)
+            Command(
+                name=name,
+                request=f"AA AA AA {request}",
+                reply=reply and f"AA AA AA {reply}",
+                origin=origin,
+                safe=name in READS,
+            )
             for name, request, reply in _EXAMPLES
         )
 
