@@ -8,28 +8,18 @@ earlier, by their full name or within their module; arrays ``T name[n]`` and seq
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
 
 import numpy as np
 
+from firmware_protocols.cdr import Member, dtype_of
+
 __all__ = ["Member", "layout", "structs"]
 
-NUMBERS = {
-    "float": "<f4", "int8": "i1", "uint8": "u1", "int16": "<i2", "uint16": "<u2", "int32": "<i4", "uint32": "<u4",
+_NUMBERS = {
+    "float": "float32", **{name: name for name in ("int8", "uint8", "int16", "uint16", "int32", "uint32")}
 }  # fmt: skip
+"""The types of number, by their names in IDL, as :mod:`firmware_protocols.cdr` names them."""
 _TOKEN = re.compile(r"[\w:]+|[{}<>;\[\]]")
-
-
-@dataclass(frozen=True, slots=True)
-class Member:
-    """One member of a struct."""
-
-    name: str
-    type: str
-    """A type of number, or the full name of a struct."""
-    sequence: bool = False
-    count: int = 0
-    """The number of elements of an array; 0 for a single value."""
 
 
 def structs(text: str) -> dict[str, tuple[Member, ...]]:
@@ -62,7 +52,7 @@ def _members(words: list[str], module: str, known: dict[str, tuple[Member, ...]]
             words.pop()
             word = words.pop()
             words.pop()
-        kind = next((each for each in (word, f"{module}::{word}") if each in NUMBERS or each in known), None)
+        kind = next((each for each in (word, f"{module}::{word}") if each in _NUMBERS or each in known), None)
         name, count = words.pop(), 0
         if kind is None:
             raise ValueError(f"IDL: {word} {name}: declare the type {word} before its use")
@@ -92,7 +82,7 @@ def layout(text: str, name: str, **lengths: int) -> np.dtype:
 def _layout(known: dict[str, tuple[Member, ...]], name: str, lengths: dict[str, int]) -> np.dtype:
     fields = []
     for member in known[name]:
-        kind = np.dtype(NUMBERS[member.type]) if member.type in NUMBERS else _layout(known, member.type, lengths)
+        kind = dtype_of(_NUMBERS[member.type]) if member.type in _NUMBERS else _layout(known, member.type, lengths)
         if member.sequence:
             fields += [(f"n_{member.name}", "<u4"), (member.name, kind, (lengths[member.name],))]
         else:

@@ -26,6 +26,7 @@ from cyclonedds.sub import DataReader, Subscriber
 from cyclonedds.topic import Topic
 
 from firmware_protocols import Connector, Dds, WireFrame, idl
+from firmware_protocols.cdr import HEADER
 from tactemu.base.errors import TransportError
 from tactemu.transports import inet
 from tactemu.transports.forks import close_in_children
@@ -34,8 +35,6 @@ from tactemu.transports.transport import DROPPED, RAISED, Closed, Event, Opened,
 LOOPBACK = "lo"
 _MAX_QUEUED_SAMPLES = 32
 """Maximum number of samples that wait, and that one poll takes."""
-_HEADER = b"\x00\x01\x00\x00"
-"""Header of every sample: CDR, little-endian."""
 _CONFIG = (
     "<CycloneDDS><Domain Id='any'><General><Interfaces><NetworkInterface name='{}'/></Interfaces></General>"
     "</Domain></CycloneDDS>"
@@ -153,8 +152,8 @@ class DdsTransport(Transport):
             events += [Opened(), RAISED] if has_reader else [Closed(), DROPPED]
         if self._reader is not None and reading:
             for sample in self._reader.take(_MAX_QUEUED_SAMPLES):
-                if (data := getattr(sample, "data", b"")).startswith(_HEADER):
-                    events.append(Received(data[len(_HEADER) :]))
+                if (data := getattr(sample, "data", b"")).startswith(HEADER):
+                    events.append(Received(data[len(HEADER) :]))
         return events
 
     def write(self, frame: WireFrame) -> bool:
@@ -164,7 +163,7 @@ class DdsTransport(Transport):
         if self._writer is None or not self._has_driver:
             return False
         try:
-            self._writer.write(self._writer.data_type.deserialize(_HEADER + frame))
+            self._writer.write(self._writer.data_type.deserialize(HEADER + frame))
         except DDSException:
             return False
         return True

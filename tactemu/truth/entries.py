@@ -13,6 +13,7 @@ from typing import Any, Literal, NamedTuple, Protocol
 import numpy as np
 
 from firmware_protocols import WireFrame
+from tactemu.base import frame_text
 
 VERSION = 2
 """The version of the log's format, in both encodings."""
@@ -55,7 +56,15 @@ class Passage(NamedTuple):
     why: str = ""
     """The reason why it never left."""
     late_ns: int = 0
-    """The delay of the emulator's loop after the frame's last bit had left the line [ns]; not written to files."""
+    """The delay of the emulator's loop after the frame's last bit had left the line [ns]; not written to logs."""
+    is_answer: bool = False
+    """True where the judge has found the number: the frame carries no sample of its own, and ``sample`` is the latest
+    one at the driver's last question. Not written to logs."""
+
+    @property
+    def text(self) -> str:
+        """The frame as text: hex for bytes, ``candump`` notation for CAN."""
+        return frame_text.text(self.frame)
 
 
 class Injection(NamedTuple):
@@ -69,6 +78,13 @@ class Injection(NamedTuple):
     """The frame or value before the fault, as text; empty if there is none."""
     after: tuple[str, ...] = ()
     """The frames or values after the fault; a frame may become none, or two."""
+    frame: int | None = None
+    """The number of the frame, from 1 at the first after the fault was switched on; ``None``: none, or unknown."""
+
+    @property
+    def fault(self) -> str:
+        """The fault in the language of ``--fault``, where a wire injected it."""
+        return self.detail.partition(" [")[0]
 
 
 class PortEvent(NamedTuple):

@@ -102,11 +102,12 @@ def row_of(entry: Entry) -> dict[str, Any]:
         row |= {"kind": "sample", "sample": entry.number} | ({"sense": entry.sense} if entry.sense else {})
         return row | {"ideal": entry.ideal, "measured": entry.measured, "counts": entry.counts}
     if isinstance(entry, Passage):
-        row |= {"kind": entry.kind, "data": frame_text.text(entry.frame)}
+        row |= {"kind": entry.kind, "data": entry.text}
         row |= {} if entry.sample is None else {"sample": entry.sample}
         return row | ({"why": entry.why} if entry.kind == "drop" else {})
     if isinstance(entry, Injection):
         row |= {"kind": "inject", "what": entry.what, "detail": entry.detail}
+        row |= {} if entry.frame is None else {"frame": entry.frame}
         return row | ({"before": entry.before, "after": list(entry.after)} if entry.before or entry.after else {})
     return row | {"kind": "event", "what": entry.what}
 
@@ -161,7 +162,14 @@ def read(file: IO[bytes]) -> Iterator[Header | Entry | End]:
         number += 1
         is_complete = line.endswith(b"\n")
         try:
-            entry = _entry(json.loads(line), first=number == 1)
+            row = json.loads(line)
+            kind = row.get("kind") if isinstance(row, dict) else None
+            if kind == "log" and number == 1:
+                entry = checked_header(row.get("version"), row.get("origin_ns"), row.get("scene"), row.get("ends"))
+            elif kind == "end":
+                entry = checked_end(row.get("lost"), row.get("summary", []))
+            else:
+                entry = entry_of(row)
         except RecursionError:
             raise ValueError(f"line {number}: nested too deeply") from None
         except (ValueError, OverflowError) as error:
@@ -171,8 +179,8 @@ def read(file: IO[bytes]) -> Iterator[Header | Entry | End]:
         yield entry
 
 
-def _entry(row: Any, *, first: bool) -> Header | Entry | End:
-    """Return the entry of one line's object.
+def entry_of(row: Any) -> Entry:
+    """Return the entry of one line's object: the inverse of :func:`row_of`.
 
     Raises:
         ValueError: it is none.
@@ -180,10 +188,6 @@ def _entry(row: Any, *, first: bool) -> Header | Entry | End:
     if not isinstance(row, dict):
         raise ValueError(f"expected an object, got {_short(row)}")
     kind = row.get("kind")
-    if kind == "log" and first:
-        return checked_header(row.get("version"), row.get("origin_ns"), row.get("scene"), row.get("ends"))
-    if kind == "end":
-        return checked_end(row.get("lost"), row.get("summary", []))
     t_ns, device = _number(row, "t_ns"), _text(row, "device", "")
     if kind == "pose":
         position, quaternion = (tuple(_numbers(row, name).tolist()) for name in ("position", "quaternion"))
@@ -202,9 +206,9 @@ def _entry(row: Any, *, first: bool) -> Header | Entry | End:
         after = row.get("after", [])
         if not isinstance(after, list) or not all(isinstance(each, str) for each in after):
             raise ValueError(f"after: expected a list of texts, got {_short(after)}")
-        return Injection(
-            t_ns, device, _text(row, "what"), _text(row, "detail", ""), _text(row, "before", ""), tuple(after)
-        )
+        what, detail, before = _text(row, "what"), _text(row, "detail", ""), _text(row, "before", "")
+        frame = _number(row, "frame") if "frame" in row else None
+        return Injection(t_ns, device, what, detail, before, tuple(after), frame)
     if kind == "event":
         return PortEvent(t_ns, device, _text(row, "what"))
     raise ValueError(f"kind: expected sample, tx, rx, drop, inject, event or pose, got {_short(kind)}")

@@ -53,7 +53,7 @@ class McapWriter:
 
     def add(self, entry: Entry) -> Iterator[None]:
         """Write an entry, and yield between its parts, so that a large one can be written in slices of time."""
-        kind, message, fixed, variable = message_of(entry)
+        kind, message, values = message_of(entry)
         yield
         key: tuple = (entry.body if isinstance(entry, BodyPose) else entry.device, kind)
         if isinstance(entry, Sample):
@@ -61,7 +61,7 @@ class McapWriter:
         channel = self._channels.get(key)
         if channel is None:
             channel = self._channels[key] = self._channel(message, metadata_of(entry, kind))
-        data = message.encode(fixed, variable)
+        data = message.encode(values)
         yield
         time = max(entry.t_ns, 0)  # the container has no negative times; the message has it as it is
         before = self._file.tell()

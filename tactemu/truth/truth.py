@@ -215,13 +215,14 @@ class Truth:
         *,
         before: WireFrame | str = "",
         after: Sequence[WireFrame | str] = (),
+        frame: int | None = None,
     ) -> None:
-        """Log an injected fault with frames or values as text: ``before`` it and ``after`` it."""
+        """Log an injected fault with frames or values as text, ``before`` it and ``after`` it, and its number."""
         self.injected[what] += 1
         self.injected_by_device.setdefault(device, Counter())[what] += 1
         self.counts["inject"] += 1
         if self._has_sinks:
-            self._log(Injection(t_ns, device, what, detail, _as_text(before), tuple(map(_as_text, after))))
+            self._log(Injection(t_ns, device, what, detail, _as_text(before), tuple(map(_as_text, after)), frame))
 
     def event(self, t_ns: int, device: str, what: str) -> None:
         """Log an event, such as an opening of the port or a change of the baud rate."""

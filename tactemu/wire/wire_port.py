@@ -204,9 +204,10 @@ class WirePort:
         *,
         before: WireFrame | str = "",
         after: Sequence[WireFrame] = (),
+        frame: int | None = None,
     ) -> None:
         self.counters[kind] += 1
-        self.truth.inject(t_ns, source, kind, detail, before=before, after=after)
+        self.truth.inject(t_ns, source, kind, detail, before=before, after=after, frame=frame)
 
     # -- what arrives, and what is lost ------------------------------------------------------------------------------
 

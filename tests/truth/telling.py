@@ -20,7 +20,7 @@ def tell(truth: Truth) -> None:
     truth.wrote(22, "thumb", b"\x01\xff", sample=number)
     truth.wrote(23, "index", CAN, sample=0)
     truth.received(24, "thumb+index", CanFrame(arbitration_id=0x27, data=b"\xb1\xc6"))
-    truth.inject(25, "thumb+index", "flip", "flip 5% [to_driver]", before=b"\x00", after=[b"\x01", CAN])
+    truth.inject(25, "thumb+index", "flip", "flip 5% [to_driver]", before=b"\x00", after=[b"\x01", CAN], frame=12)
     truth.inject(26, "thumb", "flip", "byte 3 bit 1")
     truth.inject(27, "thumb", "set", "noise", before="0", after=("0.1",))
     truth.dropped(28, "thumb", b"\x00", "line full")

@@ -4,6 +4,7 @@ import re
 from pathlib import Path
 
 import tactemu as tt
+from firmware_protocols.cdr import members_of
 from tactemu.truth.export import export
 from tactemu.truth.memory import DEFAULT_KEEP, parse_size
 from tactemu.truth.messages import EVENT, FRAME, INJECTION, POSE
@@ -42,7 +43,7 @@ def test_the_messages_have_the_fields_that_it_names():
     for message in (FRAME, INJECTION, EVENT, POSE):
         (line,) = re.findall(rf"`{message.name}`: (.*?)(?:\n- |\n\n)", PAGE, re.DOTALL)
         named = [words.split()[-1] for words in re.findall(r"`([^`]+)`", line)]
-        assert [name for name, _ in (*message.fixed, *message.variable)] == named
+        assert [member.name for member in members_of(message.definition)] == named
 
 
 def test_the_bounds_are_those_of_the_code():

@@ -11,6 +11,7 @@ from tactemu.base.errors import TactemuError
 from tactemu.truth import Injection, Passage, PortEvent, Truth, entries, read
 from tactemu.truth.entries import Header
 from tactemu.truth.jsonl_format import array_text
+from tactemu.truth.messages import INJECTION, Decoder, Message
 from tactemu.truth.writer import LogWriter
 from tests.truth.telling import CAN, COUNTS, IDEAL, Around, tell
 
@@ -46,6 +47,7 @@ def test_entries_come_back_in_order(path):
             "flip 5% [to_driver]",
             "00",
             ("01", "18FF0001##511111111111111111111111111111111"),
+            12,
         ),
         Injection(26, "thumb", "flip", "byte 3 bit 1"),
         Injection(27, "thumb", "set", "noise", "0", ("0.1",)),
@@ -155,6 +157,18 @@ def test_numbers_of_a_line_are_json_and_the_same_bits(shape):
         np.testing.assert_array_equal(np.array(back, values.dtype).reshape(shape), values)
     short = np.full(shape, 0.1, np.float32)
     assert json.loads("".join(array_text(short))) == np.full(shape, 0.1).tolist(), "the shortest decimal"
+
+
+def test_a_message_is_decoded_by_the_definition_in_its_file():
+    fields = ["int64 t_ns", "string what", "string detail", "string before", "string[] after", "int64 frame", "bool x"]
+    values = (5, "flip", "flip 5%", "00", ("01", ""), 7, True)
+    for count, number in ((5, None), (6, 7), (7, 7)):
+        message = Message(INJECTION.name, "of another version", ", ".join(fields[:count]))
+        decode = Decoder({"kind": "inject", "device": "a"}, message.definition)
+        assert decode(message.encode(values[:count])) == Injection(5, "a", *values[1:5], number)
+    other = Message(INJECTION.name, "of another program", ", ".join(reversed(fields)))
+    with pytest.raises(ValueError, match="with other fields than t_ns, what"):
+        Decoder({"kind": "inject", "device": "a"}, other.definition)
 
 
 def test_lines_of_before_there_was_a_version(tmp_path):

@@ -69,9 +69,8 @@ class Ros2File:
         elif isinstance(entry, BodyPose):
             self._transform("/tf", t_ns, [(WORLD, entry.body, entry.position, entry.quaternion)])
         elif isinstance(entry, Passage):
-            kind, message, fixed, variable = message_of(entry)
-            data = message.encode(fixed, variable)
-            self._put(_topic(entry.device, kind), message.name, message.definition, t_ns, data)
+            kind, message, values = message_of(entry)
+            self._put(_topic(entry.device, kind), message.name, message.definition, t_ns, message.encode(values))
         if not isinstance(entry, Sample | BodyPose) and (is_warning(entry) or not isinstance(entry, Passage)):
             log = self._new(
                 "Log", stamp=self._time(t_ns), level=_WARN if is_warning(entry) else _INFO, name=entry.device,

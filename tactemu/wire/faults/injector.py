@@ -29,8 +29,9 @@ class Note(Protocol):
         *,
         before: WireFrame | str = "",
         after: Sequence[WireFrame] = (),
+        frame: int | None = None,
     ) -> None:
-        """Count and log a fault that turned the frame ``before`` into the frames ``after``."""
+        """Count and log a fault that turned ``before``, which has the number ``frame``, into the frames ``after``."""
         ...
 
 
@@ -214,7 +215,8 @@ class Injector:
                         self.closing = active.fault
                     detail = f"{active.fault} [{direction}, frame {active.matched}]"
                     became = [each for each, _ in after]
-                    self.note(t_ns, source, active.fault.kind, detail, before=before, after=became)
+                    number = active.matched
+                    self.note(t_ns, source, active.fault.kind, detail, before=before, after=became, frame=number)
             parts = changed
         return parts
 
