@@ -16,7 +16,8 @@ import numpy as np
 from tactemu.judge.checks import is_named
 from tactemu.judge.columns import ABSOLUTE, TRANSFORMS, Channel, Column, Columns
 from tactemu.judge.line_fits import is_line, is_monotone, line, ranks
-from tactemu.judge.trial_record import DriverRow, ReceivedFrame, Sample
+from tactemu.judge.trial_record import DriverRow
+from tactemu.truth import Passage, Sample
 
 MIN_ROWS = 20
 """Least number of rows to learn from."""
@@ -55,7 +56,7 @@ class UnlearnableError(Exception):
 def learn(
     rows: Sequence[DriverRow],
     samples: Sequence[Sample],
-    frames: Sequence[ReceivedFrame],
+    frames: Sequence[Passage],
     channels: Sequence[Channel],
     seed: int = 0,
     steps: bool = False,
@@ -89,22 +90,16 @@ def _usual_names(rows: Sequence[DriverRow]) -> tuple[str, ...]:
 
 class _ColumnFitter:
     def __init__(
-        self,
-        rows: Sequence[DriverRow],
-        names: tuple[str, ...],
-        samples: Sequence[Sample],
-        frames: Sequence[ReceivedFrame],
-        channels: Sequence[Channel],
-        seed: int,
-        steps: bool,
-    ):
+        self, rows: Sequence[DriverRow], names: tuple[str, ...], samples: Sequence[Sample], frames: Sequence[Passage],
+        channels: Sequence[Channel], seed: int, steps: bool,
+    ):  # fmt: skip
         width = max((len(sample.counts) for sample in samples), default=0)
         samples = [sample for sample in samples if len(sample.counts) == width]
         self.names, self.channels, self.steps = names, channels, steps
         self.min_share = _MIN_SHARE_HELD if steps else _MIN_SHARE
         self.random = np.random.default_rng(seed)
         self._kept: dict[tuple, np.ndarray] = {}
-        self.t = np.array([printed.t for printed in rows])
+        self.t = np.array([printed.t_ns for printed in rows])
         self.y = np.array([[printed.row[name] for name in names] for printed in rows])
         self.x = np.array([sample.counts for sample in samples]).reshape(len(samples), width)
         self.columns_ = [_role(name, self.y[:, k]) for k, name in enumerate(names)]
@@ -115,11 +110,11 @@ class _ColumnFitter:
             self._keep_settled_rows()
         self.ranked = ranks(self.x[:, self.live]) if len(self.live) else np.zeros((0, 0))
 
-    def _newest(self, samples: Sequence[Sample], frames: Sequence[ReceivedFrame]) -> np.ndarray:
+    def _newest(self, samples: Sequence[Sample], frames: Sequence[Passage]) -> np.ndarray:
         """Return the sample index of the last frame before each row; without frames, the last sample before it."""
         at = {sample.number: k for k, sample in enumerate(samples)}
-        carried = [(f.t, at[f.sample]) for f in frames if f.way == "tx" and f.sample in at]
-        carried = carried or [(sample.t, k) for k, sample in enumerate(samples)]
+        carried = [(f.t_ns, at[f.sample]) for f in frames if f.kind == "tx" and f.sample in at]
+        carried = carried or [(sample.t_ns, k) for k, sample in enumerate(samples)]
         if not carried:
             return np.full(len(self.t), -1)
         times, index = np.array(carried).T

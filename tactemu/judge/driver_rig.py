@@ -108,15 +108,15 @@ class DriverRig:
     def facts(self, since: int, rows: int) -> LineFacts:
         """Return the facts on which the plan depends, from the traffic since a time, with the number of rows since."""
         recorder, wire = self.recorder, self.wires[0]
-        frames = [frame for frame in recorder.frames if frame.t >= since]
-        tx, rx = [f.data for f in frames if f.way == "tx"], [f.data for f in frames if f.way == "rx"]
+        frames = [frame for frame in recorder.frames if frame.t_ns >= since]
+        tx, rx = [f.text for f in frames if f.kind == "tx"], [f.text for f in frames if f.kind == "rx"]
         device = self.emulator.channels[0].device
         connector = wire.line_model.connector
         talks = len(rx) > 3 and len(rx) > 0.05 * max(1, rows)
         asks = talks and len(rx) >= 0.5 * rows
         seconds = (time.monotonic_ns() - since) / 1e9
         sets = any(dict(c.device.periods) != self.periods[c.name] for c in self.emulator.channels)
-        samples = len({f.sample for f in frames if f.way == "tx" and not f.answer})
+        samples = len({f.sample for f in frames if f.kind == "tx" and not f.is_answer})
         readings = rows if asks else samples
         return LineFacts(
             wire=wire.line_model.kind, usb=bool(getattr(connector, "usb", None)), asks=asks, talks=talks,

@@ -93,7 +93,7 @@ class DriverSession:
             self.budget.sleep(POLL_PERIOD_S / 2)
         if not driver.rows:
             return self._why_silent(driver)
-        self.starts.append((driver.rows[0].t - driver.started) / 1e9)
+        self.starts.append((driver.rows[0].t_ns - driver.started) / 1e9)
         end = time.monotonic() + self.options.no_contact_s
         while time.monotonic() < end and driver.exit is None and not driver.flooded:
             self.budget.sleep(POLL_PERIOD_S)
@@ -111,7 +111,7 @@ class DriverSession:
             return "floods: it prints more than 8 MB in 5 s that is no reading"
         if driver.exit is not None:
             return f"exits with status {driver.exit} before it is judged{words}"
-        opened = any(what == "opened" for _, what in self.rig.recorder.events)
+        opened = any(event.what == "opened" for event in self.rig.recorder.events)
         if driver.notes:
             return f"prints nothing that holds numbers within {self.options.start_s:g} s{words}"
         return f"prints nothing within {self.options.start_s:g} s{'' if opened else ', and does not open the port'}"
@@ -152,7 +152,7 @@ class DriverSession:
 
     def _rows_since(self, t: int) -> int:
         assert self.driver is not None
-        return sum(printed.t > t for printed in self.driver.rows[-5000:])
+        return sum(printed.t_ns > t for printed in self.driver.rows[-5000:])
 
     # -- records -----------------------------------------------------------------------------------------------------
 
@@ -192,5 +192,5 @@ def _since(entries: list, t: int) -> list:
     low, high = 0, len(entries)
     while low < high:
         middle = (low + high) // 2
-        low, high = (middle + 1, high) if entries[middle].t < t else (low, middle)
+        low, high = (middle + 1, high) if entries[middle].t_ns < t else (low, middle)
     return entries[low:]

@@ -14,7 +14,7 @@ from tactemu.judge.trial_record import TrialRecord
 class SchedulingDelay(NamedTuple):
     """One measurement of scheduling delays."""
 
-    t: int
+    t_ns: int
     overslept_ns: int
     """Time by which the thread that reads the driver's rows woke up late."""
     queued_ns: int
@@ -51,7 +51,7 @@ def late_ms(record: TrialRecord, delays: Sequence[SchedulingDelay]) -> float:
     It is the largest of three: the lateness of the emulator's loop with the frames and that of the thread that reads
     the rows, each as its 99th percentile, and the time per row for which the driver waited for a processor.
     """
-    during = [delay for delay in delays if record.on <= delay.t <= record.end]
+    during = [delay for delay in delays if record.on <= delay.t_ns <= record.end]
     overslept = sorted(delay.overslept_ns for delay in during)
     own = overslept[len(overslept) * 99 // 100] / 1e6 if overslept else 0.0
     return max(_loop_ms(record), own, _queued_ms(record, during))
@@ -59,11 +59,11 @@ def late_ms(record: TrialRecord, delays: Sequence[SchedulingDelay]) -> float:
 
 def _loop_ms(record: TrialRecord) -> float:
     """Return the lateness of the emulator's loop with its frames, compared with the earliest frame [ms]."""
-    at = {sample.number: sample.t for sample in record.samples}
+    at = {sample.number: sample.t_ns for sample in record.samples}
     waits = sorted(
-        f.t - at[f.sample]
+        f.t_ns - at[f.sample]
         for f in record.frames
-        if f.way == "tx" and not f.answer and f.sample in at and f.t >= record.on and record.on
+        if f.kind == "tx" and not f.is_answer and f.sample in at and f.t_ns >= record.on and record.on
     )
     return (waits[len(waits) * 99 // 100] - waits[0]) / 1e6 if waits else 0.0
 
@@ -72,5 +72,5 @@ def _queued_ms(record: TrialRecord, during: Sequence[SchedulingDelay]) -> float:
     """Return the time per row for which the driver waited for a processor [ms]."""
     if len(during) < 2:
         return 0.0
-    rows = sum(during[0].t < printed.t <= during[-1].t for printed in record.rows)
+    rows = sum(during[0].t_ns < printed.t_ns <= during[-1].t_ns for printed in record.rows)
     return max(0, during[-1].queued_ns - during[0].queued_ns) / 1e6 / max(1, rows)

@@ -9,7 +9,8 @@ import numpy as np
 
 from tactemu.judge.columns import Columns
 from tactemu.judge.outcome import CleanRun
-from tactemu.judge.trial_record import InjectedFault, ReceivedFrame, TrialRecord
+from tactemu.judge.trial_record import TrialRecord
+from tactemu.truth import Injection, Passage
 from tactemu.wire.faults import parse
 
 MIN_OUTAGE_SHARE = 0.5
@@ -47,16 +48,16 @@ def _no_check(record: TrialRecord, columns: Columns, known: CleanRun) -> str:
     return ""
 
 
-def _changes(record: TrialRecord, *kinds: str) -> list[InjectedFault]:
+def _changes(record: TrialRecord, *kinds: str) -> list[Injection]:
     """Return the faults injected in the trial, of the given kinds or of all."""
     return [
-        change for change in record.injected_faults if change.t >= record.on and (not kinds or change.what in kinds)
+        change for change in record.injected_faults if change.t_ns >= record.on and (not kinds or change.what in kinds)
     ]
 
 
 def outages(record: TrialRecord) -> int:
     """Return the number of times that the port was unplugged in the trial."""
-    return len({change.t for change in _changes(record, "unplug")})  # several skins lose their ports at one time
+    return len({change.t_ns for change in _changes(record, "unplug")})  # several skins lose their ports at one time
 
 
 # -- edits of frames ---------------------------------------------------------------------------------------------------
@@ -73,7 +74,7 @@ def _flipped(record: TrialRecord, columns: Columns, known: CleanRun) -> str:
     return "no flip hit a byte of a value that the driver reads" if changes else ""
 
 
-def _differing(change: InjectedFault) -> set[int]:
+def _differing(change: Injection) -> set[int]:
     before, after = bytes.fromhex(change.before), bytes.fromhex(change.after[0])
     return {k for k, (one, other) in enumerate(zip(before, after)) if one != other}
 
@@ -89,9 +90,9 @@ def _places_of_values(record: TrialRecord, columns: Columns, size: int) -> set[i
         after for c in record.injected_faults for after in c.after
     }
     carried = [
-        (frame.data, samples[frame.sample])
+        (frame.text, samples[frame.sample])
         for frame in record.frames
-        if frame.way == "tx" and len(frame.data) == size and frame.data not in harmed
+        if frame.kind == "tx" and len(frame.text) == size and frame.text not in harmed
         if frame.sample is not None and frame.sample in samples
     ][:MAX_FRAMES]
     if len(carried) < MIN_FRAMES or not read:
@@ -117,8 +118,8 @@ def _correlates(sent: np.ndarray, counts: np.ndarray) -> np.ndarray:
 
 def _late_answer(record: TrialRecord, columns: Columns, known: CleanRun) -> str:
     """Return why no late answer met another question: the driver must ask again before the answer comes."""
-    asked = [frame.t for frame in record.frames if frame.way == "rx"]
-    waits = [(change.t, change.t + parse(change.fault).by_ns) for change in _changes(record, "late")]
+    asked = [frame.t_ns for frame in record.frames if frame.kind == "rx"]
+    waits = [(change.t_ns, change.t_ns + parse(change.fault).by_ns) for change in _changes(record, "late")]
     overtaken = any(ready < t < came for ready, came in waits for t in asked)
     return "" if overtaken else "the driver waited for each late answer: none came after another question"
 
@@ -130,14 +131,14 @@ def _hang(record: TrialRecord, columns: Columns, known: CleanRun) -> str:
     """Return why the device did not hang: frames went on, or no question came that it could have answered."""
     if record.trial.get("faults"):
         return ""
-    if known.asks and not any(frame.way == "rx" and record.on < frame.t < record.off for frame in record.frames):
+    if known.asks and not any(frame.kind == "rx" and record.on < frame.t_ns < record.off for frame in record.frames):
         return "the driver asked for nothing meanwhile"
-    quiet = _longest_gap([frame.t for frame in record.frames if frame.way == "tx"], record)
+    quiet = _longest_gap([frame.t_ns for frame in record.frames if frame.kind == "tx"], record)
     return "" if quiet > MIN_OUTAGE_SHARE else "the device went on sending frames"
 
 
 def _stopped(record: TrialRecord, columns: Columns, known: CleanRun) -> str:
-    quiet = _longest_gap([printed.t for printed in record.rows], record)
+    quiet = _longest_gap([printed.t_ns for printed in record.rows], record)
     return "" if quiet > MIN_OUTAGE_SHARE else "the driver's process was not stopped"
 
 
@@ -149,9 +150,9 @@ def _longest_gap(times: Sequence[int], record: TrialRecord) -> float:
 
 def _wrong_baud(record: TrialRecord, columns: Columns, known: CleanRun) -> str:
     """Return why the speed was not wrong: frames at another speed have other lengths, or none arrive."""
-    during = [frame for frame in record.frames if record.on < frame.t < record.off]
-    usual = {(frame.way, len(frame.data)) for frame in record.frames if frame.t < record.on}
-    misheard = [frame for frame in during if (frame.way, len(frame.data)) not in usual]
+    during = [frame for frame in record.frames if record.on < frame.t_ns < record.off]
+    usual = {(frame.kind, len(frame.text)) for frame in record.frames if frame.t_ns < record.on}
+    misheard = [frame for frame in during if (frame.kind, len(frame.text)) not in usual]
     return "" if misheard or not during else "frames arrived as before"
 
 
@@ -160,7 +161,7 @@ def _wrong_baud(record: TrialRecord, columns: Columns, known: CleanRun) -> str:
 
 def _reset(record: TrialRecord, columns: Columns, known: CleanRun) -> str:
     begun = record.on - MAX_ACTION_NS
-    happened = any(change.what == "reset" and change.t >= begun for change in record.injected_faults)
+    happened = any(change.what == "reset" and change.t_ns >= begun for change in record.injected_faults)
     return "" if happened else "the device did not restart"
 
 
@@ -198,13 +199,13 @@ def _afterwards(record: TrialRecord) -> np.ndarray:
 
 
 def _counts(record: TrialRecord, since: int, until: int) -> np.ndarray:
-    return np.array([sample.counts for sample in record.samples if since < sample.t <= until])
+    return np.array([sample.counts for sample in record.samples if since < sample.t_ns <= until])
 
 
 def _rate(record: TrialRecord, columns: Columns, known: CleanRun) -> str:
     """Return why the rate did not change: more readings must arrive than usually, or fewer samples be taken."""
     rises = record.name == "high rate"
-    times = _carried(record.frames) if rises else [sample.t for sample in record.samples]
+    times = _carried(record.frames) if rises else [sample.t_ns for sample in record.samples]
     during = _per_second(times, record.on, record.off)
     usual = max(_per_second(times, record.on - SECOND_NS, record.on), _per_second(times, record.off, record.end))
     if during > MIN_RATE_RISE * usual if rises else during < MAX_RATE_FALL * usual:
@@ -212,12 +213,12 @@ def _rate(record: TrialRecord, columns: Columns, known: CleanRun) -> str:
     return f"{during:.0f} readings a second {'arrived' if rises else 'were taken'}, {usual:.0f} otherwise"
 
 
-def _carried(frames: Sequence[ReceivedFrame]) -> list[int]:
+def _carried(frames: Sequence[Passage]) -> list[int]:
     """Return the times at which the first frame of each sample left [ns]."""
     first: dict[int, int] = {}
     for frame in frames:
-        if frame.way == "tx" and frame.sample is not None:
-            first.setdefault(frame.sample, frame.t)
+        if frame.kind == "tx" and frame.sample is not None:
+            first.setdefault(frame.sample, frame.t_ns)
     return list(first.values())
 
 

@@ -41,12 +41,12 @@ class RowTracker:
 
 def left_times(record: TrialRecord) -> np.ndarray:
     """Return the time at which the last frame of each sample left, or its sampling time if no frame carried it [ns]."""
-    times = np.array([sample.t for sample in record.samples], np.int64)
+    times = np.array([sample.t_ns for sample in record.samples], np.int64)
     at = {sample.number: k for k, sample in enumerate(record.samples)}
     for frame in record.frames:
-        if frame.way == "tx" and frame.sample in at:
+        if frame.kind == "tx" and frame.sample in at:
             k = at[frame.sample]
-            times[k] = max(times[k], frame.t)
+            times[k] = max(times[k], frame.t_ns)
     return times
 
 
@@ -63,20 +63,20 @@ def recovered(
     run: list[int] = []
     last = -1
     for match in matches:
-        if match.printed.t <= after:
+        if match.printed.t_ns <= after:
             continue
         k = match.sample
         fresh = k is not None and k < len(left) and left[k] >= after and not match.marked
         if fresh and known.asks:
             fresh = not questions.is_old(match, known)
         elif fresh:
-            fresh = match.printed.t - left[k] <= limit_ns
+            fresh = match.printed.t_ns - left[k] <= limit_ns
         again = k == last and not known.asks and known.keeps and not known.repeats
         if not fresh or k is None or k < last or again:
             run, last = [], -1
             if not fresh or k is None:
                 continue
-        run.append(match.printed.t)
+        run.append(match.printed.t_ns)
         last = k
         if len(run) == SETTLED:
             return (run[0] - after) / 1e9
@@ -87,11 +87,11 @@ class Questions:
     """The questions of a driver that polls, with the newest sample at each."""
 
     def __init__(self, record: TrialRecord, ask_ms: float):
-        self._asked = np.array([f.t for f in record.frames if f.way == "rx"])
-        self._answered = np.sort(np.array([f.t for f in record.frames if f.way == "tx"]))
+        self._asked = np.array([f.t_ns for f in record.frames if f.kind == "rx"])
+        self._answered = np.sort(np.array([f.t_ns for f in record.frames if f.kind == "tx"]))
         self._usual_ns = 1e6 * ask_ms
-        rows = sum(printed.t > record.on for printed in record.rows)
-        self._per_row = max(1, round(sum(f.t > record.on for f in record.frames if f.way == "rx") / max(1, rows)))
+        rows = sum(printed.t_ns > record.on for printed in record.rows)
+        self._per_row = max(1, round(sum(f.t_ns > record.on for f in record.frames if f.kind == "rx") / max(1, rows)))
         """Number of questions for one row."""
         self._newest = _newest(record, self._asked)
         """Index of the newest sample at each question."""
@@ -111,8 +111,8 @@ class Questions:
         """Return the number of the question that a row answers, or -1 if there was none."""
         if not len(self._asked):
             return -1
-        answered = self._answered[: np.searchsorted(self._answered, match.printed.t, side="right")]
-        since = max(match.printed.t - 0.5 * self._usual_ns, answered[-1] if len(answered) else 0)
+        answered = self._answered[: np.searchsorted(self._answered, match.printed.t_ns, side="right")]
+        since = max(match.printed.t_ns - 0.5 * self._usual_ns, answered[-1] if len(answered) else 0)
         return int(np.searchsorted(self._asked, since)) - 1
 
     def is_one_behind(self, match: Match, matcher: Matcher) -> bool | None:
@@ -141,12 +141,12 @@ def _newest(record: TrialRecord, asked: np.ndarray) -> np.ndarray:
     A busy loop takes samples between the arrival of a question and its answer, and a device may answer with its next
     sample. A frame that is no answer and older than the question is ignored.
     """
-    newest = np.searchsorted(np.array([sample.t for sample in record.samples]), asked, side="right") - 1
+    newest = np.searchsorted(np.array([sample.t_ns for sample in record.samples]), asked, side="right") - 1
     index = {sample.number: k for k, sample in enumerate(record.samples)}
     question, is_open = -1, False
-    for frame in sorted(record.frames, key=lambda frame: frame.t):
-        if frame.way == "rx":
+    for frame in sorted(record.frames, key=lambda frame: frame.t_ns):
+        if frame.kind == "rx":
             question, is_open = question + 1, True
-        elif is_open and frame.sample in index and (frame.answer or index[frame.sample] >= newest[question]):
+        elif is_open and frame.sample in index and (frame.is_answer or index[frame.sample] >= newest[question]):
             newest[question], is_open = index[frame.sample], False
     return newest

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from tactemu.judge.columns import Columns
-from tactemu.judge.trial_record import DriverRow, Sample
+from tactemu.judge.trial_record import DriverRow
+from tactemu.truth import Sample
 
 WINDOW_S = 8.0
 """Greatest age of a row's sample [s]."""
@@ -50,7 +51,7 @@ class Matcher:
             return
         counts = np.array([sample.counts for sample in samples])
         new = self.columns.expected(counts)
-        times = np.array([sample.t for sample in samples], np.int64)
+        times = np.array([sample.t_ns for sample in samples], np.int64)
         need = self._filled + len(new)
         if need > len(self._times):
             room = max(need, 2 * len(self._times), 256)
@@ -73,7 +74,7 @@ class Matcher:
             return None
         marked = self.columns.marked(printed.row)
         times = self._times[: self._filled]
-        low, high = np.searchsorted(times, (printed.t - round(WINDOW_S * 1e9), printed.t + AHEAD_NS))
+        low, high = np.searchsorted(times, (printed.t_ns - round(WINDOW_S * 1e9), printed.t_ns + AHEAD_NS))
         if high <= low:
             return Match(printed, None, marked)
         expected, slack = self._expected[low:high], self._slack[low:high]
@@ -110,7 +111,7 @@ class Matcher:
         y = self.columns.row(printed.row)
         if y is None or not self._filled:
             return False
-        high = int(np.searchsorted(self._times[: self._filled], printed.t + AHEAD_NS))
+        high = int(np.searchsorted(self._times[: self._filled], printed.t_ns + AHEAD_NS))
         window = self._expected[max(0, high - back) : high]
         if not len(window):
             return False

@@ -15,7 +15,7 @@ from typing import Any
 from tactemu.base.errors import TactemuError
 from tactemu.judge.outcome import FAILING, Outcome
 from tactemu.judge.plan import Trial
-from tactemu.judge.trial_record import InjectedFault, TrialRecord
+from tactemu.judge.trial_record import TrialRecord
 
 MAX_RUNS = 8
 """Maximum number of runs of a search; bounds its time."""
@@ -93,8 +93,8 @@ def _by_frame(faults: Sequence[str]) -> list[list[str]]:
 def _suspects(groups: list[list[str]], record: TrialRecord, outcome: Outcome) -> list[list[str]]:
     """Return the groups of edits that were made last before the first wrong row."""
     wrong = [bad["t"] for bad in outcome.bad if bad["t"] > record.on]
-    until = min(wrong) if wrong else record.rows[-1].t if record.rows else record.end
-    made = [change for change in record.injected_faults if record.on <= change.t <= until + 1_000_000]
+    until = min(wrong) if wrong else record.rows[-1].t_ns if record.rows else record.end
+    made = [change for change in record.injected_faults if record.on <= change.t_ns <= until + 1_000_000]
     found = []
     for change in reversed(made[-6:]):
         found += [group for group in groups if change.fault in group and group not in found]
@@ -125,7 +125,7 @@ def _case(
     target: str,
     command: Sequence[str],
 ) -> dict[str, Any]:  # fmt: skip
-    changes = [change for change in record.injected_faults if change.t >= record.on]
+    changes = [change for change in record.injected_faults if change.t_ns >= record.on]
     bad = next((bad for bad in outcome.bad), None)
     return {
         "version": VERSION, "device": target, "command": list(command), "trial": trial.name, "finding": kind,
@@ -218,4 +218,4 @@ def _cut(head: str, data: str, start: int, most: int) -> str:
     return f"{head}{left}{data[start : start + most]}{right}{where}"
 
 
-__all__ = ["InjectedFault", "find", "in_words", "may_be", "read", "trial_of", "write"]
+__all__ = ["find", "in_words", "may_be", "read", "trial_of", "write"]

@@ -39,14 +39,14 @@ def template(text: str) -> str:
 def count_rows(out: Outcome, record: TrialRecord, tracker: RowTracker, left: np.ndarray) -> None:
     """Count each row of the trial as right, wrong, marked, again or older, and measure the latencies."""
     known = tracker.known
-    times = np.array([sample.t for sample in record.samples])
-    sent_at = np.sort(np.array([f.t for f in record.frames if f.way == "tx"], np.int64))
+    times = np.array([sample.t_ns for sample in record.samples])
+    sent_at = np.sort(np.array([f.t_ns for f in record.frames if f.kind == "tx"], np.int64))
     questions = Questions(record, known.ask_ms)
     answers = _answers(record) if known.asks else {}
     grace = 1e6 * max(GRACE_MS, 3 * known.p99_ms)
     last, seen, ages = -1, set(), []
     for match in tracker.matches:
-        t, k = match.printed.t, match.sample
+        t, k = match.printed.t_ns, match.sample
         if t > record.end:
             break
         if t <= record.on:  # needed only for the last sample that was handed out
@@ -83,7 +83,7 @@ def count_rows(out: Outcome, record: TrialRecord, tracker: RowTracker, left: np.
             seen.add(k)
             last = max(last, k)
     out.lost, out.sent = _lost(record, seen)
-    out.injected = len([change for change in record.injected_faults if change.t >= record.on])
+    out.injected = len([change for change in record.injected_faults if change.t_ns >= record.on])
     if out.waits_ms:
         p50, p99, worst = np.quantile(out.waits_ms, (0.5, 0.99, 1.0))
         out.p50_ms, out.p99_ms, out.worst_ms = float(p50), float(p99), float(worst)
@@ -95,7 +95,7 @@ def _wait_ns(
     match: Match, left: np.ndarray, answers: Mapping[int, list[int]], sent_at: np.ndarray, record: TrialRecord
 ) -> int:
     """Return the time from the last byte that a row needs, or of its answer if the driver polls, to the row [ns]."""
-    t, k = match.printed.t, match.sample
+    t, k = match.printed.t_ns, match.sample
     assert k is not None
     if answers:
         own = [each for each in answers.get(record.samples[k].number, ()) if each <= t]
@@ -110,8 +110,8 @@ def _answers(record: TrialRecord) -> dict[int, list[int]]:
     """Return the times at which the frames of each sample left, by its number [ns]."""
     found: dict[int, list[int]] = {}
     for frame in record.frames:
-        if frame.way == "tx" and frame.sample is not None:
-            found.setdefault(frame.sample, []).append(frame.t)
+        if frame.kind == "tx" and frame.sample is not None:
+            found.setdefault(frame.sample, []).append(frame.t_ns)
     return found
 
 
@@ -122,16 +122,16 @@ def _lost(record: TrialRecord, seen: set[int]) -> tuple[int, int]:
     """
     if not seen:
         return 0, 0
-    times = np.array([sample.t for sample in record.samples])
+    times = np.array([sample.t_ns for sample in record.samples])
     number = {sample.number: k for k, sample in enumerate(record.samples)}
-    carried = Counter(number[f.sample] for f in record.frames if f.way == "tx" and f.sample in number)
+    carried = Counter(number[f.sample] for f in record.frames if f.kind == "tx" and f.sample in number)
     in_frames = bool(carried) and np.median(list(carried.values())) > 1
     harmed = set()
     for change in record.injected_faults:
         kind = KINDS.get(change.what)
         if kind is not None and kind.keeps_frame and not (in_frames and kind.mixes_samples):
             continue
-        harmed.add(int(np.searchsorted(times, change.t, side="right")) - 1)
+        harmed.add(int(np.searchsorted(times, change.t_ns, side="right")) - 1)
     held_up = _held_up(record, number)
     window = {k for k in carried if min(seen) < k < max(seen) and times[k] >= record.on} - held_up
     return len(window - seen - harmed), len(window)
@@ -142,7 +142,7 @@ def _held_up(record: TrialRecord, number: Mapping[int, int]) -> set[int]:
 
     A driver may refuse them: their frames are further apart than those of the device, or closer together.
     """
-    late = {f.sample for f in record.frames if f.way == "tx" and f.late_ns > 1e6 * MAX_OWN_LATENESS_MS}
+    late = {f.sample for f in record.frames if f.kind == "tx" and f.late_ns > 1e6 * MAX_OWN_LATENESS_MS}
     held_up = {k for sample, k in number.items() if sample in late}
     return held_up | {k + 1 for k in held_up}
 
@@ -159,7 +159,7 @@ def _keep_bad(out: Outcome, match: Match, record: TrialRecord, tracker: RowTrack
     row = {name: match.printed.row[name] for name in names if name in match.printed.row}
     truth = {name: truth[name] for name in names if name in truth}
     out.bad.append({
-        "t": match.printed.t, "row": row, "odd": list(match.odd)[:16], "truth": truth, "old": old,
+        "t": match.printed.t_ns, "row": row, "odd": list(match.odd)[:16], "truth": truth, "old": old,
         "sample": None if near is None else record.samples[near].number,
     })  # fmt: skip
 
@@ -168,16 +168,16 @@ def count_messages(out: Outcome, record: TrialRecord, known: CleanRun) -> None:
     """Count the new messages, and measure the longest silence during the fault."""
     usual = set(known.usual)
     columns = Columns.from_dict(record.columns or {"columns": []})
-    new = [(n.t, n.text) for n in record.notes if record.on < n.t <= record.end and template(n.text) not in usual]
+    new = [(n.t_ns, n.text) for n in record.notes if record.on < n.t_ns <= record.end and template(n.text) not in usual]
     new += [
-        (printed.t, json.dumps(dict(printed.row)))
+        (printed.t_ns, json.dumps(dict(printed.row)))
         for printed in record.rows
-        if record.on < printed.t <= record.end and columns.values and columns.row(printed.row) is None
+        if record.on < printed.t_ns <= record.end and columns.values and columns.row(printed.row) is None
     ]
     out.notes = len(new)
     out.said = list(dict.fromkeys(template(text) for _, text in new))[:4]
     times = sorted(
-        [record.on, *(printed.t for printed in record.rows if record.on < printed.t <= record.off), record.off]
+        [record.on, *(printed.t_ns for printed in record.rows if record.on < printed.t_ns <= record.off), record.off]
     )
     gaps = [later - earlier for earlier, later in itertools.pairwise(times)]
     out.quiet_s = max(gaps, default=0) / 1e9
@@ -188,9 +188,9 @@ def count_messages(out: Outcome, record: TrialRecord, known: CleanRun) -> None:
 
 def measure_resources(out: Outcome, record: TrialRecord) -> None:
     """Measure the driver's processor time and the growth of its memory."""
-    during = [usage for usage in record.resource_usage if record.on <= usage.t <= record.off]
+    during = [usage for usage in record.resource_usage if record.on <= usage.t_ns <= record.off]
     if len(during) > 3:
-        took = (during[-1].t - during[0].t) / 1e9
+        took = (during[-1].t_ns - during[0].t_ns) / 1e9
         out.cpu = (during[-1].cpu - during[0].cpu) / took if took > 0 else 0.0
     out.leak = _growth(record)
     out.grown = _grown(record)
@@ -198,19 +198,19 @@ def measure_resources(out: Outcome, record: TrialRecord) -> None:
 
 def _grown(record: TrialRecord) -> int:
     """Return the growth from the last measurement before the fault until the recovery [byte]."""
-    before = [usage.bytes for usage in record.resource_usage if usage.t <= record.on][-1:]
-    sizes = before + [usage.bytes for usage in record.resource_usage if record.on < usage.t <= record.end]
+    before = [usage.bytes for usage in record.resource_usage if usage.t_ns <= record.on][-1:]
+    sizes = before + [usage.bytes for usage in record.resource_usage if record.on < usage.t_ns <= record.end]
     return sizes[-1] - sizes[0] if sizes else 0
 
 
 def _growth(record: TrialRecord) -> float:
     """Return the growth for each reading, as the median of all slopes after the first third of the time [byte]."""
-    during = [usage for usage in record.resource_usage if record.on <= usage.t <= record.off]
+    during = [usage for usage in record.resource_usage if record.on <= usage.t_ns <= record.off]
     if len(during) < 15:
         return 0.0
     late = during[len(during) // 3 :]
-    size, t = np.array([usage.bytes for usage in late], float), np.array([usage.t for usage in late])
-    sent = np.array([sample.t for sample in record.samples])
+    size, t = np.array([usage.bytes for usage in late], float), np.array([usage.t_ns for usage in late])
+    sent = np.array([sample.t_ns for sample in record.samples])
     n = np.searchsorted(sent, t).astype(float)
     i, k = np.triu_indices(len(n), 5)
     slopes = (size[k] - size[i]) / np.maximum(n[k] - n[i], 1.0)

@@ -1,13 +1,13 @@
 """The record of one trial from both ends of the wire: samples, frames, faults, rows, notes and resource usage.
 
-The verdicts follow from it alone. Its file has JSON lines: a head, then one object for each entry. Times are those of
-the machine's monotonic clock [ns].
+The verdicts follow from it alone. What happened on the wire are entries of the truth log, on the machine's monotonic
+clock [ns]; what the driver did are :class:`DriverRow`, :class:`Note` and :class:`ResourceUsage`. The file has JSON
+lines: a head, then the lines of a truth log among those of the driver.
 """
 
 from __future__ import annotations
 
 import json
-import re
 import time
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
@@ -17,68 +17,27 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tactemu.base.errors import TactemuError
-from tactemu.base.frame_text import text
 from tactemu.truth import Truth
-from tactemu.truth.entries import Entry, Injection, Passage, PortEvent
-from tactemu.truth.entries import Sample as TrueSample
+from tactemu.truth.entries import Entry, Injection, Passage, PortEvent, Sample
+from tactemu.truth.jsonl_format import entry_of, row_of
 
-VERSION = 1
+VERSION = 2
 Row = Mapping[str, float]
-_NUMBER = re.compile(r", frame (\d+)\]$")
-
-
-class Sample(NamedTuple):
-    """One conversion of the device."""
-
-    t: int
-    number: int
-    counts: np.ndarray
-    """The values that a perfect driver decodes, one for each channel."""
-
-
-class ReceivedFrame(NamedTuple):
-    """A frame that was sent to the driver or received from it."""
-
-    t: int
-    way: str
-    """``tx``: to the driver; ``rx``: from it."""
-    data: str
-    """Hex, or ``candump`` notation."""
-    sample: int | None = None
-    """Number of the sample that it carries; for an answer, of the latest sample when the driver asked."""
-    answer: bool = False
-    """True if it carries no sample of its own: an answer, or a frame between samples."""
-    late_ns: int = 0
-    """Time by which our own process handed it over late, after its last bit had left the line."""
-
-
-class InjectedFault(NamedTuple):
-    """A fault that was injected."""
-
-    t: int
-    what: str
-    """Kind of the fault."""
-    fault: str
-    """The fault in the language of ``--fault``."""
-    frame: int | None
-    """Number of the frame, counted from the time at which the fault was switched on."""
-    before: str
-    """The frame as it was sent."""
-    after: tuple[str, ...]
-    """The frames that arrived in its place."""
+_NO_READING = np.zeros(0)
+"""The readings of a sample in a record, which has the counts of all skins in one array."""
 
 
 class DriverRow(NamedTuple):
     """A row of numbers that the driver printed."""
 
-    t: int
+    t_ns: int
     row: Row
 
 
 class Note(NamedTuple):
     """A line without a row that the driver printed."""
 
-    t: int
+    t_ns: int
     text: str
     err: bool = False
     """True if it came on standard error."""
@@ -87,7 +46,7 @@ class Note(NamedTuple):
 class ResourceUsage(NamedTuple):
     """The memory and processor time of the driver's processes."""
 
-    t: int
+    t_ns: int
     bytes: int
     """Resident memory."""
     cpu: float
@@ -121,16 +80,17 @@ class TrialRecord:
     trouble: str = ""
     """The reason why the trial could not be run."""
     samples: list[Sample] = field(default_factory=list)
-    frames: list[ReceivedFrame] = field(default_factory=list)
-    injected_faults: list[InjectedFault] = field(default_factory=list)
+    """The conversions of the device, each with the counts of all its skins and senses; it has no readings."""
+    frames: list[Passage] = field(default_factory=list)
+    """The frames that were sent to the driver or received from it; those of answers have the numbers of samples."""
+    injected_faults: list[Injection] = field(default_factory=list)
     rows: list[DriverRow] = field(default_factory=list)
     notes: list[Note] = field(default_factory=list)
     resource_usage: list[ResourceUsage] = field(default_factory=list)
 
     def since(self, t: int) -> TrialRecord:
         """Return a copy with the entries from a time on."""
-        lists = {name: [each for each in getattr(self, name) if each.t >= t] for name, _ in _LISTS.values()}
-        return replace(self, **lists)
+        return replace(self, **{name: [each for each in getattr(self, name) if each.t_ns >= t] for name in _LISTS})
 
     # -- as a file -----------------------------------------------------------------------------------------------------
 
@@ -149,11 +109,9 @@ class TrialRecord:
 
     def lines(self) -> Iterator[dict[str, Any]]:
         """Yield the head, then all entries sorted by time, as JSON data."""
-        head = {name: getattr(self, name) for name in _HEAD}
-        yield {"kind": "trial", "version": VERSION, **head}
-        entries = [(each.t, kind, each) for kind, (name, _) in _LISTS.items() for each in getattr(self, name)]
-        for _, kind, each in sorted(entries, key=lambda entry: entry[0]):
-            yield {"kind": kind, **each._asdict()}
+        yield {"kind": "trial", "version": VERSION, **{name: getattr(self, name) for name in _HEAD}}
+        for entry in sorted((each for name in _LISTS for each in getattr(self, name)), key=lambda each: each.t_ns):
+            yield _line_of(entry)
 
     @classmethod
     def read(cls, path: str | Path) -> TrialRecord:
@@ -170,22 +128,18 @@ class TrialRecord:
 
     @classmethod
     def _of(cls, lines: Any, path: str) -> TrialRecord:
-        record = None
+        record, version = None, VERSION
         for number, line in enumerate(lines, 1):
             try:
-                entry = json.loads(line)
-                kind = entry.pop("kind")
+                row = json.loads(line)
                 if record is None:
-                    if kind != "trial" or entry.pop("version") > VERSION:
+                    version = row["version"]
+                    if row["kind"] != "trial" or version > VERSION:
                         raise ValueError("no head of a trial that this tactemu reads")
-                    record = cls(**{name: entry[name] for name in _HEAD})
+                    record = cls(**{name: row[name] for name in _HEAD})
                     continue
-                if kind == "samples":
-                    entry["counts"] = np.array(entry["counts"], float)
-                if kind == "changes":
-                    entry["after"] = tuple(entry["after"])
-                name, entry_type = _LISTS[kind]
-                getattr(record, name).append(entry_type(**entry))
+                entry = _entry_of(_of_version_1(row) if version == 1 else row)
+                getattr(record, _LIST_OF[type(entry)]).append(entry)
             except (ValueError, KeyError, TypeError, AttributeError) as error:
                 raise TactemuError(f"{path}:{number}: not a recorded trial: {error}") from None
         if record is None:
@@ -193,14 +147,53 @@ class TrialRecord:
         return record
 
 
-_LISTS: dict[str, tuple[str, Any]] = {
-    "samples": ("samples", Sample), "frames": ("frames", ReceivedFrame), "changes": ("injected_faults", InjectedFault),
-    "rows": ("rows", DriverRow), "notes": ("notes", Note), "weights": ("resource_usage", ResourceUsage),
+def sample_of(t_ns: int, number: int, counts: np.ndarray) -> Sample:
+    """Return a conversion of the device as a record has it: with the counts of all skins, without readings."""
+    return Sample(t_ns, "", _NO_READING, _NO_READING, counts, number)
+
+
+_OWN = {"row": DriverRow, "note": Note, "usage": ResourceUsage}
+"""The kinds of lines that no truth log has."""
+_LIST_OF: dict[type, str] = {
+    Sample: "samples", Passage: "frames", Injection: "injected_faults", DriverRow: "rows", Note: "notes",
+    ResourceUsage: "resource_usage",
 }  # fmt: skip
-"""The attribute and the type of each kind of entry in a file."""
+"""The attribute of each type of entry."""
+_LISTS = tuple(_LIST_OF.values())
 _HEAD = (
     "name", "trial", "known", "columns", "on", "off", "end", "exit", "late_ms", "unread", "trouble",
 )  # fmt: skip
+
+
+def _line_of(entry: Any) -> dict[str, Any]:
+    if isinstance(entry, Passage):
+        return row_of(entry) | {"late_ns": entry.late_ns, "is_answer": entry.is_answer}
+    if isinstance(entry, Sample | Injection):
+        return row_of(entry)
+    return {"kind": next(kind for kind, own in _OWN.items() if type(entry) is own), **entry._asdict()}
+
+
+def _entry_of(row: dict[str, Any]) -> Any:
+    """Return the entry of a line.
+
+    Raises:
+        ValueError, KeyError, TypeError: it is none.
+    """
+    if own := _OWN.get(row["kind"]):
+        return own(**{name: value for name, value in row.items() if name != "kind"})
+    entry = entry_of(row)
+    if isinstance(entry, Passage):
+        return entry._replace(late_ns=row["late_ns"], is_answer=row["is_answer"])
+    return entry
+
+
+def _of_version_1(row: dict[str, Any]) -> dict[str, Any]:
+    """Return a line of version 1, which had other names, as one of this version."""
+    kinds = {"samples": "sample", "changes": "inject", "rows": "row", "notes": "note", "weights": "usage"}
+    names = {"t": "t_ns", "number": "sample", "fault": "detail", "answer": "is_answer"}
+    kind = row["way"] if row["kind"] == "frames" else kinds[row["kind"]]
+    more: dict[str, Any] = {"ideal": [], "measured": []} if kind == "sample" else {}
+    return {names.get(name, name): value for name, value in row.items() if value is not None} | {"kind": kind, **more}
 
 
 def _plain(value: Any) -> Any:
@@ -219,11 +212,11 @@ class Recorder:
 
     def __init__(self, keep: int = 200_000):
         self.samples: list[Sample] = []
-        self.frames: list[ReceivedFrame] = []
-        self.injected_faults: list[InjectedFault] = []
-        self.events: list[tuple[int, str]] = []
+        self.frames: list[Passage] = []
+        self.injected_faults: list[Injection] = []
+        self.events: list[PortEvent] = []
         self.unread = 0
-        self._keep = keep
+        self._keep_count = keep
         self._truth: Truth | None = None
         self._latest_counts: dict[str, np.ndarray] = {}
         """The latest counts by skin and sense."""
@@ -245,53 +238,45 @@ class Recorder:
         origin = self._truth.origin_ns if self._truth is not None else None
         t = entry.t_ns + (origin or 0)
         match entry:
-            case TrueSample():
+            case Sample():
                 self._sampled(t, entry)
             case Passage(kind="tx"):
                 sample = self._asked if entry.sample is None else entry.sample
                 late_ns = entry.late_ns + max(0, time.monotonic_ns() - t)
-                self.frames.append(ReceivedFrame(t, "tx", text(entry.frame), sample, entry.sample is None, late_ns))
-                self._bound(self.frames)
+                is_answer = entry.sample is None
+                self._keep(self.frames, entry._replace(t_ns=t, sample=sample, late_ns=late_ns, is_answer=is_answer))
             case Passage(kind="rx"):
                 self._asked = self.samples[-1].number if self.samples else None
-                self.frames.append(ReceivedFrame(t, "rx", text(entry.frame)))
-                self._bound(self.frames)
+                self._keep(self.frames, entry._replace(t_ns=t))
             case Passage():
                 self.unread += entry.why == "not read"
             case Injection():
-                number = _NUMBER.search(entry.detail)
-                fault = entry.detail.partition(" [")[0]
-                found = int(number[1]) if number else None
-                self.injected_faults.append(InjectedFault(t, entry.what, fault, found, entry.before, entry.after))
-                self._bound(self.injected_faults)
+                self._keep(self.injected_faults, entry._replace(t_ns=t))
             case PortEvent():
-                self.events.append((t, entry.what))
-                self._bound(self.events)
+                self._keep(self.events, entry._replace(t_ns=t))
 
-    def _sampled(self, t: int, entry: TrueSample) -> None:
+    def _sampled(self, t: int, entry: Sample) -> None:
         """Record a sample; samples of several senses or skins that were taken together become one."""
         last = self.samples[-1] if self.samples else None
         self._latest_counts[f"{entry.device}/{entry.sense}"] = np.asarray(entry.counts, float).ravel()
-        joined = np.concatenate(list(self._latest_counts.values()))
-        if last is not None and last.t == t and entry.number == last.number:
-            self.samples[-1] = Sample(t, entry.number, joined)
-            return
-        self.samples.append(Sample(t, entry.number, joined))
-        self._bound(self.samples)
+        sample = sample_of(t, entry.number, np.concatenate(list(self._latest_counts.values())))
+        if last is not None and last.t_ns == t and entry.number == last.number:
+            self.samples[-1] = sample
+        else:
+            self._keep(self.samples, sample)
 
-    def _bound(self, entries: list) -> None:
-        if len(entries) > self._keep:
-            del entries[: self._keep // 4]
+    def _keep(self, entries: list, entry: Any) -> None:
+        entries.append(entry)
+        if len(entries) > self._keep_count:
+            del entries[: self._keep_count // 4]
 
 
 __all__ = [
     "DriverRow",
-    "InjectedFault",
     "Note",
-    "ReceivedFrame",
     "Recorder",
     "ResourceUsage",
     "Row",
-    "Sample",
     "TrialRecord",
+    "sample_of",
 ]

@@ -16,8 +16,9 @@ from tactemu.judge.options import JudgeOptions
 from tactemu.judge.outcome import ABOUT, CleanRun, Outcome
 from tactemu.judge.plan import LineFacts, Plan, Trial
 from tactemu.judge.rollover_counter import RolloverCounter
-from tactemu.judge.trial_record import InjectedFault, TrialRecord
+from tactemu.judge.trial_record import TrialRecord
 from tactemu.judge.verdicts import judge_record, measure_clean_run
+from tactemu.truth import Injection
 
 CLEAN_ROWS = 320
 """Number of rows after which the run without faults ends."""
@@ -193,7 +194,7 @@ class Judge(DriverSession):
             self.columns = Columns.load(self.options.columns, channels)
         else:
             try:
-                rows = [printed for printed in record.rows if printed.t > record.on]
+                rows = [printed for printed in record.rows if printed.t_ns > record.on]
                 self.columns = learn(rows, record.samples, record.frames, channels, self.options.seed, steps)
             except UnlearnableError as why:
                 return f"no row can be judged: {why}"
@@ -263,7 +264,7 @@ class Judge(DriverSession):
         found.exit, found.unread = driver.exit, self.rig.recorder.unread - unread
         if driver.flooded:
             found.trouble = "floods: it prints more than 8 MB in 5 s that is no reading"
-        found.notes = [note for note in driver.notes[events:] if note.t > on]
+        found.notes = [note for note in driver.notes[events:] if note.t_ns > on]
         found = self._complete(found)
         if keep:
             self._write(found)
@@ -285,7 +286,7 @@ class Judge(DriverSession):
             if trial.action == "stop":
                 driver.stop(False)
             off = self.rig.finish()
-        changes = [change.t for change in self.rig.recorder.injected_faults[-2000:] if on <= change.t]
+        changes = [change.t_ns for change in self.rig.recorder.injected_faults[-2000:] if on <= change.t_ns]
         return on, max(changes, default=off) if trial.faults and not trial.action else off
 
     def _wait_for_edits(self, trial: Trial, on: int) -> None:
@@ -298,7 +299,7 @@ class Judge(DriverSession):
         progress, seen = time.monotonic(), 0
         while self.driver.exit is None and not self.driver.flooded and time.monotonic() < longest:
             now = time.monotonic()
-            made = sum(change.t >= on for change in recorder.injected_faults[-2000:])
+            made = sum(change.t_ns >= on for change in recorder.injected_faults[-2000:])
             if made > seen:
                 progress, seen = now, made
             if now >= end and (made >= edits or now - progress > self._recovery_timeout_s + 8 * self.facts.row_s):
@@ -317,7 +318,7 @@ class Judge(DriverSession):
         if has_recovered or driver.exit is not None:
             time.sleep(0.03 + 0.5 * self.facts.row_s)  # for a row on its way, and for last messages
             return has_recovered
-        if not any(printed.t > off for printed in driver.rows[-100:]) and self._silent_timeout_s > timeout_s:
+        if not any(printed.t_ns > off for printed in driver.rows[-100:]) and self._silent_timeout_s > timeout_s:
             # A silent driver may wait for a long timeout of its own. The judge waits for it once.
             begun = time.monotonic()
             has_recovered = self._recovers(off, self._silent_timeout_s - timeout_s)
@@ -353,7 +354,7 @@ class Judge(DriverSession):
         assert driver is not None
         if passed := counter.wait_until_full(lambda: driver.exit is None, trial.seconds):
             before, after = map(str, passed)
-            change = InjectedFault(time.monotonic_ns(), "wrap", f"{counter.name} wraps", None, before, (after,))
+            change = Injection(time.monotonic_ns(), "", "wrap", f"{counter.name} wraps", before, (after,))
             self.rig.recorder.injected_faults.append(change)
 
 

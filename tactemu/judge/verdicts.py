@@ -148,7 +148,7 @@ class _FindingRules:
 
     def _sync(self):
         out, exit = self.out, self.record.exit
-        after = any(printed.t > self.record.off for printed in self.record.rows)
+        after = any(printed.t_ns > self.record.off for printed in self.record.rows)
         if self._may_leave and not after:
             return
         if out.recovered_s is None and exit is None and self.trial.get("recovers", True):
@@ -171,7 +171,7 @@ class _FindingRules:
         if self.action != "clean" or not self.known.asks:
             return None
         questions = Questions(self.record, self.known.ask_ms)
-        during = [match for match in self.tracker.matches if match.printed.t > self.record.on]
+        during = [match for match in self.tracker.matches if match.printed.t_ns > self.record.on]
         answers = [questions.is_one_behind(match, self.tracker.matcher) for match in during]
         yes, no = answers.count(True), answers.count(False)
         return (yes, yes + no) if yes + no >= MIN_ANSWERS and yes > ONE_BEHIND_SHARE * (yes + no) else None
@@ -242,10 +242,10 @@ def measure_clean_run(
     record: TrialRecord, columns: Columns, *, asks: bool, period_ms: float, numbered: bool = False
 ) -> CleanRun:
     """Return the facts from the record of a run without faults, for the trials after it."""
-    times = [printed.t for printed in record.rows if record.on < printed.t <= record.end]
+    times = [printed.t_ns for printed in record.rows if record.on < printed.t_ns <= record.end]
     row_ms = float(np.median(np.diff(times))) / 1e6 if len(times) > 2 else period_ms
     known = CleanRun(asks=asks, period_ms=period_ms, row_ms=row_ms, behind=1_000_000, numbered=numbered)
-    usual = Counter(template(note.text) for note in record.notes if note.t > record.on)
+    usual = Counter(template(note.text) for note in record.notes if note.t_ns > record.on)
     usual.update(template(json.dumps(dict(printed.row))) for printed in record.rows if columns.row(printed.row) is None)
     known.usual = [text for text, count in usual.most_common(200) if count >= USUAL_COUNT]
     tracker = RowTracker(columns, known)
@@ -262,17 +262,17 @@ def measure_clean_run(
 
 
 def _ask_ms(record: TrialRecord) -> float:
-    asked = np.array([f.t for f in record.frames if f.way == "rx"])
+    asked = np.array([f.t_ns for f in record.frames if f.kind == "rx"])
     waits = [
-        printed.t - asked[last]
+        printed.t_ns - asked[last]
         for printed in record.rows
-        if printed.t > record.on and (last := int(np.searchsorted(asked, printed.t)) - 1) >= 0
+        if printed.t_ns > record.on and (last := int(np.searchsorted(asked, printed.t_ns)) - 1) >= 0
     ]
     return float(np.quantile(waits, 0.1)) / 1e6 if waits else 0.0
 
 
 def _usually_behind(record: TrialRecord, tracker: RowTracker, ask_ms: float) -> int:
     questions = Questions(record, ask_ms)
-    during = [match for match in tracker.matches if match.printed.t > record.on]
+    during = [match for match in tracker.matches if match.printed.t_ns > record.on]
     behind = [each for match in during if (each := questions.behind(match)) is not None]
     return max(0, round(float(np.quantile(behind, 0.99)))) if behind else 0

@@ -48,5 +48,5 @@ def test_the_driver_reads_the_recording_frame_by_frame_at_its_pace(recording, sp
     places = [recorded.index(tuple(said.row.values())) for said in rows]
     assert np.all(np.diff(places) == 1), "none lost, none twice, none out of order"
     assert places[-1] >= len(recorded) - 20, "up to what the driver had not read when the replay closed the port"
-    times = np.array([said.t for said in rows]) / 1e9
+    times = np.array([said.t_ns for said in rows]) / 1e9
     assert (times[-1] - times[0]) / (len(times) - 1) == pytest.approx(0.02 / speed, rel=0.2)

@@ -29,7 +29,7 @@ def test_a_delay_of_3_7_ms_at_1_khz(tmp_path):
         assert live.settles()
         assert until(lambda: len(live.driver.rows) >= 1500, 30)
         start = emulation_times(dev)
-        read = [(said.t - start, live.place(said)) for said in live.rows[20:1500]]
+        read = [(said.t_ns - start, live.place(said)) for said in live.rows[20:1500]]
     late = np.array([t - place for t, place in read if place is not None])
     assert len(late) >= 1400
     assert late.min() >= 3.7 * MS
@@ -54,7 +54,7 @@ def test_a_schedule_that_a_driver_lives_through(tmp_path):
         dev.inject_event(at=1.2, reset=True)
         dev.wait(1.5)
         assert live.settles(10)
-        story, injected, times = live.story(since), dev.truth.injected, [said.t for said in live.rows[since:]]
+        story, injected, times = live.story(since), dev.truth.injected, [said.t_ns for said in live.rows[since:]]
         notes = live.notes
     assert injected["hang"] == injected["reset"] == 1 and injected["drop"] > 5
     unsent = 1  # the sample that the restart took

@@ -18,7 +18,8 @@ from tactemu.judge.checks import (
 )
 from tactemu.judge.column_learning import UnlearnableError, learn
 from tactemu.judge.columns import Channel, Column, Columns
-from tactemu.judge.trial_record import DriverRow, ReceivedFrame, Sample
+from tactemu.judge.trial_record import DriverRow, sample_of
+from tactemu.truth import Passage
 
 PERIOD = 10_000_000
 N = 330
@@ -27,11 +28,11 @@ CHANNELS = [Channel(f"pad[{k}].{axis}", axis, "N", 20.0) for k in range(3) for a
 
 def samples(width=9, span=3000, seed=0):
     random = np.random.default_rng(seed)
-    return [Sample(k * PERIOD, k, random.integers(-span, span, width).astype(float)) for k in range(N)]
+    return [sample_of(k * PERIOD, k, random.integers(-span, span, width).astype(float)) for k in range(N)]
 
 
 def frames(taken):
-    return [ReceivedFrame(sample.t, "tx", "", sample.number) for sample in taken]
+    return [Passage(sample.t_ns, "", "tx", b"", sample.number) for sample in taken]
 
 
 def learned(make, *, taken=None, late=0.1, every=1, channels=CHANNELS):
@@ -42,25 +43,25 @@ def learned(make, *, taken=None, late=0.1, every=1, channels=CHANNELS):
     taken = taken or samples()
     lateness = late if callable(late) else lambda k: late
     rows = [
-        DriverRow(round(sample.t + lateness(k) * PERIOD), make(sample.counts, k))
+        DriverRow(round(sample.t_ns + lateness(k) * PERIOD), make(sample.counts, k))
         for k, sample in enumerate(taken)
         if not k % every
     ]
-    return learn(sorted(rows, key=lambda printed: printed.t), taken, frames(taken), channels)
+    return learn(sorted(rows, key=lambda printed: printed.t_ns), taken, frames(taken), channels)
 
 
 def held(seed, width=3, length=12):
     """Return samples of which each is held for a while, as many as fit."""
     kept = np.random.default_rng(seed).integers(-1500, 1500, (N // length, width)).astype(float)
-    return [Sample(k * PERIOD, k, kept[k // length]) for k in range(N // length * length)]
+    return [sample_of(k * PERIOD, k, kept[k // length]) for k in range(N // length * length)]
 
 
 @pytest.mark.parametrize("seed", range(10))
 def test_random_numbers_beside_held_samples_follow_no_channel(seed):
     random, taken, channels = np.random.default_rng(seed + 100), held(seed), CHANNELS[:3]
-    rows = [DriverRow(sample.t + PERIOD // 10, {"0": random.random(), "1": random.random()}) for sample in taken]
+    rows = [DriverRow(sample.t_ns + PERIOD // 10, {"0": random.random(), "1": random.random()}) for sample in taken]
     assert not learn(rows, taken, frames(taken), channels, seed, steps=True).values
-    rows = [DriverRow(sample.t + PERIOD // 10, {"0": 0.05 * sample.counts[1], "1": 1.0}) for sample in taken]
+    rows = [DriverRow(sample.t_ns + PERIOD // 10, {"0": 0.05 * sample.counts[1], "1": 1.0}) for sample in taken]
     assert [column.channel for column in learn(rows, taken, frames(taken), channels, seed, steps=True).values] == [1]
 
 
@@ -148,7 +149,7 @@ def test_a_column_with_hardly_a_row_between_its_limits_is_said_to_be_flat(limit)
 @pytest.mark.parametrize("whole", [True, False])
 @pytest.mark.parametrize("zero", [0, 8192])
 def test_a_sign_that_is_dropped_in_every_column(zero, whole):
-    taken = [Sample(s.t, s.number, s.counts * (1 if whole else 0.0137) + zero) for s in samples(6)]
+    taken = [sample_of(s.t_ns, s.number, s.counts * (1 if whole else 0.0137) + zero) for s in samples(6)]
     columns = learned(lambda x, k: {f"f{i}": abs(x[i] - zero) for i in range(6)}, taken=taken)
     assert [(c.channel, c.how) for c in columns.values] == [(k, "absolute value") for k in range(6)]
     assert [c.zero for c in columns.values] == pytest.approx([zero] * 6, abs=1e-6)
@@ -159,10 +160,10 @@ def test_a_sign_that_is_dropped_in_every_column(zero, whole):
 
 
 def test_a_channel_of_12_bits_of_which_11_are_read():
-    taken = [Sample(s.t, s.number, np.mod(s.counts, 65536.0)) for s in samples(9, 100_000)]
+    taken = [sample_of(s.t_ns, s.number, np.mod(s.counts, 65536.0)) for s in samples(9, 100_000)]
     columns = learned(lambda x, k: {f"c{i}": float(np.uint16(x[i]).astype(np.int16)) for i in range(9)}, taken=taken)
     assert [(c.channel, c.how) for c in columns.values] == [(k, "uint16 read as signed") for k in range(9)]
-    taken = [Sample(s.t, s.number, np.mod(s.counts, 4096.0)) for s in samples(9, 100_000)]
+    taken = [sample_of(s.t_ns, s.number, np.mod(s.counts, 4096.0)) for s in samples(9, 100_000)]
     columns = learned(lambda x, k: {f"c{i}": float(int(x[i]) & 0x7FF) for i in range(9)}, taken=taken)
     assert [(c.channel, c.how) for c in columns.values] == [(k, "its lowest 11 bits alone") for k in range(9)]
     columns = learned(lambda x, k: {f"c{i}": min(x[i], 1600.0) for i in range(9)}, taken=taken)
@@ -174,7 +175,7 @@ def test_a_channel_of_12_bits_of_which_11_are_read():
 def test_rows_that_came_late_are_no_mistake_of_the_driver(seed):
     """Check that a mistake without effect on the counts does not win if some rows are of the previous sample."""
     random = np.random.default_rng(seed)
-    taken = [Sample(s.t, s.number, np.mod(s.counts, 4096.0)) for s in samples(9, 100_000, seed)]
+    taken = [sample_of(s.t_ns, s.number, np.mod(s.counts, 4096.0)) for s in samples(9, 100_000, seed)]
     older = random.random(N) < 0.06
     columns = learned(lambda x, k: {f"c{i}": taken[max(0, k - older[k])].counts[i] for i in range(9)}, taken=taken)
     assert [(column.channel, column.how) for column in columns.values] == [(k, "line") for k in range(9)]
@@ -208,7 +209,7 @@ def test_flags_counters_clocks_and_what_is_nothing():
 
 
 def test_two_channels_that_are_one_are_both_named():
-    taken = [Sample(s.t, s.number, np.array([*s.counts[:8], s.counts[0]])) for s in samples()]
+    taken = [sample_of(s.t_ns, s.number, np.array([*s.counts[:8], s.counts[0]])) for s in samples()]
     columns = learned(lambda x, k: {"a": x[0], "b": x[1]}, taken=taken)
     assert columns.values[0].also == [0, 8] and not columns.values[1].also
     assert "pad[2].z" in dict(columns.describe())["a"], "an ambiguous mapping is shown"
@@ -217,7 +218,7 @@ def test_two_channels_that_are_one_are_both_named():
 def test_many_small_numbers():
     """Check 96 channels of 8 bits, where a column alone identifies no sample."""
     random = np.random.default_rng(2)
-    taken = [Sample(k * PERIOD, k, random.integers(20, 256, 96).astype(float)) for k in range(N)]
+    taken = [sample_of(k * PERIOD, k, random.integers(20, 256, 96).astype(float)) for k in range(N)]
     order = random.permutation(96)
     columns = learned(lambda x, k: dict(enumerate_names(x[order])), taken=taken, channels=[])
     assert [column.channel for column in columns.values] == order.tolist()
@@ -280,7 +281,7 @@ def test_a_wrench_whose_components_are_exchanged_or_mirrored():
 
 def test_of_channels_that_are_one_the_name_of_the_column_decides():
     """Check equal channels: a force on one point of contact changes Fx and My together."""
-    taken = [Sample(s.t, s.number, s.counts[[0, 1, 2, 1, 0, 5]] * [1, 1, 1, -1, 1, 1]) for s in samples(6)]
+    taken = [sample_of(s.t_ns, s.number, s.counts[[0, 1, 2, 1, 0, 5]] * [1, 1, 1, -1, 1, 1]) for s in samples(6)]
     columns = wrench_of(taken=taken)
     assert [column.channel for column in columns.values] == list(range(6)) and misnamed(columns) == []
     assert not any(column.also for column in columns.values)

@@ -2,20 +2,20 @@
 
 import pytest
 
-from tactemu.judge.trial_record import InjectedFault, ReceivedFrame
 from tactemu.judge.verdicts import judge_record
+from tactemu.truth import Injection, Passage
 from tests.judge.trial_records import PERIOD, record_of, row, usual
 
 
 def kinds(record):
-    record.rows.sort(key=lambda printed: printed.t)
+    record.rows.sort(key=lambda printed: printed.t_ns)
     return [finding.kind for finding in judge_record(record).findings]
 
 
 def out_of_turn(name, rows, **known):
     """Return a record in which six frames, and rows, come out of order."""
     record = record_of(usual(without=range(110, 116)) + rows, name=name, known=known)
-    record.injected_faults = [InjectedFault(k * PERIOD, name, name, None, "", ()) for k in range(110, 116)]
+    record.injected_faults = [Injection(k * PERIOD, "", name, name) for k in range(110, 116)]
     return record
 
 
@@ -36,7 +36,7 @@ def asking(behind, each=4, lag=0, **more):
     record = record_of(
         rows, name="clean", action="clean", asks=True, known=known, on=1, off=200, trial={"recovers": False}
     )
-    record.frames = [ReceivedFrame(k * PERIOD + late, way, "00", k, True)
+    record.frames = [Passage(k * PERIOD + late, "", way, b"\0", k, is_answer=True)
                    for k in range(0, 200, each) for late, way in ((1, "rx"), (2, "tx"))]  # fmt: skip
     return record
 
@@ -52,7 +52,7 @@ def test_an_answer_that_is_always_the_one_before_is_stale():
 def test_a_device_that_answers_with_its_next_sample_makes_no_row_new():
     for behind, expected in ((1, ["stale"]), (0, [])):
         record = asking(behind)
-        record.frames = [ReceivedFrame(round((k - asked / 2) * PERIOD) + 1, "rx" if asked else "tx", "00", k)
+        record.frames = [Passage(round((k - asked / 2) * PERIOD) + 1, "", "rx" if asked else "tx", b"\0", k)
                        for k in range(4, 200, 4) for asked in (True, False)]  # fmt: skip
         assert kinds(record) == expected
 
@@ -68,9 +68,7 @@ def unplugged(times, last, notes=(), exit=None):
     away = [k for start in (100, 160)[:times] for k in range(start, start + 20)]
     record = record_of(usual(last=last, without=away), name="unplug", action="unplug", off=120 if times == 1 else 180,
                 end=300, notes=notes, exit=exit, silent=set(away))  # fmt: skip
-    record.injected_faults = [
-        InjectedFault(start * PERIOD, "unplug", "unplug", None, "", ()) for start in (100, 160)[:times]
-    ]
+    record.injected_faults = [Injection(start * PERIOD, "", "unplug", "unplug") for start in (100, 160)[:times]]
     return record
 
 

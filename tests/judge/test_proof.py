@@ -4,8 +4,9 @@ import struct
 
 import pytest
 
-from tactemu.judge.trial_record import InjectedFault, ReceivedFrame
+from tactemu.judge.trial_record import sample_of
 from tactemu.judge.verdicts import judge_record
+from tactemu.truth import Injection, Passage
 from tests.judge.trial_records import PERIOD, counts, record_of, row, usual
 
 
@@ -15,15 +16,15 @@ def trial(action, name=None, **more):
 
 
 def changed(record, fault, at=101, kind="", **more):
-    record.injected_faults.append(
-        InjectedFault(at * PERIOD, kind or fault, fault, None, **({"before": "", "after": ()} | more))
-    )
+    record.injected_faults.append(Injection(at * PERIOD, "", kind or fault, fault, **more))
     return record
 
 
 def sampled(record, during):
     """Change the counts of the samples during the event."""
-    record.samples = [s._replace(counts=during(s.number)) if 100 < s.number <= 150 else s for s in record.samples]
+    record.samples = [
+        sample_of(s.t_ns, s.number, during(s.number)) if 100 < s.number <= 150 else s for s in record.samples
+    ]
     values = [dict(zip(("fx", "fy", "fz"), (0.5 * sample.counts).tolist())) for sample in record.samples]
     record.rows = [printed._replace(row={**printed.row, **value}) for printed, value in zip(record.rows, values)]
     return record
@@ -38,11 +39,11 @@ def flipped(place):
     """Return a record in which four frames have a bit flipped at a byte position, and none becomes a row."""
     hit = (110, 115, 120, 125)
     record = record_of(usual(without=hit))
-    record.frames = [frame._replace(data=wire(frame.sample).hex()) for frame in record.frames]
+    record.frames = [frame._replace(frame=wire(frame.sample)) for frame in record.frames]
     for number in hit:
         after = bytearray(wire(number))
         after[place] ^= 4
-        record.frames[number] = record.frames[number]._replace(data=after.hex())
+        record.frames[number] = record.frames[number]._replace(frame=bytes(after))
         changed(record, "flip", number, before=wire(number).hex(), after=(after.hex(),))
     return record
 
@@ -51,12 +52,12 @@ def asked(record, silent, *at):
     """Add questions every 40 ms with immediate answers; in ``silent`` only the questions at given times."""
     record.known["asks"] = True
     record.frames = [
-        ReceivedFrame(k * PERIOD + 1000 * j, way, "00", k, True)
+        Passage(k * PERIOD + 1000 * j, "", way, b"\0", k, is_answer=True)
         for k in range(0, 200, 4)
         for j, way in enumerate(("rx", "tx"))
         if k not in silent
     ]
-    record.frames += [ReceivedFrame(t * PERIOD, "rx", "00") for t in at]
+    record.frames += [Passage(t * PERIOD, "", "rx", b"\0") for t in at]
     return record
 
 
@@ -131,6 +132,6 @@ def test_an_event_happened_or_the_trial_is_not_tried(event):
 
 def test_a_finding_stands_also_where_the_event_did_not_happen():
     record = record_of([*usual(without=[110]), (110.1, row(110, fy=7777.0))], trial={"faults": ["drop frame 3"]})
-    record.rows.sort(key=lambda printed: printed.t)
+    record.rows.sort(key=lambda printed: printed.t_ns)
     outcome = judge_record(record)
     assert [finding.kind for finding in outcome.findings] == ["wrong"] and not outcome.skipped

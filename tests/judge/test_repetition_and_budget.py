@@ -138,11 +138,11 @@ def test_a_budget_learns_how_slow_trials_are():
 def test_how_late_our_own_side_was_is_known_of_drivers_that_ask_too():
     """Check the delay without sample times: by the thread that reads rows and the driver's wait for a processor."""
     quiet = record_of(on=0, off=100, end=100)
-    quiet.frames = [frame._replace(answer=True) for frame in quiet.frames]
+    quiet.frames = [frame._replace(is_answer=True) for frame in quiet.frames]
     looks = [SchedulingDelay(k * PERIOD, 100_000, 50_000 * k) for k in range(0, 100, 5)]
     assert late_ms(quiet, looks) == pytest.approx(0.1)
     assert late_ms(quiet, [*looks, SchedulingDelay(96 * PERIOD, 9_000_000, looks[-1].queued_ns)]) == pytest.approx(9.0)
-    assert late_ms(quiet, [look._replace(queued_ns=7_000_000 * (look.t // PERIOD)) for look in looks]) > 6.5
+    assert late_ms(quiet, [look._replace(queued_ns=7_000_000 * (look.t_ns // PERIOD)) for look in looks]) > 6.5
     assert late_ms(quiet, []) == 0.0
 
 

@@ -1,5 +1,7 @@
 """Tests of verdicts on records with known outcomes, also after they were written and read."""
 
+import json
+
 import pytest
 
 from tactemu.base.errors import TactemuError
@@ -93,7 +95,7 @@ STORIES = {
 @pytest.mark.parametrize("story", STORIES)
 def test_a_story(story, tmp_path):
     record, kinds = STORIES[story]
-    record.rows.sort(key=lambda printed: printed.t)
+    record.rows.sort(key=lambda printed: printed.t_ns)
     outcome = judge_record(record)
     assert [finding.kind for finding in outcome.findings] == kinds, outcome.verdict
     record.write(tmp_path / "trial.jsonl")
@@ -113,7 +115,7 @@ def test_a_driver_that_asks_may_repeat_but_not_answer_with_what_it_had():
     twice = record_of(sorted([*asked, (121.2, row(120))], key=lambda each: each[0]), name="dropped", **requests)
     for record in (right, late, soon, once, twice):
         record.frames = [
-            record.frames[k]._replace(t=k * PERIOD + late, way=way)
+            record.frames[k]._replace(t_ns=k * PERIOD + late, kind=way)
             for k in range(0, 200, 4)
             for late, way in ((1, "rx"), (2, "tx"))
         ]  # fmt: skip
@@ -150,9 +152,32 @@ def test_columns_that_are_flat_or_fall_back_are_findings_of_the_clean_run(how, k
     )
     record.columns = {**record.columns, "columns": [{**columns[0], "how": how, "table": table}, *columns[1:]]}
     columns = Columns.from_dict(record.columns)
-    record.rows = [DriverRow(s.t, {**s.row, "fx": float(columns.expected(counts(k)[None])[0, 0])})
+    record.rows = [DriverRow(s.t_ns, {**s.row, "fx": float(columns.expected(counts(k)[None])[0, 0])})
                  for k, s in enumerate(record.rows)]  # fmt: skip
     assert [finding.kind for finding in judge_record(record).findings] == kinds
+
+
+def test_a_record_of_version_1_is_read(tmp_path):
+    record = record_of(hit=[120], held_up=[3], notes=[(130, "x")], weights=[(5, 10, 0.5)])
+    record.frames[7] = record.frames[7]._replace(is_answer=True)
+    record.write(tmp_path / "now.jsonl")
+    kinds = {"sample": "samples", "inject": "changes", "row": "rows", "note": "notes", "usage": "weights"}
+    names = {"t_ns": "t", "detail": "fault", "is_answer": "answer"}
+    with (tmp_path / "then.jsonl").open("w") as file:
+        for line in record.lines():
+            kind = line.pop("kind")
+            row = {names.get(name, name): value for name, value in line.items()}
+            if kind == "sample":
+                row = {"t": row["t"], "number": row["sample"], "counts": row["counts"].tolist()}
+            elif kind == "tx":
+                row |= {"way": "tx", "sample": row.get("sample")}
+            elif kind == "trial":
+                row["version"] = 1
+            row.pop("device", None)
+            file.write(json.dumps({"kind": "frames" if kind == "tx" else kinds.get(kind, kind)} | row) + "\n")
+    now, then = TrialRecord.read(tmp_path / "now.jsonl"), TrialRecord.read(tmp_path / "then.jsonl")
+    assert [*map(str, now.lines())] == [*map(str, then.lines())]
+    assert judge_record(then) == judge_record(record)
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,8 @@ import numpy as np
 
 from tactemu.judge.columns import Channel, Column, Columns
 from tactemu.judge.outcome import CleanRun
-from tactemu.judge.trial_record import DriverRow, InjectedFault, Note, ReceivedFrame, ResourceUsage, Sample, TrialRecord
+from tactemu.judge.trial_record import DriverRow, Note, ResourceUsage, TrialRecord, sample_of
+from tactemu.truth import Injection, Passage
 
 PERIOD = 10_000_000
 NAMES = ("fx", "fy", "fz")
@@ -39,16 +40,16 @@ def record_of(rows=None, *, name="flipped", action="", on=100, off=150, end=200,
         name, {"name": name, "action": action} | more.pop("trial", {}), asdict(known), COLUMNS.as_dict(),
         on=on * PERIOD, off=off * PERIOD, end=end * PERIOD,
     )  # fmt: skip
-    record.samples = [Sample(k * PERIOD, k, counts(k)) for k in range(300)]
+    record.samples = [sample_of(k * PERIOD, k, counts(k)) for k in range(300)]
     silent = more.pop("silent", range(0))
-    record.frames = [ReceivedFrame(k * PERIOD, "tx", f"{k:04x}", k) for k in range(300) if k not in silent]
+    record.frames = [Passage(k * PERIOD, "", "tx", k.to_bytes(2), k) for k in range(300) if k not in silent]
     for k in more.pop("held_up", ()):
         record.frames[k] = record.frames[k]._replace(late_ns=6_000_000)
     rows = [(k + 0.1, row(k)) for k in range(end)] if rows is None else rows
     record.rows = [DriverRow(round(t * PERIOD), dict(each)) for t, each in rows]
     record.notes = [Note(round(t * PERIOD), text, True) for t, text in notes]
     record.injected_faults = [
-        InjectedFault(round(t * PERIOD), "flip", f"flip frame {t} byte 0 bit 0", t, "00", ("01",))
+        Injection(round(t * PERIOD), "", "flip", f"flip frame {t} byte 0 bit 0", "00", ("01",), t)
         for t in more.pop("hit", ())
     ]
     record.resource_usage = [ResourceUsage(k * PERIOD, size, cpu) for k, size, cpu in more.pop("weights", ())]
