@@ -1,4 +1,4 @@
-"""The public names of ``firmware_protocols`` for editors and type checkers; ``__init__.py`` has the same for Python."""
+"""The public names of ``firmware_protocols``, which editors, type checkers and ``__init__.py`` read."""
 
 from firmware_protocols import idl as idl
 from firmware_protocols import sums as sums

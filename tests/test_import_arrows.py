@@ -24,7 +24,7 @@ ROOMS = set(
     "tune datasets fit view judge exec integrations cli".split()
 )
 FACES = {"tactemu", "tactemu.models", "tactemu.devices"}
-FILES = {"__init__.py", "__main__.py", "version.py", "models.py", "devices.py", "py.typed"}
+FILES = {"__init__.py", "__init__.pyi", "__main__.py", "version.py", "models.py", "devices.py", "py.typed"}
 """Every file beside the folders; three of them are faces."""
 
 

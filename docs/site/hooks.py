@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import importlib
 import importlib.metadata
+import inspect
 import re
 import sys
 from pathlib import Path
@@ -89,7 +89,7 @@ def _api() -> str:
     lines = ["# API", "", "Public are the names below, with their documented arguments.", ""]
     lines += ["`tactemu.devices` has the names of `firmware_protocols`.", ""]
     shown: set[str] = set()
-    for face in (tactemu, fp, *(importlib.import_module(path) for path in fp._MODULES.values()), models):
+    for face in (tactemu, fp, *filter(inspect.ismodule, (getattr(fp, name) for name in fp.__all__)), models):
         lines += [f"## `{face.__name__}`", ""]
         for name in face.__all__:
             found = getattr(face, name)
