@@ -16,7 +16,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from tactemu.base.gc_tuning import no_full_collections
-from tactemu.emulator.assembly import RunOptions, assemble
+from tactemu.emulator.assembly import assemble
+from tactemu.emulator.options import AssemblyOptions
 from tactemu.scene import file
 from tactemu.tune.timing import Report
 
@@ -88,7 +89,7 @@ CASES = (
 def answer_ms(case: Case, count: int) -> dict[str, float]:
     """Return median and 99th percentile of the time from request to answer [ms], and the number of lost answers."""
     with tempfile.TemporaryDirectory(prefix="tactemu-bench-") as folder:
-        run_options = RunOptions(port=case.port.format(folder=folder), rate_hz=100.0)
+        run_options = AssemblyOptions(port=case.port.format(folder=folder), rate_hz=100.0)
         emulator = assemble(file.load(case.device, case.options), run_options).emulator
         with no_full_collections(), emulator:
             address = emulator.wires[0].transport.address

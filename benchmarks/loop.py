@@ -79,11 +79,12 @@ def truth_us(n_taxels: int, path: Path | None, samples: int = 100) -> float:
 def lateness(rate_hz: float, seconds: float, *, device: str = "anyskin", truth: Path | None = None) -> dict[str, float]:
     """Return the statistics of a device that streams at ``rate_hz`` for ``seconds`` to a process that reads all."""
     from tactemu.base.clock import RealClock
-    from tactemu.emulator.assembly import RunOptions, assemble
+    from tactemu.emulator.assembly import assemble
+    from tactemu.emulator.options import AssemblyOptions
     from tactemu.scene import file
 
     folder = tempfile.mkdtemp(prefix="tactemu-bench-")
-    run_options = RunOptions(port=f"pty:{folder}/port", rate_hz=rate_hz)
+    run_options = AssemblyOptions(port=f"pty:{folder}/port", rate_hz=rate_hz)
     emulator = assemble(file.load(device), run_options, truth=Truth(truth)).emulator
     emulator.clock = RealClock()
     with no_full_collections(), emulator, _drained(f"{folder}/port"):

@@ -21,8 +21,9 @@ from firmware_protocols import WireFrame
 from tactemu.base.clock import RealClock
 from tactemu.base.gc_tuning import no_full_collections
 from tactemu.base.statistics import Lateness
-from tactemu.emulator.assembly import RunOptions, assemble
+from tactemu.emulator.assembly import assemble
 from tactemu.emulator.emulator import Channel, Emulator
+from tactemu.emulator.options import AssemblyOptions
 from tactemu.scene import file
 from tactemu.truth import Truth
 from tactemu.tune.timing import Report
@@ -70,7 +71,7 @@ def run(
     """
     truth = Tally()
     with tempfile.TemporaryDirectory(prefix="tactemu-bench-") as folder, no_full_collections():
-        run_options = RunOptions(port=f"pty:{folder}/port", rate_hz=rate_hz, faults=FAULTS, seed=seed)
+        run_options = AssemblyOptions(port=f"pty:{folder}/port", rate_hz=rate_hz, faults=FAULTS, seed=seed)
         emulator = assemble(file.load("anyskin"), run_options, truth=truth).emulator
         emulator.clock = RealClock()
         emulator.open()

@@ -16,7 +16,8 @@ from statistics import median
 from typing import Any
 
 from tactemu.base.clock import VirtualClock
-from tactemu.emulator.assembly import Assembled, RunOptions, assemble
+from tactemu.emulator.assembly import Assembled, assemble
+from tactemu.emulator.options import AssemblyOptions
 from tactemu.scene import file
 from tactemu.sensors.simulation import Simulation
 from tactemu.truth import Truth
@@ -114,7 +115,7 @@ def _forks(fork: Callable[[], Any], count: int) -> tuple[float, float]:
 
 
 def _built(data: dict[str, Any]) -> Assembled:
-    return assemble(file.check(data), RunOptions(port="memory:"), clock=VirtualClock(), truth=Truth())
+    return assemble(file.check(data), AssemblyOptions(port="memory:"), clock=VirtualClock(), truth=Truth())
 
 
 def _timed(action: Callable[[], Any], repeats: int) -> tuple[float, Any]:

@@ -20,6 +20,7 @@ from tactemu import models  # noqa: E402
 from tactemu.cli import listing  # noqa: E402
 from tactemu.cli.datasheet import datasheet  # noqa: E402
 from tactemu.scene.file import json_schema  # noqa: E402
+from tactemu.session.options import ServeOptions  # noqa: E402
 from tactemu.wire.faults import DIRECTIONS, KINDS  # noqa: E402
 
 _INHERITED = ("Sensor", "Simulation")
@@ -101,6 +102,10 @@ def _api() -> str:
                 shown.add(address)
                 lines += [f"::: {address}", "    options:", "      heading_level: 3"]
                 lines += ["      inherited_members: true", ""] if name in _INHERITED else [""]
+                if found is tactemu.serve:
+                    members = ", ".join(ServeOptions.__annotations__)
+                    lines += ["::: tactemu.session.options.RunOptions", "    options:", "      heading_level: 4"]
+                    lines += ["      inherited_members: true", f"      members: [{members}]", ""]
     return "\n".join(lines)
 
 

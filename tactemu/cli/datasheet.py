@@ -6,7 +6,7 @@ import inspect
 import json as json_module
 import sys
 import typing
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
@@ -17,7 +17,7 @@ from firmware_protocols.check.mutations import tables_of
 from firmware_protocols.facts import Basis, Part
 from firmware_protocols.frames import frame_of
 from firmware_protocols.layouts import Layout, Patch
-from firmware_protocols.options import declared, from_words
+from firmware_protocols.options import declared
 from firmware_protocols.registers import RegisterMap
 from firmware_protocols.tables import Frame
 from tactemu.base.errors import DeviceError
@@ -48,18 +48,6 @@ def rates_of(device: Device, requested: float | Mapping[str, float] | None = Non
     rates = {stream: wanted.get(stream) or hz for stream, hz in own.items()}
     said = {stream: f"{hz:g} Hz" if hz else "when asked" for stream, hz in rates.items()}
     return ", ".join(f"{stream} {text}".strip() for stream, text in said.items())
-
-
-def options_of(words: Sequence[str]) -> dict[str, str]:
-    """Return ``["axes=6"]`` as a dictionary.
-
-    Raises:
-        DeviceError: a word is no ``NAME=VALUE``.
-    """
-    try:
-        return from_words(words)
-    except ValueError as error:
-        raise DeviceError(str(error)) from None
 
 
 def print_datasheet(name: str, options: Mapping[str, Any] | None = None, *, json: bool = False) -> None:

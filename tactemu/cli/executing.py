@@ -6,63 +6,49 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
+from typing import Any
 
-from tactemu.base.errors import TactemuError, TransportError
+from tactemu.base.errors import TactemuError
 from tactemu.base.gc_tuning import no_full_collections
-from tactemu.cli.datasheet import options_of
-from tactemu.cli.forwarding import Forwarding
+from tactemu.cli.forwarding import FORWARDING
 from tactemu.cli.reports import not_understood, unreached_hint
-from tactemu.cli.running import control_socket, ports_of, rate_of
 from tactemu.exec.enter import FAILED, NOT_EXECUTABLE, NOT_FOUND
 from tactemu.exec.environment import ExecEnvironment, exec_environment
 from tactemu.exec.reach import out_of_reach
-from tactemu.session.serving import Served, serve
+from tactemu.session.serving import Served
+from tactemu.session.session import Session
 
 _POLL_S = 0.1
 """The interval of checks of the emulator while the driver runs."""
 
 
-def run_command(
-    target: str,
-    command: Sequence[str],
-    *,
-    options: Sequence[str] = (),
-    nodes: Sequence[str] = (),
-    ports: Sequence[str] = (),
-    rates: Sequence[str] = (),
-    seed: int | None = None,
-    compute: str | None = None,
-    faults: Sequence[str] = (),
-    truth: Path | None = None,
-    keep: str | None = None,
-    quiet: bool = False,
-    way: str = "",
-    expose: Sequence[str] = (),
-    name: str | None = None,
-    measured: bool = False,
-    signals: Forwarding,
-) -> int:
-    """Run ``command`` with ``target`` plugged in, and return its exit status, 128 + n after signal n.
+def before_start(target: str, command: Sequence[str], way: str) -> int:
+    """Check the program before anything is built; return the exit status of one that cannot be started, or 0.
 
     Raises:
-        TactemuError: tactemu itself fails.
+        TactemuError: there is no program, or no kernel with CAN for ``way`` guest.
     """
     if way == "guest":
         _go_into_guest()
     if not command:
         raise TactemuError(f"name the program after --, as in `tactemu exec {target} -- python driver.py`")
-    if status := _unfit(command[0]):
-        return status
-    dev = serve(
-        target, port=_network_ports(ports), rate_hz=rate_of(rates), faults=tuple(faults), seed=seed, compute=compute,
-        truth=truth, keep=keep, device_options=options_of(options), by_hand=False, measured=measured,
-    )  # fmt: skip
-    dev.use_usual_network_ports()
-    env = exec_environment(dev, nodes=nodes_of(nodes), way=way, expose=expose)
-    with no_full_collections(), env, control_socket(dev.control, name, target):
+    return _unfit(command[0])
+
+
+def run_driver(command: Sequence[str], session: Session, view: Mapping[str, Any], *, quiet: bool) -> int:
+    """Run ``command`` with the session's devices plugged in, and return its exit status, 128 + n after signal n.
+
+    ``view`` has the arguments of :func:`~tactemu.exec.environment.exec_environment`.
+
+    Raises:
+        TactemuError: tactemu itself fails.
+    """
+    dev, signals = Served(session), FORWARDING[-1]
+    env = exec_environment(dev, **view)
+    with no_full_collections(), env:
         if not quiet:
             _announce(env, command[0])
         driver = signals.start(partial(env.popen, command))
@@ -145,35 +131,3 @@ def _sum_up(dev: Served) -> None:
 
 def _say(text: str) -> None:
     print(f"tactemu: {text}", file=sys.stderr, flush=True)
-
-
-def _network_ports(words: Sequence[str]) -> str | dict[str, str] | None:
-    """Return the ports of ``--port``, as for `tactemu run`.
-
-    Raises:
-        TransportError: a port is not on the network; such a device has a node.
-    """
-    ports = ports_of(words)
-    for port in ports.values() if isinstance(ports, dict) else filter(None, [ports]):
-        if port.partition(":")[0] not in ("tcp", "udp", "ws", "dds"):
-            raise TransportError(
-                f"--port {port}: only tcp:, udp:, ws: and dds: are possible; name a serial port or CAN bus with --node"
-            )
-    return ports
-
-
-def nodes_of(words: Sequence[str]) -> str | dict[str, str]:
-    """Return ``["ttyUSB0"]`` as one name, ``["thumb=ttyUSB0", "palm=ttyUSB1"]`` by skin or ``SKIN/CONNECTOR``.
-
-    Raises:
-        TransportError: one of several nodes has no skin.
-    """
-    if len(words) == 1 and "=" not in words[0]:
-        return words[0]
-    nodes = {}
-    for word in words:
-        owner, given, node = word.partition("=")
-        if not given:
-            raise TransportError(f"--node {word}: with several nodes, name the skin of each: --node SKIN={word}")
-        nodes[owner] = node
-    return nodes

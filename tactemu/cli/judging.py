@@ -13,8 +13,8 @@ from rich.markup import escape
 from rich.table import Table
 
 from tactemu.base.errors import TactemuError
-from tactemu.cli.datasheet import options_of
 from tactemu.cli.signals import ended_by_signals
+from tactemu.cli.words import options_of
 from tactemu.judge import smallest_case
 from tactemu.judge.budget import EVERY_POSITION_BUDGET_S
 from tactemu.judge.driver import reading_command
@@ -92,7 +92,7 @@ def judge_driver(
     Raises:
         TactemuError: the request is invalid, or cannot be met on this machine.
     """
-    from tactemu.cli.running import ports_of
+    from tactemu.cli.words import ports_of
 
     if bool(command) == bool(reads):
         raise TactemuError(

@@ -29,7 +29,8 @@ def devices(
 
         print_table(json=json)
         return
-    from tactemu.cli.datasheet import options_of, print_datasheet
+    from tactemu.cli.datasheet import print_datasheet
+    from tactemu.cli.words import options_of
 
     print_datasheet(name, options_of(options or ()), json=json)
 

@@ -14,9 +14,8 @@ from tactemu.base.errors import TactemuError
 from tactemu.cli.datasheet import datasheet
 from tactemu.cli.signals import ended_by_signals
 from tactemu.control.client import connect
-from tactemu.control.endpoints import chosen
 from tactemu.scene.building import make_device
-from tactemu.view.page.opening import PageListener, inherited_listener, open_listener, warning
+from tactemu.view.page.opening import PageListener, inherited_listener
 
 if TYPE_CHECKING:
     from tactemu.view.page.feed import PageSkin
@@ -28,21 +27,13 @@ _NICE = 5
 """The nice value of the page's process, so that drawing delays no emulator."""
 
 
-def see_emulator(name: str | None, *, host: str | None, port: int | None) -> None:
-    """Show the emulator of that name, or the only one, until Ctrl-C; after its end, the next one of that name.
-
-    Raises:
-        TactemuError: no emulator runs, or several do; viser is missing; the port is taken.
-    """
-    place = chosen(name)
-    listener = open_listener(host, port)
-    if text := warning(host):
-        print(f"tactemu: {text}", file=sys.stderr)
-    print(f"see {place.stem}: {listener.url}", flush=True)
+def show_runs(name: str, listener: PageListener) -> None:
+    """Show the emulator of that name until Ctrl-C; after its end, the next one of that name."""
+    print(f"see {name}: {listener.url}", flush=True)
     ended = threading.Event()
     with ended_by_signals(ended.set):
-        page = _page(listener, place.stem)
-        threading.Thread(target=_show_all, args=(page, place.stem, ended), daemon=True).start()
+        page = _page(listener, name)
+        threading.Thread(target=_show_all, args=(page, name, ended), daemon=True).start()
         ended.wait()
         page.close()
 

@@ -69,9 +69,9 @@ def replay_file(
     """
     from tactemu.base.clock import RealClock
     from tactemu.base.errors import TransportError
-    from tactemu.cli.running import control_socket
     from tactemu.control.replay_control import ReplayControl
     from tactemu.emulator.replay import Replay, connector_for
+    from tactemu.session.session import control_socket
     from tactemu.transports import create
     from tactemu.truth.recording import load
     from tactemu.wire.line_models import line_model_for
@@ -85,7 +85,7 @@ def replay_file(
     player = Replay(recording, wire, clock=RealClock(), speed=speed, loop=loop)
     wire.open()
     try:
-        poked = nullcontext() if step else control_socket(ReplayControl(player), name, str(file))
+        poked = nullcontext() if step else control_socket(ReplayControl(player), str(file), name)
         with ended_by_signals(player.stop) as interrupted, poked:
             print(f"{len(player.entries)} frames ready on {wire.transport.address}", flush=True)
             _play_stepwise(player, interrupted) if step else player.run(seconds)

@@ -1,311 +1,279 @@
-"""``tactemu run``: build an emulator, open its ports, run it, and print a summary."""
+"""Commands that run an emulator or talk to a running one: run, poke, see and exec."""
 
 from __future__ import annotations
 
-import re
-import sys
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager, closing, contextmanager, nullcontext
-from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
-from rich.console import Console
+import typer
 
-from tactemu.base.errors import SceneError, StateError, TransportError, nearest
-from tactemu.base.files import check_writable
-from tactemu.base.gc_tuning import no_full_collections
-from tactemu.base.kernels import start_quietly
-from tactemu.base.statistics import Lateness
-from tactemu.cli.datasheet import options_of
-from tactemu.cli.reports import Say, advice, report_if_slow, say_json, say_text, unreached_hint
-from tactemu.cli.signals import ended_by_signals
-from tactemu.control.state import statistics_of
-from tactemu.emulator.channel import Channel
-from tactemu.emulator.emulator import Emulator
-from tactemu.truth import Truth
+from tactemu.cli.parameters import (
+    Compute,
+    Faults,
+    Measured,
+    Options,
+    Ports,
+    Rates,
+    RunName,
+    SaveAt,
+    Seconds,
+    Seed,
+    Target,
+    TruthFile,
+    TruthKeep,
+    WebHost,
+    WebPort,
+)
+from tactemu.cli.words import network_ports_of, nodes_of, options_of, ports_of, rate_of
 
 if TYPE_CHECKING:
-    from tactemu.control.server import CommandTarget, Server
     from tactemu.view.page.opening import PageListener
 
-_OWNER = re.compile(r"[^:=]+=")
-"""The name of a skin or a connector in front of a port."""
-REPORT_PERIOD_NS = 1_000_000_000
-"""The time between two log lines of a run."""
-MANY_BODIES = 1000
-"""Number of bodies from which on the build of a scene may be slow."""
-INCOMPLETE = 4
-"""The exit code of a run with an incomplete truth log or saved state."""
+commands = typer.Typer(rich_markup_mode=None)
 
 
-def run_target(
-    target: str,
-    *,
-    options: Sequence[str] = (),
-    ports: Sequence[str],
-    rates: Sequence[str],
-    seed: int | None,
-    seconds: float | None,
-    compute: str | None,
-    faults: tuple[str, ...],
-    truth: Path | None,
-    keep: str | None,
-    style: str,
-    clock: str = "real",
-    preempt: bool = False,
-    name: str | None = None,
-    adjustable: tuple[str, ...] = (),
-    again: Path | None = None,
-    rerun: str | bool = False,
-    web: Web | None = None,
-    restore: Path | None = None,
-    save: Path | None = None,
-    save_at: float | None = None,
-    measured: bool = False,
+@commands.command()
+def run(
+    target: Target,
+    options: Options = None,
+    port: Ports = None,
+    rate: Rates = None,
+    seed: Seed = None,
+    seconds: Seconds = None,
+    device: Compute = None,
+    fault: Faults = None,
+    measured: Measured = False,
+    truth: TruthFile = None,
+    truth_keep: TruthKeep = None,
+    rerun: Annotated[bool, typer.Option("--rerun", help="Also show the run in Rerun's viewer.")] = False,
+    rerun_to: Annotated[
+        str | None,
+        typer.Option(metavar="URL", help="... in a viewer that listens there: rerun+http://127.0.0.1:9876/proxy."),
+    ] = None,
+    web: Annotated[
+        bool, typer.Option("--web", help="Also show the run on a live page, as `tactemu see` does.")
+    ] = False,
+    web_port: WebPort = None,
+    web_host: WebHost = None,
+    json: Annotated[bool, typer.Option("--json", help="Print JSON lines instead of the picture.")] = False,
+    plain: Annotated[
+        bool, typer.Option("--plain", help="Print log lines instead of the picture, even on a terminal.")
+    ] = False,
+    clock: Annotated[
+        str,
+        typer.Option(
+            metavar="CLOCK",
+            help="real; virtual: as fast as possible, needs --seconds; lockstep: time advances only by `poke step`.",
+        ),
+    ] = "real",
+    virtual: Annotated[bool, typer.Option("--virtual", hidden=True)] = False,
+    preempt: Annotated[
+        bool, typer.Option("--preempt", help="Run with real-time priority, so that other programs delay no frame.")
+    ] = False,
+    name: RunName = None,
+    adjustable: Annotated[
+        list[str] | None,
+        typer.Option(metavar="OPTION", help="An imperfection, or `dead`, that `poke set` can then change; repeatable."),
+    ] = None,
+    again: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="LOG",
+            help="Repeat the live commands of the run in this truth log; on memory: also the bytes of its driver.",
+        ),
+    ] = None,
+    restore: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Continue from the saved state of such a run.")
+    ] = None,
+    save: Annotated[Path | None, typer.Option(metavar="FILE", help="Save the complete state at the end.")] = None,
+    save_at: SaveAt = None,
 ) -> None:
-    """Run a device or a scene.
+    """Emulate a device on a port, until Ctrl-C.
 
-    ``style`` is auto, plain or json; ``rerun`` is True, or the address of a viewer; ``web`` is the address of the page.
+    \b
+      tactemu run anyskin
+      tactemu run anyskin --port pty:/tmp/skin --rate 200 --fault 'drop 1%'
+      tactemu run optoforce axes=6
+      tactemu run hand.toml --port fingertip=pty:/tmp/a --port palm=pty:/tmp/b
+      tactemu run linker_hand_l6 --port can:socketcan:vcan0
+      tactemu run anyskin --measured                            # with the noise of a real one
+      tactemu run hand.toml --fault 'unplug at 3s for 0.5s' --truth truth.mcap
+      tactemu run my_sensor.py:MySensor --port tcp:127.0.0.1:5000
+      tactemu run anyskin --port memory: --clock virtual --seconds 10 --json
+      tactemu run hand.toml --name hand --adjustable noise      # then see `tactemu poke --help`
+      tactemu run hand.toml --web                               # with a page to watch and touch it
+      tactemu run hand.toml --save pressed.npz --seconds 3      # then use --restore pressed.npz
+
+    The first line names the port; then you see a live picture, or log lines if the output is no terminal.
+    Exit code 0 after Ctrl-C, SIGTERM or --seconds; 128 + n after signal n before the port is open; 2 for an error in
+    the request; 4 if it ran, but a file that you asked for is incomplete.
+    """
+    from tactemu.base.errors import SceneError
+    from tactemu.cli.run_output import run_session
+    from tactemu.session.options import RunOptions
+    from tactemu.session.session import Session
+
+    if virtual:
+        raise SceneError("--virtual is gone; write --clock virtual")
+    _check(clock, seconds, save, save_at, preempt)
+    page = _page(web_host, web_port) if web or web_port is not None or web_host else None
+    run_options = RunOptions(
+        port=ports_of(port or ()), rate_hz=rate_of(rate or ()), device_options=options_of(options or ()),
+        faults=fault or (), seed=seed, compute=device, measured=measured, adjustable=adjustable or (), by_hand=False,
+        truth=truth, keep=truth_keep, clock=clock, preempt=preempt, name=name, default_name=True, again=again,
+        seconds=seconds, restore=restore, save=save, save_at=save_at,
+    )  # fmt: skip
+    style = "json" if json else "plain" if plain else "auto"
+    run_session(Session(target, run_options), style=style, viewer=rerun_to or rerun, page=page)
+
+
+def _page(host: str | None, port: int | None) -> PageListener:
+    from tactemu.view.page.opening import open_listener
+
+    return open_listener(host, port)
+
+
+def _check(clock: str, seconds: float | None, save: Path | None, save_at: float | None, preempt: bool) -> None:
+    """Raise if options contradict each other, or the state cannot be written.
 
     Raises:
-        TactemuError: the request cannot be met; nothing is left behind.
+        TactemuError: names the option and the remedy.
     """
-    from tactemu.base.clock import LockstepClock, RealClock, VirtualClock
-    from tactemu.control.command_replay import replay_commands
-    from tactemu.control.control import Control
-    from tactemu.emulator.assembly import RunOptions, assemble, truth_of
-    from tactemu.scene.file import load
-    from tactemu.scene.steering import steered
+    from tactemu.base.errors import SceneError, nearest
+    from tactemu.base.files import check_writable
+    from tactemu.session.options import RUN_CLOCKS
 
-    clocks = {"real": RealClock, "virtual": VirtualClock, "lockstep": LockstepClock}
-    if clock not in clocks:
-        raise SceneError(f"--clock {clock}: expected {', '.join(clocks)}{nearest(clock, clocks)}")
+    if clock not in RUN_CLOCKS:
+        raise SceneError(f"--clock {clock}: expected {', '.join(RUN_CLOCKS)}{nearest(clock, RUN_CLOCKS)}")
     if clock == "virtual" and seconds is None:
         raise SceneError("--clock virtual runs as fast as possible and would never end; add --seconds")
     if save_at is not None and save is None:
         raise SceneError("--save-at needs the file: add --save FILE")
     if save is not None:
         check_writable(save, "the state")
-    page = None if web is None else _page_listener(web)
-    if preempt:
-        from tactemu.base.priority import enable_realtime_priority
-
-        if clock != "real":
-            raise SceneError(f"--preempt is for --clock real only; --clock {clock} is never late")
-        enable_realtime_priority()
-    run_options = RunOptions(
-        port=ports_of(ports), rate_hz=rate_of(rates), faults=faults, seed=seed, compute=compute, adjustable=adjustable,
-        measured=measured,
-    )  # fmt: skip
-    loaded = steered(load(target, options_of(options)))
-    n_bodies = len(loaded.tables.body)
-    start_quietly()
-    log = truth_of(loaded, truth, keep)
-    try:
-        with report_if_slow(f"building {n_bodies:,} bodies") if n_bodies >= MANY_BODIES else nullcontext():
-            control = Control(assemble(loaded, run_options, clock=clocks[clock](), truth=log))
-        if restore is not None:
-            control.emulator.restore(restore)
-        if again is not None:
-            replay_commands(control, again)
-        if save is not None and save_at is not None:
-            control.emulator.call(partial(control.emulator.save, save), round(save_at * 1e9))
-        at_end = save if save_at is None else None
-        with _rerun_viewer(log, rerun) if rerun else nullcontext():
-            listen = partial(control_socket, control, name, target, yield_to_loop=clock == "real")
-            if page is not None:
-                listen = partial(_with_page, listen, page)
-            run_emulator(control.emulator, seconds=seconds, style=style, listen=listen, save=at_end)
-    finally:
-        log.close()
-        if page is not None:
-            page.listener.close()
+    if preempt and clock != "real":
+        raise SceneError(f"--preempt is for --clock real only; --clock {clock} is never late")
 
 
-@dataclass(frozen=True)
-class Web:
-    """The address of the page; None: the default."""
+@commands.command(
+    context_settings={"allow_extra_args": True, "ignore_unknown_options": True, "help_option_names": []},
+)
+def poke(context: typer.Context) -> None:
+    """Press, move, break or read a running emulator."""
+    from tactemu.cli.control import main
 
-    host: str | None = None
-    port: int | None = None
-
-
-def _page_listener(web: Web) -> PageListener:
-    from tactemu.view.page.opening import open_listener, warning
-
-    if text := warning(web.host):
-        print(f"tactemu: {text}", file=sys.stderr)
-    return open_listener(web.host, web.port)
+    main(context.args)
 
 
-@contextmanager
-def _with_page(listen: Callable[[], AbstractContextManager[Server | None]], page: PageListener) -> Iterator[None]:
-    """Serve the control socket and the web page."""
-    from tactemu.view.page.opening import page_process
-
-    link = page.url
-    with listen() as server:
-        if server is None:
-            raise TransportError("--web: the page needs the control socket, which could not be opened")
-        with page_process(page, server.endpoint.name) as over:
-            print(f"see {link}", file=sys.stderr, flush=True)
-            try:
-                yield
-            finally:
-                over.set()
-                server.close()  # the page takes this as the end of the run
-
-
-def _rerun_viewer(log: Truth, where: str | bool) -> AbstractContextManager[None]:
-    from tactemu.view.conversions.live import rerun_viewer
-
-    return rerun_viewer(log, where if isinstance(where, str) else None)
-
-
-def control_socket(
-    driven: CommandTarget, name: str | None, target: str, *, yield_to_loop: bool = True
-) -> AbstractContextManager[Server | None]:
-    """Serve commands under a name, default the target's; without a ``name``, a failure is only printed.
-
-    Raises:
-        TactemuError: the socket of the given name cannot be opened.
-    """
-    from tactemu.control.endpoints import Endpoint
-    from tactemu.control.server import Server
-
-    place = Endpoint(name or Path(target.rpartition(":")[2]).stem, target, exactly=name is not None)
-    try:
-        return closing(Server(place, driven, yield_to_loop=yield_to_loop))
-    except TransportError as error:
-        if name is not None:
-            raise
-        print(f"tactemu: `tactemu poke` will not find this run: {error}", file=sys.stderr)
-        return nullcontext()
-
-
-def rate_of(words: Sequence[str]) -> float | dict[str, float] | None:
-    """Return ``["200"]`` as a number, ``["touch=200", "imu=1000"]`` as a dictionary by stream.
-
-    Raises:
-        SceneError: a word is no rate, or one of several has no stream.
-    """
-    rates: dict[str, float] = {}
-    for word in words:
-        stream, _, hz = word.rpartition("=")
-        try:
-            rates[stream] = float(hz)
-        except ValueError:
-            raise SceneError(f"--rate {word}: expected HZ, or STREAM=HZ") from None
-    if len(words) > 1 and "" in rates:
-        raise SceneError(f"--rate: with several rates, name the stream of each: --rate STREAM={rates['']:g}")
-    return rates.get("", rates or None)
-
-
-def ports_of(words: Sequence[str]) -> str | dict[str, str] | None:
-    """Return ``["pty:/tmp/skin"]`` as one port, ``["thumb=pty:/tmp/a", "palm=pty:/tmp/b"]`` by skin or connector.
-
-    Raises:
-        TransportError: one of several ports has no skin, or a skin has two.
-    """
-    if len(words) == 1 and not _OWNER.match(words[0]):
-        return words[0]
-    ports = {}
-    for word in words:
-        owner, given, port = word.partition("=")
-        if not given or not _OWNER.match(word):
-            raise TransportError(f"--port {word}: with several ports, name the skin of each: --port SKIN={word}")
-        if owner in ports:
-            raise TransportError(f"--port {word}: {owner!r} has a port already, {ports[owner]}")
-        ports[owner] = port
-    return ports or None
-
-
-def run_emulator(
-    emulator: Emulator,
-    *,
-    seconds: float | None,
-    style: str,
-    listen: Callable[[], AbstractContextManager] = nullcontext,
-    save: Path | None = None,
+@commands.command()
+def see(
+    name: Annotated[str | None, typer.Argument(help="Name of the emulator; default: the only one that runs.")] = None,
+    port: WebPort = None,
+    host: WebHost = None,
 ) -> None:
-    """Run an assembled emulator with a picture, log lines or JSON lines, until it is told to stop."""
-    console = Console(highlight=False)
-    live = style == "auto" and console.is_terminal and not console.is_dumb_terminal
-    say = say_json if style == "json" else say_text(console)
-    view = _live_view(emulator, console) if live else nullcontext()
-    _warm_up(console)
-    with ended_by_signals(emulator.stop), no_full_collections(), listen(), emulator:
-        for channel in emulator.channels:
-            say(
-                "ready", skin=channel.name, device=channel.device.name, port=_addresses(channel),
-                **_rates(channel),
-            )  # fmt: skip
-        if not live and not emulator.clock.virtual:
-            _report_regularly(emulator, say)
-        with view:
-            emulator.run(seconds)
-        save_failed = save is not None and _save_failed(emulator, save)
-        summaries = emulator.summary()
-    for entry in summaries:
-        say("summary", **entry)
-    for channel in emulator.channels:
-        if text := advice(emulator, channel):
-            say("advice", skin=channel.name, text=text)
-        if text := unreached_hint(channel):
-            say("advice", skin=channel.name, text=text)
-    if lost := emulator.truth.lost:
-        say("advice", skin="truth log", text=f"{lost} entries are missing: the disk was full, or too slow")
-    if lost or save_failed:
-        raise SystemExit(INCOMPLETE)
+    """Show a running emulator on a live page.
+
+    The page draws bodies, taxels, curves and the wire; you can drag bodies, press taxels and unplug the device.
+
+    \b
+      tactemu run hand.toml               # in one terminal; or a test, `tactemu exec`, `tactemu replay`
+      tactemu see                         # in another: prints a link for a browser on this machine
+      tactemu see hand --web-port 9000
+      tactemu see --web-host 0.0.0.0      # other machines with the link may watch and touch, too
+
+    Ctrl-C ends it. When the emulator ends, the page keeps the last picture, and shows the next run of that name.
+    """
+    from tactemu.cli.page import show_runs
+    from tactemu.control.endpoints import chosen
+
+    place = chosen(name)
+    show_runs(place.stem, _page(host, port))
 
 
-def _save_failed(emulator: Emulator, save: Path) -> bool:
-    """Save the state at the end of a run; after an error, print it and return True."""
+@commands.command("exec")
+def execute(
+    context: typer.Context,
+    target: Target,
+    options: Options = None,
+    node: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--node",
+            metavar="NODE",
+            help="Name of the port, such as ttyUSB0; default: as the kernel would name it. With several skins give "
+            "SKIN=NODE for each; repeatable.",
+        ),
+    ] = None,
+    port: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--port",
+            metavar="PORT",
+            help="Address of a device on the network: tcp:6000, ws:0, as for `tactemu run`; default: its usual port.",
+        ),
+    ] = None,
+    rate: Rates = None,
+    seed: Seed = None,
+    device: Compute = None,
+    fault: Faults = None,
+    measured: Measured = False,
+    truth: TruthFile = None,
+    truth_keep: TruthKeep = None,
+    way: Annotated[
+        str,
+        typer.Option(
+            "--way",
+            metavar="WAY",
+            help="How CAN buses are provided: native (vcan); preload, for a kernel without CAN; guest, in a kernel of "
+            "their own. Default: native if the kernel can, else preload.",
+        ),
+    ] = "",
+    expose: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--expose",
+            metavar="tcp:PORT",
+            help="With a CAN bus: forward this port from the view to the machine's server, or, if the machine has "
+            "none, from the machine to the view's server; repeatable.",
+        ),
+    ] = None,
+    name: RunName = None,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Do not print which port is which skin.")] = False,
+) -> None:
+    """Run a driver that finds the device as hardware.
+
+    The driver sees /dev/ttyUSB0 with its USB ids, modem lines and unplugging, or can0.
+
+    \b
+      tactemu exec robotiq_tsf85 -- python quick_start.py
+      tactemu exec hand.toml --node ttyUSB0 -- ./reader
+      tactemu exec anyskin --fault 'unplug at 3s for 1s' -- ./reader     # or `tactemu poke unplug` meanwhile
+      tactemu exec hand.toml --node thumb=ttyUSB0 --node palm=ttyACM0 -- bash
+      tactemu exec linker_hand_l6 -- candump can0
+
+    The program and its children run in a private view of this machine. They keep its network, unless there is a CAN
+    bus: then they have a network of their own with loopback, the buses and the ports of --expose. The program has the
+    terminal, the standard streams and the signals. When it ends, the emulator ends.
+    Exit code: that of the program, or 128 + n after signal n; 125 if tactemu fails, 126 if the program cannot be
+    executed, 127 if there is none of that name. See docs/exec.md.
+    """
+    from tactemu.base.errors import TactemuError
+    from tactemu.cli.executing import before_start, run_driver
+    from tactemu.session.options import RunOptions
+    from tactemu.session.session import Session
+
+    command = context.obj or ()
     try:
-        emulator.save(save)
-    except StateError as error:
-        print(f"tactemu: {error}", file=sys.stderr)
-        return True
-    return False
-
-
-def _addresses(channel: Channel) -> str | dict[str, str]:
-    addresses = {port: wire.transport.address for port, wire in channel.wires.items()}
-    return addresses if len(addresses) > 1 else next(iter(addresses.values()))
-
-
-def _rates(channel: Channel) -> dict[str, object]:
-    """Return the sampling rates in force, and those of the firmware."""
-    own = {stream: 1e9 / period if period else 0.0 for stream, period in channel.device.periods.items()}
-    rates = {"rate_hz": channel.rates_hz(), "firmware_rate_hz": own}
-    rounded = {what: {stream: round(hz, 3) for stream, hz in each.items()} for what, each in rates.items()}
-    return {what: each.get("", each) if len(each) == 1 else each for what, each in rounded.items()}
-
-
-def _warm_up(console: Console) -> None:
-    """Print and compute a percentile once before a port opens, because the first time is slow."""
-    with console.capture():
-        console.print("")
-    lateness = Lateness(keep=1)
-    lateness.add(0)
-    lateness.percentile_ns(50)
-
-
-def _report_regularly(emulator: Emulator, say: Say) -> None:
-    def report() -> None:
-        now = emulator.clock.now_ns()
-        for channel in emulator.channels:
-            say("running", t_s=round(now / 1e9, 3), **statistics_of(emulator, channel))
-        emulator.call(report, now + REPORT_PERIOD_NS)
-
-    emulator.call(report, emulator.clock.now_ns() + REPORT_PERIOD_NS)
-
-
-def _live_view(emulator: Emulator, console: Console):
-    from tactemu.session.live_view import LiveView
-
-    view = LiveView(emulator, console)
-    view.rehearse()
-    return view
+        status = before_start(target, command, way)
+        if not status:
+            run_options = RunOptions(
+                port=network_ports_of(port or ()), rate_hz=rate_of(rate or ()), seed=seed, compute=device,
+                device_options=options_of(options or ()), faults=fault or (), measured=measured, by_hand=False,
+                truth=truth, keep=truth_keep, name=name, default_name=True, fresh_ports=True, usual_network=True,
+            )  # fmt: skip
+            view = {"nodes": nodes_of(node or ()), "way": way, "expose": expose or ()}
+            status = run_driver(command, Session(target, run_options), view, quiet=quiet)
+    except TactemuError as error:
+        typer.echo(f"tactemu: {error}", err=True)
+        status = 125
+    raise typer.Exit(status)

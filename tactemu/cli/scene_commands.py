@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from tactemu.cli.parameters import Compute, Target
+from tactemu.cli.words import pairs_of
 
 commands = typer.Typer(rich_markup_mode=None)
 
@@ -215,27 +216,8 @@ def fit_recordings(
     from tactemu.cli.progress import show_progress
     from tactemu.fit.fitting import run_fit
 
-    page = report or out.with_suffix(".html")
+    units = pairs_of("--unit", ",".join(unit) if unit else None)
     run_fit(
-        recordings, device=device, out=out, report=page, columns=_pairs("--columns", columns),
-        units=_pairs("--unit", ",".join(unit) if unit else None), rate_hz=rate, say=typer.echo, progress=show_progress,
+        recordings, device=device, out=out, report=report or out.with_suffix(".html"),
+        columns=pairs_of("--columns", columns), units=units, rate_hz=rate, say=typer.echo, progress=show_progress,
     )  # fmt: skip
-
-
-def _pairs(option: str, text: str | None) -> dict[str, str] | None:
-    """Return ``a=b,c=d`` as a dictionary.
-
-    Raises:
-        TactemuError: a part is no ``NAME=VALUE``.
-    """
-    from tactemu.base.errors import TactemuError
-
-    if text is None:
-        return None
-    found = {}
-    for part in text.split(","):
-        name, mark, value = part.partition("=")
-        if not (mark and name.strip() and value.strip()):
-            raise TactemuError(f"{option}: expected NAME=VALUE, several with commas, got {part!r}")
-        found[name.strip()] = value.strip()
-    return found

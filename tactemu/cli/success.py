@@ -35,7 +35,7 @@ def judge_success(
     Raises:
         TactemuError: the request is invalid, or cannot be met on this machine.
     """
-    from tactemu.cli.running import ports_of
+    from tactemu.cli.words import ports_of
 
     if not command:
         raise TactemuError(f"name the task's command after --, as in `tactemu judge {target} --success ... -- COMMAND`")

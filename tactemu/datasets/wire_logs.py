@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from tactemu.base.clock import VirtualClock
 from tactemu.base.files import move_into_place
 from tactemu.datasets.partition import load_scene
 from tactemu.datasets.spec import DatasetSpec
 from tactemu.datasets.start_poses import StartPoses
-from tactemu.emulator.assembly import RunOptions, assemble, truth_of
+from tactemu.session.options import RunOptions
+from tactemu.session.session import Session
 
 FOLDER = "wire"
 
@@ -31,8 +31,10 @@ def write_wire_log(spec: DatasetSpec, env: int, folder: Path) -> None:
     path = path_of(folder, env)
     path.parent.mkdir(parents=True, exist_ok=True)
     begun = path.with_name(f".begun-{path.name}")
-    run_options = RunOptions(port="memory:", seed=spec.seed, compute=spec.device, env=env, fresh_ports=True)
-    truth = truth_of(loaded, begun, keep=0)
-    with assemble(loaded, run_options, clock=VirtualClock(), truth=truth).emulator as emulator:
-        emulator.run(spec.steps * loaded.tables.scene.dt)
+    options = RunOptions(
+        port="memory:", seed=spec.seed, compute=spec.device, env=env, fresh_ports=True, truth=begun, keep=0,
+        clock="virtual", seconds=spec.steps * loaded.tables.scene.dt,
+    )  # fmt: skip
+    with Session(loaded, options) as session:
+        session.open().run()
     move_into_place(begun, path)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,11 +13,10 @@ from firmware_protocols import Device
 from tactemu import transports
 from tactemu.base.clock import Clock, VirtualClock
 from tactemu.base.errors import DeviceError, SceneError, TactemuError
-from tactemu.base.options import number
 from tactemu.base.random_streams import stream_key
-from tactemu.base.units import RATE_RANGE_HZ
 from tactemu.emulator.channel import Channel, Source
 from tactemu.emulator.emulator import Emulator
+from tactemu.emulator.options import AssemblyOptions
 from tactemu.emulator.playback import Playback, RecordedReadings, recorded_readings
 from tactemu.emulator.port_assignment import PortAssignment, assign_ports
 from tactemu.emulator.sampling import SampleClock
@@ -38,47 +38,6 @@ from tactemu.wire.wire import Wire
 if TYPE_CHECKING:
     from tactemu.scene.scene import Scene
     from tactemu.sensors.simulation import Simulation
-
-
-@dataclass(frozen=True)
-class RunOptions:
-    """The caller's options of a run; those that are ``None`` or empty follow the scene."""
-
-    port: str | Mapping[str, str] | None = None
-    """One port, or ports by skin, by the device's connector, or by ``SKIN/CONNECTOR``."""
-    rate_hz: float | Mapping[str, float] | None = None
-    """One rate, or rates by the device's streams."""
-    faults: Sequence[str] = ()
-    seed: int | None = None
-    compute: str | None = None
-    """The device that runs the kernels: ``cpu``, ``cuda:0``."""
-    scenario: Sequence[EventTable] = ()
-    """Events beside the scene's own."""
-    adjustable: Sequence[str] = ()
-    """Laws of imperfection that every skin is built with, so that you can switch them on while it runs."""
-    measured: bool = False
-    """Take noise, clock and so on from measurements of real devices, where the scene does not set them."""
-    fresh_ports: bool = False
-    """Take an unused port instead of the usual one, where neither caller nor scene names one."""
-    usual_network: bool = False
-    """Keep the usual port on the network, also with :attr:`fresh_ports`."""
-    env: int = 0
-    """Number of the environment, if other processes simulate others: each has random numbers of its own."""
-
-    def __post_init__(self):
-        ports = self.port.values() if isinstance(self.port, Mapping) else [self.port]
-        if not all(isinstance(port, str | None) for port in ports):
-            raise SceneError(f"port: give a text such as 'pty:/tmp/skin', got {self.port!r}")
-        rates = self.rate_hz.values() if isinstance(self.rate_hz, Mapping) else [self.rate_hz]
-        for rate in rates:
-            if rate is not None:
-                number("the request", "rate", rate, at_least=RATE_RANGE_HZ[0], at_most=RATE_RANGE_HZ[1], unit="Hz")
-        if not isinstance(self.seed, int | None) or isinstance(self.seed, bool):
-            raise SceneError(f"seed: expected a whole number, got {self.seed!r}")
-        for name in ("faults", "adjustable"):
-            given = getattr(self, name)
-            if isinstance(given, str) or not all(isinstance(text, str) for text in given):
-                raise SceneError(f"{name}: expected a list of texts, got {given!r}")
 
 
 @dataclass(frozen=True)
@@ -127,43 +86,36 @@ class Assembled:
 
 def assemble(
     loaded: LoadedScene,
-    run_options: RunOptions | None = None,
+    options: AssemblyOptions | None = None,
     *,
     clock: Clock | None = None,
     truth: Truth | None = None,
-    source: Any = None,
     like: Simulation | None = None,
 ) -> Assembled:
     """Build the emulator of a scene file; this compiles the kernels, and only the emulator opens the ports.
 
-    ``source`` is a simulator of the user's own (:mod:`tactemu.emulator.sources`), ``like`` a simulation of the same
-    scene and options, whose constant data is shared.
+    ``like`` is a simulation of the same scene and options, whose constant data is shared.
 
     Raises:
         TactemuError: something in the scene or the options is not available.
     """
-    run_options = run_options or RunOptions()
-    if run_options.measured:
+    options = options or AssemblyOptions()
+    if options.measured:
         skins = with_measured_defaults(loaded.tables.skin)
         loaded = replace(loaded, tables=loaded.tables.model_copy(update={"skin": skins}))
     original, world = loaded, loaded.tables.scene
-    seed = world.seed if run_options.seed is None else run_options.seed
-    wire_seed = stream_key(seed, f"environment {run_options.env}") if run_options.env else seed
+    seed = world.seed if options.seed is None else options.seed
+    wire_seed = stream_key(seed, f"environment {options.env}") if options.env else seed
     devices = make_devices(loaded)
-    given = resolve_source(source, loaded, devices, lambda scene: _built(scene, run_options, world, seed, like))
+    given = resolve_source(options.source, loaded, devices, lambda scene: _built(scene, options, world, seed, like))
     loaded = without_replaced(loaded, given)
-    events = (*loaded.tables.scenario, *run_options.scenario)
+    events = (*loaded.tables.scenario, *options.scenario)
     _check_faults(loaded)
-    assignments = assign_ports(
-        loaded.tables.skin,
-        devices,
-        run_options.port,
-        fresh=run_options.fresh_ports,
-        usual_network=run_options.usual_network,
-    )
+    fresh = {"fresh": options.fresh_ports, "usual_network": options.usual_network}
+    assignments = assign_ports(loaded.tables.skin, devices, options.port, **fresh)
     truth = truth or Truth()
-    wires = _wires(loaded.tables.skin, events, assignments, run_options, wire_seed, truth)
-    laws = {name: (*run_options.adjustable, *laws_needed(events, name)) for name in devices}
+    wires = _wires(loaded.tables.skin, events, assignments, options, wire_seed, truth)
+    laws = {name: (*options.adjustable, *laws_needed(events, name)) for name in devices}
     channels: dict[str, Channel] = {}
 
     def local_ns(skin: str, t_ns: int) -> int:
@@ -171,7 +123,7 @@ def assemble(
 
     scene, placed = build_scene(_driven(loaded, devices, local_ns), devices, laws, local_ns)
     played = _recordings(loaded, devices)
-    simulation = _built(scene, run_options, world, seed, like) if placed else given.simulation
+    simulation = _built(scene, options, world, seed, like) if placed else given.simulation
     if given.poses and simulation is not None:
         given.poses.attach(simulation)
     placed |= given.sensors
@@ -180,31 +132,32 @@ def assemble(
         device = devices[skin.title]
         readings = from_source.get(skin.title) or played.get(skin.title) or placed.get(skin.title) or NullSource()
         own = {each.connector.name: wires[each.address] for each in assignments if each.skin == skin.title}
-        channels[skin.title] = _channel(skin, device, SenseReader(readings, device), own, run_options, wire_seed)
+        channels[skin.title] = _channel(skin, device, SenseReader(readings, device), own, options, wire_seed)
     followed = [*played.values(), *([given.readings] if given.readings else [])]
     advanced = Playback(simulation, followed) if followed else simulation
     truth.context = SceneContext(simulation, devices, placed)
-    emulator = Emulator(advanced, channels.values(), clock=clock, truth=truth, recipe=_recipe(original, run_options))
+    emulator = Emulator(advanced, channels.values(), clock=clock, truth=truth, recipe=_recipe(original, options))
     schedule(emulator, events)
-
-    def reassemble(*, port: str | Mapping[str, str] | None, clock: Clock | None, truth: Truth | None) -> Assembled:
-        own = {
-            name: copy(motion) if isinstance(motion, Steered) else motion for name, motion in original.motions.items()
-        }
-        skins = tuple(skin.model_copy(update={"port": None, "ports": {}}) for skin in original.tables.skin)
-        tables = original.tables.model_copy(update={"skin": skins})
-        own_source = source if simulation is None or simulation is not given.simulation else simulation.clone()
-        return assemble(
-            replace(original, motions=own, tables=tables), replace(run_options, port=port, fresh_ports=True),
-            clock=clock, truth=truth, source=own_source, like=simulation,
-        )  # fmt: skip
-
-    return Assembled(emulator, simulation, scene, loaded, placed, frozenset(given.posed_bodies), reassemble)
+    is_given = simulation is not None and simulation is given.simulation
+    again = partial(_reassemble, original, options, simulation, is_given)
+    return Assembled(emulator, simulation, scene, loaded, placed, frozenset(given.posed_bodies), again)
 
 
-def _built(scene: Scene, run_options: RunOptions, world: SceneTable, seed: int, like: Simulation | None) -> Simulation:
+def _reassemble(
+    loaded: LoadedScene, options: AssemblyOptions, simulation: Simulation | None, is_given: bool, **own: Any
+) -> Assembled:
+    """Assemble an equal emulator with its own ``port``, ``clock`` and ``truth``; ``is_given``: the user's source."""
+    motions = {name: copy(motion) if isinstance(motion, Steered) else motion for name, motion in loaded.motions.items()}
+    skins = tuple(skin.model_copy(update={"port": None, "ports": {}}) for skin in loaded.tables.skin)
+    tables = loaded.tables.model_copy(update={"skin": skins})
+    source = simulation.clone() if is_given and simulation is not None else options.source
+    options = replace(options, port=own.pop("port"), source=source, fresh_ports=True)
+    return assemble(replace(loaded, motions=motions, tables=tables), options, **own, like=simulation)
+
+
+def _built(scene: Scene, options: AssemblyOptions, world: SceneTable, seed: int, like: Simulation | None) -> Simulation:
     simulation = scene.build(
-        device=run_options.compute or world.device, seed=seed, dtype=world.dtype, first_env=run_options.env, like=like
+        device=options.compute or world.device, seed=seed, dtype=world.dtype, first_env=options.env, like=like
     )
     if like is None:
         simulation.step()  # loads the kernels, so that the first frame is not late
@@ -212,12 +165,12 @@ def _built(scene: Scene, run_options: RunOptions, world: SceneTable, seed: int, 
     return simulation
 
 
-def _recipe(loaded: LoadedScene, run_options: RunOptions) -> dict[str, Any]:
+def _recipe(loaded: LoadedScene, options: AssemblyOptions) -> dict[str, Any]:
     """Return the scene and options of a run without its ports and memory limits; a saved state must have the same."""
     tables = loaded.tables.model_dump(by_alias=True, exclude={"truth": True, "skin": {"__all__": {"port", "ports"}}})
-    options = {name: getattr(run_options, name) for name in ("rate_hz", "faults", "seed", "adjustable")}
-    events = [event.model_dump(exclude_defaults=True) for event in run_options.scenario]
-    return {**tables, "asked for": options | {"scenario": events}}
+    given = {name: getattr(options, name) for name in ("rate_hz", "faults", "seed", "adjustable")}
+    events = [event.model_dump(exclude_defaults=True) for event in options.scenario]
+    return {**tables, "asked for": given | {"scenario": events}}
 
 
 def truth_of(loaded: LoadedScene, path: str | Path | None = None, keep: str | int | None = None) -> Truth:
@@ -288,7 +241,7 @@ def _wires(
     skins: Sequence[SkinTable],
     events: Sequence[EventTable],
     assignments: Sequence[PortAssignment],
-    run_options: RunOptions,
+    options: AssemblyOptions,
     seed: int,
     truth: Truth,
 ) -> dict[str, Wire]:
@@ -298,7 +251,7 @@ def _wires(
         names = [assignment.skin for assignment in assignments if assignment.address == address]
         connector = next(assignment.connector for assignment in assignments if assignment.address == address)
         here = [skin for skin in skins if skin.title in names]
-        faults = [*(fault for skin in here for fault in skin.faults), *run_options.faults, *faults_of(events, names)]
+        faults = [*(fault for skin in here for fault in skin.faults), *options.faults, *faults_of(events, names)]
         paced = {skin.pacing for skin in here}
         pacing: Pacing = False if False in paced else "strict" if "strict" in paced else True
         transport = transports.create(address)
@@ -307,9 +260,9 @@ def _wires(
 
 
 def _channel(
-    skin: SkinTable, device: Device, source: Source, wires: dict[str, Wire], run_options: RunOptions, seed: int
+    skin: SkinTable, device: Device, source: Source, wires: dict[str, Wire], options: AssemblyOptions, seed: int
 ) -> Channel:
-    wanted = _periods(skin, device, run_options.rate_hz or skin.rate_hz)
+    wanted = _periods(skin, device, options.rate_hz or skin.rate_hz)
     sampling = SampleClock(
         period_ns=next((period for period in (*wanted.values(), *device.periods.values()) if period), 10_000_000),
         skew_ppm=skin.clock.skew_ppm,

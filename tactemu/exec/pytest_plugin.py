@@ -11,12 +11,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, Unpack
 
 import pytest
 
 if TYPE_CHECKING:
     from tactemu.exec.environment import ExecEnvironment
+    from tactemu.session.options import ServeOptions
     from tactemu.session.serving import Served
 
 
@@ -24,7 +25,7 @@ class ExecEnvironments(Protocol):
     """The type of the fixture, to annotate a test with: ``exec_environment: ExecEnvironments``."""
 
     def __call__(
-        self, *devices: Served | str | Path, nodes: str | Mapping[str, str] = "", **options: Any
+        self, *devices: Served | str | Path, nodes: str | Mapping[str, str] = "", **options: Unpack[ServeOptions]
     ) -> ExecEnvironment:
         """Return a view in which the devices are plugged in; a device given by name is started with ``options``."""
         ...

@@ -23,13 +23,14 @@ from __future__ import annotations
 import hashlib
 import os
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, Unpack
 
 import pytest
 
 if TYPE_CHECKING:
+    from tactemu.session.options import ServeOptions
     from tactemu.session.serving import Served
 
 _LOGGED = pytest.StashKey[list[tuple["Served", Path]]]()
@@ -43,7 +44,9 @@ _KEPT = "tactemu kept"
 class TactileDevice(Protocol):
     """The type of the fixture, for annotations: ``tactile_device: TactileDevice``."""
 
-    def __call__(self, target: str | Path, port: str | None = None, **options: Any) -> Served:
+    def __call__(
+        self, target: str | Path, port: str | Mapping[str, str] | None = None, **options: Unpack[ServeOptions]
+    ) -> Served:
         """Return a running device; the arguments are those of :func:`tactemu.serve`."""
         ...
 
@@ -91,7 +94,7 @@ def tactile_device(request: pytest.FixtureRequest) -> Iterator[TactileDevice]:
     for mark in item.iter_markers("tactemu"):  # the closest comes first
         marked = mark.kwargs | marked
 
-    def start(target: str | Path, port: str | None = None, **options: Any) -> Served:
+    def start(target: str | Path, port: str | Mapping[str, str] | None = None, **options: Any) -> Served:
         from tactemu.session.serving import serve
 
         options = marked | ({} if port is None else {"port": port}) | options

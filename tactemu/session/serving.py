@@ -12,102 +12,62 @@ The emulator runs in one background thread; everything here may be called from a
 
 from __future__ import annotations
 
+import inspect
 import os
 import threading
 import time
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Mapping
+from dataclasses import fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Unpack
 from urllib.parse import urlsplit
 
 from firmware_protocols import Device
-from tactemu.base.clock import LockstepClock, PacedClock, RealClock
 from tactemu.base.errors import SceneError, TactemuError
-from tactemu.base.kernels import start_quietly
-from tactemu.control.command_replay import replay_commands
 from tactemu.control.control import Control
 from tactemu.control.control_commands import ControlCommands
-from tactemu.control.endpoints import Endpoint
 from tactemu.control.loop_task import LoopTask, TaskResult
-from tactemu.control.server import Server
-from tactemu.emulator.assembly import Assembled, RunOptions, assemble, truth_of
-from tactemu.scene import file
-from tactemu.scene.schema import Event, one_or_more
-from tactemu.scene.steering import steered
+from tactemu.session.options import SERVE_CLOCKS, RunOptions, ServeOptions
+from tactemu.session.session import Session
 from tactemu.truth import Sample, Truth
 
 if TYPE_CHECKING:
-    from tactemu.scene.scene import Scene
-    from tactemu.sensors.simulation import Simulation
-
-CLOCKS = {"real": RealClock, "lockstep": LockstepClock, "paced": PacedClock}
-"""The values of ``clock``: time runs by itself, or only by ``step``, or more slowly rather than miss a sample."""
+    from tactemu.emulator.emulator import Emulator
 
 
-def serve(
-    target: str | Path,
-    port: str | Mapping[str, str] | None = None,
-    *,
-    rate_hz: float | Mapping[str, float] | None = None,
-    faults: str | Sequence[str] = (),
-    seed: int | None = None,
-    steer: str | Sequence[str] = (),
-    by_hand: bool = True,
-    scenario: Sequence[Event] = (),
-    adjustable: str | Sequence[str] = (),
-    truth: str | Path | None = None,
-    keep: str | int | None = None,
-    compute: str | None = None,
-    device_options: Mapping[str, Any] | None = None,
-    measured: bool = False,
-    source: Scene | Simulation | Callable[[float], Any] | None = None,
-    clock: str = "real",
-    name: str | None = None,
-    again: str | Path | None = None,
-) -> Served:
+def serve(target: str | Path, port: str | Mapping[str, str] | None = None, **options: Unpack[ServeOptions]) -> Served:
     """Return a device or scene file on a port of its own; use it in a ``with`` statement.
 
     Args:
         target: a device's name, ``path/to/device.py:Class`` or ``scene.toml``.
         port: as for ``tactemu run --port``; default: an unused one, so that tests can run in parallel. For several
             ports, a table by skin, by the device's connector, or by ``SKIN/CONNECTOR``.
-        rate_hz: sampling rate; default: the device's own. A table for a device with several streams.
-        faults: faults on the wire, as for ``--fault``.
-        seed: root of all random numbers; default: the scene's.
-        steer: bodies of a scene file that you move by hand instead of by their motions. Bodies without a motion, and
-            all those of a device's default scene, are moved by hand anyway.
-        by_hand: move the bodies of a device's default scene by hand, rather than by their motions.
-        scenario: events with their times (:class:`tactemu.Event`), beside the scene's own schedule.
-        adjustable: laws of imperfection (``noise``, ``dead``, ``bias`` ...) that you will switch on while it runs.
-        truth: file for the truth log, ``.mcap`` or ``.jsonl``.
-        keep: memory for samples and frames, ``"64MB"``; default: the scene's, else a share of the process's 256 MB.
-        compute: the device that runs the kernels, ``cpu`` or ``cuda:0``; default: the scene's.
-        device_options: options of a device named by ``target``, as for ``tactemu run NAME OPTION=VALUE``.
-        measured: take noise, clock and so on from measurements of real devices (docs/transducers.md).
-        source: a simulator of your own: a scene, built or not, or a function of time that returns poses or readings
-            (:mod:`tactemu.emulator.sources`).
-        clock: ``real``; ``lockstep``: time advances only by :meth:`Served.step`; ``paced``: as real, but time runs
-            slower on a machine that is late, and no sample is missed.
-        name: the name for ``tactemu poke --name`` and :func:`tactemu.connect`; default: they cannot connect.
-        again: truth log of an earlier run, whose live commands are repeated at the same times; on ports ``memory:``
-            the driver's bytes are repeated, too.
+        options: the options of the run, which :class:`~tactemu.session.options.RunOptions` describes.
 
     Raises:
         TactemuError: when it starts, if an argument is wrong or something in the scene is not available.
     """
-    run_options = RunOptions(
-        port=port, rate_hz=rate_hz, faults=tuple(one_or_more(faults)), seed=seed, compute=compute, fresh_ports=True,
-        scenario=tuple(scenario), adjustable=tuple(one_or_more(adjustable)),
-        measured=measured,
-    )  # fmt: skip
-    steered_by_name = tuple(one_or_more(steer))
-    if clock not in CLOCKS:
-        raise SceneError(f"clock: expected one of {', '.join(CLOCKS)}, got {clock!r}")
-    return Served(
-        str(target), run_options, steered_by_name, truth, keep, device_options,
-        by_hand=by_hand, source=source, clock=clock, name=name, again=again,
-    )  # fmt: skip
+    if (clock := options.get("clock", "real")) not in SERVE_CLOCKS:
+        raise SceneError(f"clock: expected one of {', '.join(SERVE_CLOCKS)}, got {clock!r}")
+    return Served(Session(str(target), RunOptions(port=port, fresh_ports=True, **options)))
+
+
+def _keywords() -> list[inspect.Parameter]:
+    """Return the parameters of :func:`serve` besides its target, with types and defaults of the options."""
+    served = {"port", *ServeOptions.__annotations__}
+    kinds = {"port": inspect.Parameter.POSITIONAL_OR_KEYWORD}
+    return [
+        inspect.Parameter(
+            each.name, kinds.get(each.name, inspect.Parameter.KEYWORD_ONLY), default=each.default, annotation=each.type
+        )
+        for each in fields(RunOptions)
+        if each.name in served
+    ]
+
+
+serve.__signature__ = inspect.Signature(  # type: ignore[attr-defined]
+    [inspect.signature(serve).parameters["target"], *_keywords()], return_annotation="Served"
+)
 
 
 class Served(ControlCommands):
@@ -117,50 +77,16 @@ class Served(ControlCommands):
     :class:`~tactemu.control.control_commands.ControlCommands`.
     """
 
-    def __init__(
-        self,
-        target: str,
-        run_options: RunOptions,
-        steer: Sequence[str],
-        truth: str | Path | None,
-        keep: str | int | None,
-        device_options: Mapping[str, Any] | None,
-        *,
-        by_hand: bool,
-        source: Any,
-        clock: str,
-        name: str | None,
-        again: str | Path | None,
-    ):
-        self.before_opening: Callable[[Any], object] = lambda emulator: None
-        """A function that is called when everything is built and no port is open yet."""
-        self._source = source
-        self._target, self._device_options, self._run_options, self._steer_names = (
-            target,
-            device_options,
-            run_options,
-            steer,
-        )
-        self._by_hand = by_hand and not target.endswith(".toml")
-        self._truth_path, self._keep = truth, keep
+    def __init__(self, session: Session):
+        self.session = session
         self._thread: threading.Thread | None = None
         self._owner_pid = 0
         """Id of the process in which the thread runs."""
         self._error: BaseException | None = None
-        self._clock, self._name, self._again = clock, name, again
-        self._server: Server | None = None
-        self._assembled: Assembled | None = None
-        self._control: Control | None = None
         self._unwatched: list[LoopTask] = []
         """The tasks for which no caller waits; :meth:`stop` raises their exceptions."""
-        self._forked: tuple[Assembled, dict[str, Any]] | None = None
-        """The origin of a fork, and its state."""
 
     # -- life ------------------------------------------------------------------------------------------------------
-
-    def use_usual_network_ports(self) -> None:
-        """Use the usual ports on the network, as `tactemu run` does, rather than unused ones. Call before start."""
-        self._run_options = replace(self._run_options, usual_network=True)
 
     def start(self) -> Served:
         """Compile, open the port, and run in a background thread. Does nothing when it already runs.
@@ -170,30 +96,7 @@ class Served(ControlCommands):
         """
         if self._thread is not None:
             return self
-        start_quietly()
-        loaded = file.load(self._target, self._device_options)
-        truth = truth_of(loaded, self._truth_path, self._keep)
-        try:
-            clock = CLOCKS[self._clock]()
-            if self._forked is not None:
-                origin, state = self._forked
-                self._assembled = origin.fork(port=self._run_options.port, clock=clock, truth=truth, state=state)
-            else:
-                loaded = steered(loaded, self._steer_names, by_hand=self._by_hand)
-                self._assembled = assemble(loaded, self._run_options, clock=clock, truth=truth, source=self._source)
-            self._control = Control(self._assembled)
-            if self._again is not None:
-                replay_commands(self._control, self._again)
-            self.before_opening(self.emulator)
-            self.emulator.open()
-            if self._name is not None:
-                endpoint = Endpoint(self._name, self._target, exactly=True)
-                self._server = Server(endpoint, self._control, yield_to_loop=not clock.virtual)
-        except BaseException:
-            truth.close()
-            if self._assembled is not None:
-                self.emulator.close()
-            raise
+        self.session.build().open()
         self._owner_pid = os.getpid()
         self._thread = threading.Thread(target=self._run, name="tactemu", daemon=True)
         self._thread.start()
@@ -207,14 +110,11 @@ class Served(ControlCommands):
         self.emulator.call(self.emulator.stop)
         self._thread.join()
         self._thread = None
-        if self._server is not None:
-            self._server.close()
-        self.emulator.close()
+        self.session.close()
         self._raise()
         if lost := self.truth.lost:
-            raise TactemuError(
-                f"{self._truth_path}: the truth log lacks {lost} entries: the disk was full, or too slow"
-            )
+            path = self.session.options.truth
+            raise TactemuError(f"{path}: the truth log lacks {lost} entries: the disk was full, or too slow")
 
     def __enter__(self) -> Served:
         return self.start()
@@ -224,7 +124,7 @@ class Served(ControlCommands):
 
     def _run(self) -> None:
         try:
-            self.emulator.run()
+            self.session.run()
         except BaseException as error:  # raised by the waiting thread, or by stop()
             self._error = error
 
@@ -238,12 +138,9 @@ class Served(ControlCommands):
     # -- state, readings and ports -------------------------------------------------------------------------------------
 
     @property
-    def emulator(self):
-        """The :class:`~tactemu.emulator.emulator.Emulator`; it belongs to the background thread, use
-        ``emulator.call``."""
-        if self._assembled is None:
-            raise TactemuError("not started; use `with tactemu.serve(...) as dev:`")
-        return self._assembled.emulator
+    def emulator(self) -> Emulator:
+        """The emulator; it belongs to the background thread, use ``emulator.call``."""
+        return self.session.emulator
 
     @property
     def running(self) -> bool:
@@ -258,8 +155,7 @@ class Served(ControlCommands):
     @property
     def simulation(self):
         """The simulation; it belongs to the background thread."""
-        assert self._assembled is not None
-        return self._assembled.simulation
+        return self.session.assembled.simulation
 
     @property
     def port(self) -> str:
@@ -314,9 +210,7 @@ class Served(ControlCommands):
     @property
     def control(self) -> Control:
         """The implementation of the commands, in the loop."""
-        if self._control is None:
-            raise TactemuError("not started; use `with tactemu.serve(...) as dev:`")
-        return self._control
+        return self.session.control
 
     def wait_for_driver(self, seconds: float = 20.0, skin: str | None = None) -> None:
         """Wait until a driver has opened the port (on a bus: has sent something).
@@ -356,14 +250,11 @@ class Served(ControlCommands):
         """
         states: list[dict[str, Any]] = []
         self.in_loop(lambda: states.append(self.emulator.snapshot()))
-        other = Served(
-            self._target, replace(self._run_options, port=port), self._steer_names, truth, self._keep,
-            self._device_options, by_hand=self._by_hand, source=self._source,
-            clock=clock or self._clock, name=name, again=None,
-        )  # fmt: skip
-        assert self._assembled is not None
-        other._forked = self._assembled, states[0]
-        return other
+        options = self.session.options
+        again = replace(options, port=port, truth=truth, clock=clock or options.clock, name=name, again=None)
+        other = Session(self.session.target, again)
+        other.origin = self.session.assembled, states[0]
+        return Served(other)
 
     def in_loop(self, action: Callable[[], object]) -> None:
         """Have the loop call ``action`` between two of its turns; wait for it, and raise its exception."""

@@ -18,9 +18,10 @@ import numpy as np
 
 from firmware_protocols import Sense
 from tactemu.base.clock import VirtualClock
-from tactemu.emulator.assembly import RunOptions, assemble
+from tactemu.emulator.assembly import assemble
 from tactemu.emulator.channel import Channel
 from tactemu.emulator.emulator import Emulator
+from tactemu.emulator.options import AssemblyOptions
 from tactemu.scene.file import LoadedScene
 from tactemu.tune.timing import stopwatch
 
@@ -92,7 +93,7 @@ def measure_loop(loaded: LoadedScene, rate_hz: float, compute: str | None, momen
     Raises:
         TactemuError: the scene is invalid.
     """
-    assembled = assemble(loaded, RunOptions(port="memory:", rate_hz=rate_hz, compute=compute))
+    assembled = assemble(loaded, AssemblyOptions(port="memory:", rate_hz=rate_hz, compute=compute))
     channels = assembled.emulator.channels
     if assembled.simulation is not None:
         assembled.simulation.step(moment)

@@ -6,13 +6,14 @@ import pytest
 
 from tactemu.cli import reports
 from tactemu.cli.reports import advice, report_if_slow
-from tactemu.emulator.assembly import RunOptions, assemble
+from tactemu.emulator.assembly import assemble
+from tactemu.emulator.options import AssemblyOptions
 from tactemu.scene.file import load
 
 
 @pytest.fixture
 def emulator():
-    return assemble(load("anyskin"), RunOptions(port="memory:")).emulator
+    return assemble(load("anyskin"), AssemblyOptions(port="memory:")).emulator
 
 
 def test_nothing_is_said_where_nothing_is_missed(emulator):

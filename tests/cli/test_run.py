@@ -10,7 +10,7 @@ import pytest
 import serial
 
 from tactemu.base.errors import SceneError
-from tactemu.cli.running import rate_of
+from tactemu.cli.words import rate_of
 from tactemu.control import endpoints
 from tests.cli.command import ROOT, here, start, tactemu
 

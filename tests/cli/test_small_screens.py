@@ -4,14 +4,15 @@ import pytest
 from rich.console import Console
 
 from tactemu.base.clock import VirtualClock
-from tactemu.emulator.assembly import RunOptions, assemble
+from tactemu.emulator.assembly import assemble
+from tactemu.emulator.options import AssemblyOptions
 from tactemu.scene.file import load
 from tactemu.session.live_view import LiveView
 
 
 @pytest.fixture(scope="module")
 def hand():
-    emulator = assemble(load("inspire_rh56dftp"), RunOptions(port="memory:"), clock=VirtualClock()).emulator
+    emulator = assemble(load("inspire_rh56dftp"), AssemblyOptions(port="memory:"), clock=VirtualClock()).emulator
     with emulator:
         emulator.run(0.5)
         yield emulator

@@ -9,8 +9,9 @@ from typing import Any
 from firmware_protocols import Connector, WebSocket
 from tactemu.base.clock import VirtualClock
 from tactemu.base.frame_text import text
-from tactemu.emulator.assembly import Assembled, RunOptions, assemble
+from tactemu.emulator.assembly import Assembled, assemble
 from tactemu.emulator.emulator import Emulator
+from tactemu.emulator.options import AssemblyOptions
 from tactemu.scene import file
 from tactemu.transports.memory import MemoryTransport
 from tactemu.transports.transport import Closed, Event, LinesChanged, Opened, SettingChanged
@@ -70,7 +71,7 @@ def replay(recorded: Recording) -> tuple[Recording, Assembled]:
     about = recorded.about
     loaded = file.parse(about["scene"], source=f"{about['device']}, {about['driver']}")
     names = about["ports"]
-    run_options = RunOptions(port=dict.fromkeys(names, "memory:"), seed=about["seed"])
+    run_options = AssemblyOptions(port=dict.fromkeys(names, "memory:"), seed=about["seed"])
     made = assemble(loaded, run_options, clock=VirtualClock(), truth=Truth(keep="1GB"))
     emulator = made.emulator
     again = Recording(about)

@@ -11,7 +11,8 @@ from tactemu.base.errors import TactemuError
 from tactemu.control.command_replay import commands_of, replay_commands
 from tactemu.control.control import Control
 from tactemu.control.control_commands import CONTROL_COMMANDS
-from tactemu.emulator.assembly import RunOptions, assemble
+from tactemu.emulator.assembly import assemble
+from tactemu.emulator.options import AssemblyOptions
 from tactemu.scene import file
 from tactemu.scene.steering import steered
 from tactemu.truth import Truth
@@ -32,7 +33,7 @@ COMMANDS = [
 
 
 def made(device, clock, log=None):
-    run_options = RunOptions(port="memory:", seed=3, adjustable=("noise", "dead"))
+    run_options = AssemblyOptions(port="memory:", seed=3, adjustable=("noise", "dead"))
     truth = Truth(log)
     return Control(assemble(steered(file.load(device)), run_options, clock=clock, truth=truth)), truth
 
@@ -88,7 +89,7 @@ def test_a_run_in_real_time_is_felt_again(tmp_path):
         dev.wait(0.1)
     felt = {s.t_ns: s.ideal.tobytes() for s in dev.truth.samples}
     loaded = steered(file.load("anyskin"))
-    control = Control(assemble(loaded, RunOptions(port="memory:", seed=3, rate_hz=200), clock=VirtualClock()))
+    control = Control(assemble(loaded, AssemblyOptions(port="memory:", seed=3, rate_hz=200), clock=VirtualClock()))
     replay_commands(control, log)
     with control.emulator:
         control.emulator.run(max(felt) / 1e9 + 1e-3)

@@ -11,7 +11,8 @@ from pymodbus.client import ModbusSerialClient
 import tactemu as tt
 from tactemu.base.clock import VirtualClock
 from tactemu.base.errors import TactemuError
-from tactemu.emulator.assembly import RunOptions, assemble
+from tactemu.emulator.assembly import assemble
+from tactemu.emulator.options import AssemblyOptions
 from tactemu.scene import file
 from tactemu.truth import Passage, entries
 from tests.cli.command import start
@@ -28,7 +29,7 @@ def sent(log) -> list[tuple[int, bytes]]:
 @pytest.fixture(scope="module")
 def of_virtual_time(tmp_path_factory):
     """What leaves in a second of virtual time."""
-    emulator = assemble(file.load("anyskin"), RunOptions(port="memory:", seed=7), clock=VirtualClock()).emulator
+    emulator = assemble(file.load("anyskin"), AssemblyOptions(port="memory:", seed=7), clock=VirtualClock()).emulator
     with emulator:
         emulator.run(1.0)
         emulator.step()

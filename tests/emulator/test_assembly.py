@@ -9,7 +9,8 @@ import pytest
 import firmware_protocols
 from tactemu.base.clock import VirtualClock
 from tactemu.base.errors import DeviceError, SceneError, TransportError
-from tactemu.emulator.assembly import RunOptions, assemble
+from tactemu.emulator.assembly import assemble
+from tactemu.emulator.options import AssemblyOptions
 from tactemu.emulator.port_assignment import assign_ports
 from tactemu.scene.building import make_device, make_devices
 from tactemu.scene.file import load, parse
@@ -101,7 +102,7 @@ def test_a_serial_port_is_not_shared():
     with pytest.raises(SceneError, match="cannot share pty:/tmp/one; only a CAN bus and an RS-485 line are shared"):
         assemble(
             parse(BODIES + skin("anyskin", 'name = "a"') + skin("anyskin", 'name = "b"')),
-            RunOptions(port="pty:/tmp/one"),
+            AssemblyOptions(port="pty:/tmp/one"),
         )
 
 

@@ -6,7 +6,8 @@ import pytest
 
 from firmware_protocols.frames import frame_of
 from tactemu.base.clock import LockstepClock, VirtualClock
-from tactemu.emulator.assembly import RunOptions, assemble
+from tactemu.emulator.assembly import assemble
+from tactemu.emulator.options import AssemblyOptions
 from tactemu.scene import file
 from tactemu.truth import Truth
 
@@ -15,7 +16,9 @@ MS = 1_000_000
 
 def emulator_of(device: str, clock, **options):
     truth = Truth()
-    made = assemble(file.load(device, options), RunOptions(port="memory:", seed=3), clock=clock, truth=truth).emulator
+    made = assemble(
+        file.load(device, options), AssemblyOptions(port="memory:", seed=3), clock=clock, truth=truth
+    ).emulator
     return made, truth
 
 

@@ -4,14 +4,15 @@ import pytest
 
 from tactemu.base.clock import VirtualClock
 from tactemu.base.errors import SceneError, TactemuError
-from tactemu.emulator.assembly import RunOptions, assemble
+from tactemu.emulator.assembly import assemble
+from tactemu.emulator.options import AssemblyOptions
 from tactemu.scene.file import load, parse
 from tactemu.truth import Truth
 
 
 def run(loaded, truth: Truth, seconds: float = 3.0, **run_options) -> list[bytes]:
     """The frames that left in a virtual second."""
-    emulator = assemble(loaded, RunOptions(port="memory:", **run_options), truth=truth).emulator
+    emulator = assemble(loaded, AssemblyOptions(port="memory:", **run_options), truth=truth).emulator
     emulator.clock = VirtualClock()
     with emulator:
         emulator.run(seconds)
@@ -53,7 +54,7 @@ def test_mistakes(log, tmp_path):
     with pytest.raises(SceneError, match="one of the two"):
         parse('[[skin]]\ndevice = "anyskin"\n')
     with pytest.raises(SceneError, match=r"shape \(5, 3\); linker_hand_l6 senses force, shape \(360, 3\)"):
-        assemble(parse(f'[[skin]]\ndevice = "linker_hand_l6"\nreadings = "{path}"\n'), RunOptions(port="memory:"))
+        assemble(parse(f'[[skin]]\ndevice = "linker_hand_l6"\nreadings = "{path}"\n'), AssemblyOptions(port="memory:"))
     with pytest.raises(TactemuError, match="no samples of 'other'; it has: anyskin"):
         assemble(parse(f'[[skin]]\ndevice = "anyskin"\nreadings = "{path}"\nreadings_of = "other"\n'))
     with pytest.raises(TactemuError, match="cannot read the truth log"):

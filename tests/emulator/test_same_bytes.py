@@ -9,7 +9,8 @@ import pytest
 import firmware_protocols as fp
 from firmware_protocols.frames import frame_of
 from tactemu.base.clock import VirtualClock
-from tactemu.emulator.assembly import RunOptions, assemble
+from tactemu.emulator.assembly import assemble
+from tactemu.emulator.options import AssemblyOptions
 from tactemu.scene import file
 from tactemu.truth import Truth
 
@@ -46,7 +47,7 @@ def beside(data: dict, other: dict) -> dict:
 
 def digest(data: dict, name: str, seed: int = 1) -> tuple[str, int]:
     """SHA-256 and number of the frames that ``name`` sent."""
-    run_options = RunOptions(port="memory:", seed=seed)
+    run_options = AssemblyOptions(port="memory:", seed=seed)
     truth = Truth()
     emulator = assemble(file.check(data), run_options, truth=truth).emulator
     emulator.clock = VirtualClock()

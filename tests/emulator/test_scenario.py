@@ -5,7 +5,8 @@ import pytest
 
 from tactemu.base.clock import VirtualClock
 from tactemu.base.errors import SceneError
-from tactemu.emulator.assembly import RunOptions, assemble
+from tactemu.emulator.assembly import assemble
+from tactemu.emulator.options import AssemblyOptions
 from tactemu.emulator.scenario import faults_of, timed_fault
 from tactemu.scene.file import default_scene, parse
 from tactemu.scene.schema import Event
@@ -130,7 +131,7 @@ def test_an_event_is_checked():
 
 def test_a_range_that_was_none_is_none_again_afterwards():
     event = Event(at=0.0, until=0.05, set={"saturation_range": (0.0, 0.1), "bias": 1.0})
-    emulator = assemble(default_scene("anyskin"), RunOptions(port="memory:", scenario=[event])).emulator
+    emulator = assemble(default_scene("anyskin"), AssemblyOptions(port="memory:", scenario=[event])).emulator
     emulator.clock = VirtualClock()
     with emulator:
         emulator.run(0.04)

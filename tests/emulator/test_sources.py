@@ -10,7 +10,8 @@ import tactemu as tt
 from firmware_protocols import create
 from tactemu.base.clock import VirtualClock
 from tactemu.base.errors import SceneError, SourceError
-from tactemu.emulator.assembly import RunOptions, assemble
+from tactemu.emulator.assembly import assemble
+from tactemu.emulator.options import AssemblyOptions
 from tactemu.engines.engine import MujocoEngine
 from tactemu.scene.file import load, parse
 from tactemu.session.serving import serve
@@ -27,8 +28,8 @@ def samples_of(source, seconds=0.2, device="anyskin", **options):
 
 def run(path, seconds, source=None):
     """Samples of a run in virtual time."""
-    run_options = RunOptions(port="memory:", rate_hz=100, seed=1)
-    with assemble(load(path), run_options, clock=VirtualClock(), source=source).emulator as emulator:
+    options = AssemblyOptions(port="memory:", rate_hz=100, seed=1, source=source)
+    with assemble(load(path), options, clock=VirtualClock()).emulator as emulator:
         emulator.run(seconds)
         return list(emulator.truth.samples)
 

@@ -8,7 +8,8 @@ import pytest
 import tactemu as tt
 from tactemu.base.clock import VirtualClock
 from tactemu.control.state import statistics_of
-from tactemu.emulator.assembly import RunOptions, assemble, truth_of
+from tactemu.emulator.assembly import assemble, truth_of
+from tactemu.emulator.options import AssemblyOptions
 from tactemu.scene.file import parse
 
 SKIN = """
@@ -26,7 +27,7 @@ TWO = '[[body]]\nname = "pad"\nshape = "frame"\nfixed = true\n' + "".join(
 
 def run(path=None):
     scene = parse(TWO)
-    emulator = assemble(scene, RunOptions(), truth=truth_of(scene, path)).emulator
+    emulator = assemble(scene, AssemblyOptions(), truth=truth_of(scene, path)).emulator
     emulator.clock = VirtualClock()
     with emulator:
         emulator.run(0.5)

@@ -98,7 +98,7 @@ def test_a_fitted_scene_runs(tmp_path):
 def test_the_clock_of_a_scene_is_found_in_what_it_sent(clock):
     from firmware_protocols import device_class
     from tactemu.base.clock import VirtualClock
-    from tactemu.emulator.assembly import RunOptions, assemble
+    from tactemu.emulator.assembly import AssemblyOptions, assemble
     from tactemu.fit.writing import clock_of
     from tactemu.scene.default import tables_for
     from tactemu.scene.file import check
@@ -106,7 +106,7 @@ def test_the_clock_of_a_scene_is_found_in_what_it_sent(clock):
     tables = tables_for("anyskin", device_class("anyskin"))
     tables["scene"]["dt"] = 0.01
     tables["skin"][0] |= {"clock": clock, "options": {"noise": 0.1}}
-    made = assemble(check(tables), RunOptions(port="memory:"), clock=VirtualClock())
+    made = assemble(check(tables), AssemblyOptions(port="memory:"), clock=VirtualClock())
     with made.emulator as emulator:
         emulator.run(15.0)
         frames = emulator.truth.frames
@@ -161,11 +161,13 @@ def test_rows_that_go_back_in_time_or_are_no_numbers_are_left_out(tmp_path):
 
 def test_a_log_of_ours_and_a_parquet_are_recordings(tmp_path):
     from tactemu.base.clock import VirtualClock
-    from tactemu.emulator.assembly import RunOptions, assemble
+    from tactemu.emulator.assembly import AssemblyOptions, assemble
     from tactemu.scene.file import load
     from tactemu.truth import Truth
 
-    ours = assemble(load("anyskin"), RunOptions(port="memory:"), clock=VirtualClock(), truth=Truth(tmp_path / "a.mcap"))
+    ours = assemble(
+        load("anyskin"), AssemblyOptions(port="memory:"), clock=VirtualClock(), truth=Truth(tmp_path / "a.mcap")
+    )
     with ours.emulator as emulator:
         emulator.run(0.5)
     made = read(tmp_path / "a.mcap")

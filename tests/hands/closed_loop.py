@@ -7,7 +7,8 @@ import functools
 
 from firmware_protocols import CanFrame
 from tactemu.base.clock import VirtualClock
-from tactemu.emulator.assembly import RunOptions, assemble
+from tactemu.emulator.assembly import assemble
+from tactemu.emulator.options import AssemblyOptions
 from tactemu.scene import file
 from tactemu.scene.steering import steered
 from tests.hands.holding import ALL, scene_of
@@ -21,11 +22,11 @@ def frame(*data: int) -> CanFrame:
     return CanFrame(arbitration_id=0x28, data=bytes(data))
 
 
-def made(scene, clock=None, truth=None, **run_options):
+def made(scene, clock=None, truth=None, **options):
     """Return the emulator of a scene, its simulation and its engine."""
     loaded = steered(file.load(scene))
     whole = assemble(
-        loaded, RunOptions(port="memory:", seed=5, **run_options), clock=clock or VirtualClock(), truth=truth
+        loaded, AssemblyOptions(port="memory:", seed=5, **options), clock=clock or VirtualClock(), truth=truth
     )
     return whole.emulator, whole.simulation, whole.simulation.posers[0].__self__
 

@@ -16,7 +16,8 @@ import pytest
 
 import tactemu as tt
 from tactemu.base.clock import VirtualClock
-from tactemu.emulator.assembly import RunOptions, assemble
+from tactemu.emulator.assembly import assemble
+from tactemu.emulator.options import AssemblyOptions
 from tactemu.scene import file
 from tactemu.scene.steering import steered
 from tests.hands.holding import ALL, contact_forces, controller, engine_of, scene_of, until
@@ -45,7 +46,7 @@ def packet(servo: int, register: int, *values: int) -> bytes:
 def test_what_hangs_weighs_on_the_pads_and_slips_at_their_rims_first(tmp_path):
     """In virtual time, by a script: 1.98 N on each pad, and a pull of 10 N more in a second."""
     loaded = steered(file.load(scene_of(GRIPPER, "pulled", tmp_path)))
-    whole = assemble(loaded, RunOptions(port="memory:"), clock=VirtualClock())
+    whole = assemble(loaded, AssemblyOptions(port="memory:"), clock=VirtualClock())
     emulator, simulation, engine = whole.emulator, whole.simulation, whole.simulation.posers[0].__self__
     bodies = {body.name: body.motion for body in simulation.bodies}
     write, slips, object_ = emulator.channels[0].wire.transport.driver.write, [], engine.data.body("object")

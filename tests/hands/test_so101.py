@@ -10,7 +10,8 @@ import pytest
 
 import firmware_protocols as fp
 from tactemu.base.clock import VirtualClock
-from tactemu.emulator.assembly import RunOptions, assemble
+from tactemu.emulator.assembly import assemble
+from tactemu.emulator.options import AssemblyOptions
 from tactemu.scene import file
 from tactemu.scene.steering import steered
 from tests.hands.holding import HANDS, contact_forces
@@ -21,7 +22,7 @@ PADS = ("fixed_pad", "moving_pad")
 
 
 def test_the_jaws_grasp_and_the_arm_lifts():
-    whole = assemble(steered(file.load(HANDS / "so101.toml")), RunOptions(port="memory:"), clock=VirtualClock())
+    whole = assemble(steered(file.load(HANDS / "so101.toml")), AssemblyOptions(port="memory:"), clock=VirtualClock())
     emulator, engine = whole.emulator, whole.simulation.posers[0].__self__
     write = emulator.channels[0].wire.transport.driver.write
     box, orders = engine.data.body("object"), [(0.01 * k, k, 40, 1) for k in range(1, 7)]

@@ -32,8 +32,9 @@ import numpy as np
 from tactemu.base.clock import VirtualClock
 from tactemu.base.errors import TactemuError
 from tactemu.base.kernels import start_quietly
-from tactemu.emulator.assembly import RunOptions, assemble, truth_of
+from tactemu.emulator.assembly import assemble, truth_of
 from tactemu.emulator.emulator import Emulator
+from tactemu.emulator.options import AssemblyOptions
 from tactemu.scene import file
 from tactemu.scene.steering import steered
 
@@ -138,7 +139,7 @@ def _run(path: Path, tables: dict[str, Any], port: str | None) -> None:
     loaded = steered(file.check(tables, source=path.name, folder=path.parent))
     log = truth_of(loaded)
     try:
-        emulator = assemble(loaded, RunOptions(port=port), clock=VirtualClock(), truth=log).emulator
+        emulator = assemble(loaded, AssemblyOptions(port=port), clock=VirtualClock(), truth=log).emulator
         with emulator:
             emulator.run(RUN_S)
     finally:

@@ -8,7 +8,8 @@ import pytest
 import firmware_protocols
 from tactemu.base.clock import VirtualClock
 from tactemu.base.errors import SceneError
-from tactemu.emulator.assembly import RunOptions, assemble
+from tactemu.emulator.assembly import assemble
+from tactemu.emulator.options import AssemblyOptions
 from tactemu.fit.realism import PARAMETERS
 from tactemu.scene.file import check, load, parse
 from tactemu.scene.measured_defaults import measured_devices
@@ -23,7 +24,7 @@ def at_rest(name, seconds=10.0, setup=(), **keys):
         "body": [{"name": "pad", "shape": "frame", "fixed": True}],
         "skin": [{"device": name, "link": "pad", "measured": True, **keys}],
     }
-    emulator = assemble(check(tables), RunOptions(port="memory:", seed=1), clock=VirtualClock()).emulator
+    emulator = assemble(check(tables), AssemblyOptions(port="memory:", seed=1), clock=VirtualClock()).emulator
     with emulator:
         for frame in setup:
             emulator.channels[0].wire.transport.driver.write(frame)  # pyright: ignore
@@ -92,11 +93,13 @@ def test_what_a_scene_says_goes_first_and_without_a_wish_nothing_changes():
     with pytest.raises(SceneError, match="for the transducers magnetic"):
         parse(text.replace("flexitac", "anyskin") + "measured = true\ntransducer = [{ kind = 'material' }]\n")
     with pytest.raises(SceneError, match="there are no measured parameters of optoforce"):
-        assemble(load("optoforce"), RunOptions(port="memory:", measured=True))
+        assemble(load("optoforce"), AssemblyOptions(port="memory:", measured=True))
 
 
 @pytest.mark.parametrize("name", measured_devices())
 def test_every_default_scene_runs_with_them(name):
     assert name in firmware_protocols.DEVICES
-    with assemble(load(name), RunOptions(port="memory:", measured=True), clock=VirtualClock()).emulator as emulator:
+    with assemble(
+        load(name), AssemblyOptions(port="memory:", measured=True), clock=VirtualClock()
+    ).emulator as emulator:
         emulator.run(0.1)

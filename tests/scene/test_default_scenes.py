@@ -7,7 +7,8 @@ import firmware_protocols
 from firmware_protocols.device import CONTACT
 from tactemu.base.clock import VirtualClock
 from tactemu.base.errors import SceneError
-from tactemu.emulator.assembly import RunOptions, assemble
+from tactemu.emulator.assembly import assemble
+from tactemu.emulator.options import AssemblyOptions
 from tactemu.scene.default import IDLE_S, tables_for
 from tactemu.scene.file import DEFAULTS, check, device_class, load
 
@@ -16,7 +17,7 @@ TOUCH = (*CONTACT, "wrench", "vibration")
 
 def felt(loaded) -> tuple[np.ndarray, np.ndarray]:
     """Time since boot [s] and largest reading of touch of each sample, for four seconds."""
-    emulator = assemble(loaded, RunOptions(port="memory:", rate_hz=10)).emulator
+    emulator = assemble(loaded, AssemblyOptions(port="memory:", rate_hz=10)).emulator
     emulator.clock = VirtualClock()
     boot_s = emulator.channels[0].device.boot_s
     with emulator:

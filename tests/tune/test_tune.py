@@ -7,7 +7,8 @@ import pytest
 
 from tactemu.base.errors import SceneError
 from tactemu.base.gc_tuning import no_full_collections
-from tactemu.emulator.assembly import RunOptions, assemble
+from tactemu.emulator.assembly import assemble
+from tactemu.emulator.options import AssemblyOptions
 from tactemu.scene.file import load, parse
 from tactemu.tune.choice import ALIKE, Measured, Pace, pick
 from tactemu.tune.cost import MAX_CPU_SHARE, Cost, measure_loop
@@ -170,7 +171,7 @@ def test_a_run_at_the_choice_keeps_its_samples(tmp_path):
     assert choice.keeps_rate
     for _ in range(3):  # a machine that somebody else slows down is no property of the choice
         with no_full_collections():
-            with assemble(load(str(file)), RunOptions(port="memory:", rate_hz=rate_hz)).emulator as emulator:
+            with assemble(load(str(file)), AssemblyOptions(port="memory:", rate_hz=rate_hz)).emulator as emulator:
                 emulator.run(2.0)
             statistics = emulator.channels[0].statistics
         if statistics.samples >= 0.98 * 2.0 * rate_hz - 2:

@@ -10,7 +10,8 @@ import pytest
 import tactemu as tt
 from tactemu.base.clock import VirtualClock
 from tactemu.base.errors import DeviceError, SceneError
-from tactemu.emulator.assembly import RunOptions, assemble
+from tactemu.emulator.assembly import assemble
+from tactemu.emulator.options import AssemblyOptions
 from tactemu.scene.file import parse
 
 DEVICES = Path(__file__).parents[1] / "devices"
@@ -114,7 +115,7 @@ def fingers() -> str:
 
 
 def ran(text: str, seconds: float, *todo) -> object:
-    emulator = assemble(parse(PAD + text), RunOptions(port={"touch": "memory:t", "motors": "memory:m"})).emulator
+    emulator = assemble(parse(PAD + text), AssemblyOptions(port={"touch": "memory:t", "motors": "memory:m"})).emulator
     emulator.clock = VirtualClock()
     for at_s, what in todo:
         emulator.at(round(at_s * 1e9), lambda what=what: what(emulator))

@@ -47,7 +47,7 @@ class PageListener:
 
 
 def open_listener(host: str | None = None, port: int | None = None) -> PageListener:
-    """Open the socket of a page, and return it with a fresh token.
+    """Open the socket of a page, and return it with a fresh token; warn the user if other machines can reach it.
 
     Args:
         host: the address; default: loopback, which only this machine reaches.
@@ -58,7 +58,10 @@ def open_listener(host: str | None = None, port: int | None = None) -> PageListe
     """
     if importlib.util.find_spec("viser") is None:
         raise TactemuError('the page needs the package viser: pip install "tactemu[web]"')
-    return PageListener(_has_listener(host or LOOPBACK, port), secrets.token_urlsafe(16))
+    opened = PageListener(_has_listener(host or LOOPBACK, port), secrets.token_urlsafe(16))
+    if text := warning(host):
+        sys.stderr.write(f"tactemu: {text}\n")
+    return opened
 
 
 def warning(host: str | None) -> str | None:

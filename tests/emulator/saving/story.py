@@ -11,8 +11,9 @@ from pathlib import Path
 from firmware_protocols import registry
 from firmware_protocols.frames import frame_of
 from tactemu.base.clock import VirtualClock
-from tactemu.emulator.assembly import RunOptions, assemble
+from tactemu.emulator.assembly import assemble
 from tactemu.emulator.emulator import Emulator
+from tactemu.emulator.options import AssemblyOptions
 from tactemu.scene import file
 from tactemu.truth import Truth
 
@@ -45,7 +46,9 @@ def of_device(name: str) -> dict:
 
 def build(data: dict) -> Emulator:
     """An emulator of the scene, not yet open."""
-    return assemble(file.check(data), RunOptions(port="memory:", seed=3), clock=VirtualClock(), truth=Truth()).emulator
+    return assemble(
+        file.check(data), AssemblyOptions(port="memory:", seed=3), clock=VirtualClock(), truth=Truth()
+    ).emulator
 
 
 def ask(emulator: Emulator, after_s: float = 0.0) -> None:

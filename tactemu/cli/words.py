@@ -1,0 +1,111 @@
+"""Words of the command line that stand for tables: ``axes=6``, ``thumb=pty:/tmp/a``, ``imu=1000``."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+from tactemu.base.errors import DeviceError, SceneError, TactemuError, TransportError
+
+_OWNER = re.compile(r"[^:=]+=")
+"""The name of a skin or a connector in front of a port."""
+
+
+def options_of(words: Sequence[str]) -> dict[str, str]:
+    """Return ``["axes=6"]`` as a dictionary.
+
+    Raises:
+        DeviceError: a word is no ``NAME=VALUE``.
+    """
+    from firmware_protocols.options import from_words
+
+    try:
+        return from_words(words)
+    except ValueError as error:
+        raise DeviceError(str(error)) from None
+
+
+def rate_of(words: Sequence[str]) -> float | dict[str, float] | None:
+    """Return ``["200"]`` as a number, ``["touch=200", "imu=1000"]`` as a dictionary by stream.
+
+    Raises:
+        SceneError: a word is no rate, or one of several has no stream.
+    """
+    rates: dict[str, float] = {}
+    for word in words:
+        stream, _, hz = word.rpartition("=")
+        try:
+            rates[stream] = float(hz)
+        except ValueError:
+            raise SceneError(f"--rate {word}: expected HZ, or STREAM=HZ") from None
+    if len(words) > 1 and "" in rates:
+        raise SceneError(f"--rate: with several rates, name the stream of each: --rate STREAM={rates['']:g}")
+    return rates.get("", rates or None)
+
+
+def ports_of(words: Sequence[str]) -> str | dict[str, str] | None:
+    """Return ``["pty:/tmp/skin"]`` as one port, ``["thumb=pty:/tmp/a", "palm=pty:/tmp/b"]`` by skin or connector.
+
+    Raises:
+        TransportError: one of several ports has no skin, or a skin has two.
+    """
+    if len(words) == 1 and not _OWNER.match(words[0]):
+        return words[0]
+    ports = {}
+    for word in words:
+        owner, given, port = word.partition("=")
+        if not given or not _OWNER.match(word):
+            raise TransportError(f"--port {word}: with several ports, name the skin of each: --port SKIN={word}")
+        if owner in ports:
+            raise TransportError(f"--port {word}: {owner!r} has a port already, {ports[owner]}")
+        ports[owner] = port
+    return ports or None
+
+
+def network_ports_of(words: Sequence[str]) -> str | dict[str, str] | None:
+    """Return the ports of ``--port``, as for `tactemu run`.
+
+    Raises:
+        TransportError: a port is not on the network; such a device has a node.
+    """
+    ports = ports_of(words)
+    for port in ports.values() if isinstance(ports, dict) else filter(None, [ports]):
+        if port.partition(":")[0] not in ("tcp", "udp", "ws", "dds"):
+            raise TransportError(
+                f"--port {port}: only tcp:, udp:, ws: and dds: are possible; name a serial port or CAN bus with --node"
+            )
+    return ports
+
+
+def nodes_of(words: Sequence[str]) -> str | dict[str, str]:
+    """Return ``["ttyUSB0"]`` as one name, ``["thumb=ttyUSB0", "palm=ttyUSB1"]`` by skin or ``SKIN/CONNECTOR``.
+
+    Raises:
+        TransportError: one of several nodes has no skin.
+    """
+    if len(words) == 1 and "=" not in words[0]:
+        return words[0]
+    nodes = {}
+    for word in words:
+        owner, given, node = word.partition("=")
+        if not given:
+            raise TransportError(f"--node {word}: with several nodes, name the skin of each: --node SKIN={word}")
+        nodes[owner] = node
+    return nodes
+
+
+def pairs_of(option: str, text: str | None) -> dict[str, str] | None:
+    """Return ``a=b,c=d`` as a dictionary.
+
+    Raises:
+        TactemuError: a part is no ``NAME=VALUE``.
+    """
+    if text is None:
+        return None
+    found = {}
+    for part in text.split(","):
+        name, mark, value = part.partition("=")
+        if not (mark and name.strip() and value.strip()):
+            raise TactemuError(f"{option}: expected NAME=VALUE, several with commas, got {part!r}")
+        found[name.strip()] = value.strip()
+    return found
