@@ -236,7 +236,7 @@ def run_proxy(
         recorder = stack.enter_context(Recorder(record, line=line_note(real, baud))) if record is not None else None
         log = Truth(truth) if truth is not None else Truth()
         proxy = Proxy(model, side, port, faults, seed or 0, log, recorder, device or "sensor")
-        stack.enter_context(ended_by_signals(lambda: setattr(proxy, "stopped", True)))
+        stack.enter_context(ended_by_signals(proxy.stop))
 
         def opened(address: str) -> None:
             print(f"{real} is passed on to {address}", flush=True)

@@ -100,7 +100,7 @@ def _play_stepwise(player, interrupted: Callable[[], bool]) -> None:
     for _ in sys.stdin:
         now = player.clock.now_ns()
         player.wire.receive(now)
-        if interrupted() or (entry := player.step(now)) is None:
+        if interrupted() or (entry := player.send_next(now)) is None:
             break
         player.wire.flush(now)
         print(f"{entry.t_ns / 1e9:.6f} s  {entry.frame.hex() if isinstance(entry.frame, bytes) else entry.frame}")

@@ -14,7 +14,8 @@ from typing import Any
 from rich.console import Console
 
 from tactemu.emulator.channel import Channel
-from tactemu.emulator.emulator import Emulator, Simulated
+from tactemu.emulator.emulator import Emulator
+from tactemu.emulator.lifecycle import Simulated
 
 Say = Callable[..., None]
 """A callable that prints an event: ``say(event, skin=..., **entry)``."""

@@ -3,42 +3,15 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
-from tactemu.base.clock import Clock, LockstepClock
-from tactemu.emulator.channel import Channel
-from tactemu.emulator.emulator import Simulated
+from tactemu.base.clock import LockstepClock
+from tactemu.base.loop import Loop
 
 RECHECK_NS = 1_000_000
 """Interval at which a task checks whether every device has sampled its time."""
-
-
-class Loop(Protocol):
-    """An emulator or a replay, as a task uses it."""
-
-    now_ns: int
-    clock: Clock
-
-    @property
-    def simulation(self) -> Simulated | None:
-        """The simulation, if there is one."""
-        ...
-
-    @property
-    def channels(self) -> Sequence[Channel]:
-        """The devices."""
-        ...
-
-    @property
-    def is_settled(self) -> bool:
-        """True if everything that is due in this turn has been done."""
-        ...
-
-    def call(self, action: Callable[[], None], at_ns: int = 0) -> None:
-        """Have ``action`` run at the end of a turn, not before ``at_ns``. Safe from any thread."""
-        ...
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ import typing
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Protocol
 
-from tactemu.base.agenda import Action
+from tactemu.base.loop import Action
 from tactemu.emulator.channel import Channel
 from tactemu.truth import Truth
 

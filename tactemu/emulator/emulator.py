@@ -20,8 +20,8 @@ import numpy as np
 
 from firmware_protocols import Convert, Counts, Restart
 from firmware_protocols.can_frames import CanFrames
-from tactemu.base.agenda import Action, Agenda, ScheduledCallback
 from tactemu.base.clock import Clock
+from tactemu.base.loop import Action, Agenda, ScheduledCallback
 from tactemu.emulator import actions
 from tactemu.emulator.channel import Channel, SampledReadings, Source
 from tactemu.emulator.lifecycle import Lifecycle, Simulated
@@ -48,7 +48,8 @@ class Emulator(Lifecycle):
     """
 
     TRANSIENT_FIELDS: ClassVar[tuple[str, ...]] = (
-        "catch_up_steps", "clock", "look_ahead_ns", "recipe", "_calls", "_channels", "_is_restored", "_stop_requested",
+        "catch_up_steps", "clock", "look_ahead_ns", "recipe", "_calls", "_channels", "_is_restored", "_ports",
+        "_stop_requested",
     )  # fmt: skip
 
     def __init__(
@@ -62,7 +63,7 @@ class Emulator(Lifecycle):
         recipe: Mapping[str, Any] | None = None,
     ):
         self.catch_up_steps = catch_up_steps
-        self.simulation = simulation
+        self.simulation: Simulated | None = simulation
         super().__init__(channels, clock, truth, recipe or {})
         self.look_ahead_ns: int | None = None
         """Longest lead of the simulation over real time (or a step, if that is longer); ``None``: unlimited."""
@@ -88,7 +89,8 @@ class Emulator(Lifecycle):
                 sent_ns = self.clock.now_ns()
         self._send_due(now)
         self._calls.run(now)
-        self._wait(end_ns, self._look_ahead(end_ns))
+        look_ns = self._look_ahead(end_ns)
+        self._wait(self._deadlines(*self._pending_times(), look_ns, end_ns))
 
     def _receive(self, wire: Wire, now: int) -> None:
         """Pass commands and port events from the wire to every device on it."""
@@ -235,16 +237,9 @@ class Emulator(Lifecycle):
         return [*(wire.next_due_ns() for wire in self.wires), self._agenda.next_ns, self._outbox.next_ns]
 
     @property
-    def is_settled(self) -> bool:
+    def is_settled(self) -> bool:  # pyright: ignore[reportIncompatibleVariableOverride]
         """True if everything that is due in this turn has been done."""
         return min(self._deadlines(*self._pending_times()), default=self.now_ns + 1) > self.now_ns
-
-    def _wait(self, end_ns: int | None, look_ns: int | None) -> None:
-        """Wait until the next deadline, or until ``look_ns``, the time of the next step ahead."""
-        deadlines = self._deadlines(*self._pending_times(), self._calls.next_ns, look_ns, end_ns)
-        filenos = [fileno for wire in self.wires for fileno in wire.filenos()] + self._calls.filenos
-        poll = any(not wire.filenos() for wire in self.wires)
-        self.clock.wait(min(deadlines, default=None), filenos, poll=poll)
 
     # -- calls into a device -------------------------------------------------------------------------------------------
 
@@ -388,7 +383,7 @@ ACTIONS: dict[str, Callable[..., None]] = {
     "set": actions.set_option,
     "wake": Emulator._wake,
 }
-"""The functions of the loop's actions on a device, by the name in an :class:`~tactemu.base.agenda.Action`."""
+"""The functions of the loop's actions on a device, by the name in an :class:`~tactemu.base.loop.Action`."""
 
 
-__all__ = ["Channel", "Emulator", "Simulated", "Source"]
+__all__ = ["Channel", "Emulator", "Source"]

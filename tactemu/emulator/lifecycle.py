@@ -1,14 +1,14 @@
-"""The part of an emulator that its callers use: open and close, run and stop, scheduled calls, saved states."""
+"""The part of an emulator that its callers use beside :class:`Loop`: open and close, scheduled calls, saved states."""
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from collections.abc import Iterable, Mapping
+from abc import abstractmethod
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
-from tactemu.base.agenda import Action, Agenda, Calls, ScheduledCallback
 from tactemu.base.clock import Clock, RealClock
+from tactemu.base.loop import Action, Agenda, Loop, ScheduledCallback
 from tactemu.emulator.channel import Channel
 from tactemu.truth import Truth
 
@@ -36,7 +36,7 @@ class Simulated(Protocol):
         ...
 
 
-class Lifecycle(ABC):
+class Lifecycle(Loop):
     """A loop that runs devices; a subclass defines its :meth:`step`.
 
     Args:
@@ -50,24 +50,16 @@ class Lifecycle(ABC):
         self, channels: Iterable[Channel], clock: Clock | None, truth: Truth | None, recipe: Mapping[str, Any]
     ):
         self.recipe = recipe
-        self.channels = list(channels)
+        self.channels: Sequence[Channel] = list(channels)
         self.wires = list(dict.fromkeys(wire for channel in self.channels for wire in channel.wires.values()))
         for wire in self.wires:
             wire.name = wire.name or "+".join(c.name for c in self.channels if wire in c.wires.values())
-        self.clock: Clock = clock or RealClock()
+        super().__init__(clock or RealClock(), self.wires)
         self.truth = truth or Truth()
-        self._stop_requested = False
-        self.now_ns = 0
-        """Time of the turn, at which everything in it happens."""
         self._channels = {channel.name: channel for channel in self.channels}
         self._agenda: Agenda[Action | ScheduledCallback] = Agenda(self._is_valid)
-        self._calls = Calls()
         self._is_restored = False
         """True if the run continues from a state, rather than from power-up."""
-
-    @abstractmethod
-    def step(self, end_ns: int | None = None) -> None:
-        """Run one turn of the loop, and wait until the next one."""
 
     @abstractmethod
     def _power_on(self, channel: Channel) -> None: ...
@@ -115,30 +107,11 @@ class Lifecycle(ABC):
     def __exit__(self, *_):
         self.close()
 
-    def run(self, seconds: float | None = None) -> None:
-        """Run for ``seconds`` of emulation time, or until :meth:`stop`, also if that was called before."""
-        end = None if seconds is None else self.clock.now_ns() + round(seconds * 1e9)
-        try:
-            while not self._stop_requested and (end is None or self.clock.now_ns() < end):
-                self.step(end)
-        finally:
-            self._stop_requested = False
-
-    def stop(self) -> None:
-        """Leave :meth:`run` after the current turn, or the next run at once. Safe from any thread and from a signal
-        handler."""
-        self._stop_requested = True
-        self.call(lambda: None)
-
     def summary(self) -> list[dict[str, Any]]:
         """Return the counts of each device: samples, frames in both directions, injected faults."""
         return [channel.defer_statistics(self.truth.injected_at(channel.name))() for channel in self.channels]
 
     # -- scheduled calls -----------------------------------------------------------------------------------------------
-
-    def call(self, action: ScheduledCallback, at_ns: int = 0) -> None:
-        """Have ``action`` run by the loop at the end of a turn, not before ``at_ns``. Safe from any thread."""
-        self._calls.put(action, at_ns)
 
     def at(self, t_ns: int, action: Action | ScheduledCallback) -> None:
         """Have ``action`` run by the loop at an emulation time, before the samples of that time. Call from the loop's

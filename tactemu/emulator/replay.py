@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import os
 import select
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Callable
 
 from firmware_protocols import Can, Connector, Serial
-from tactemu.base.agenda import Calls, ScheduledCallback
 from tactemu.base.clock import Clock
 from tactemu.base.errors import TactemuError, TransportError
+from tactemu.base.loop import Loop
 from tactemu.transports import create
 from tactemu.transports.transport import Opened, Received
 from tactemu.truth.recorder import Recorder
@@ -34,36 +33,28 @@ def connector_for(recording: Recording, baud: int | None = None) -> Connector:
     return Serial(baud=baud or DEFAULT_BAUD, usb=baud is None)
 
 
-class Replay:
+class Replay(Loop):
     """A loop that sends the frames of a recording to a driver through a wire.
 
     Args:
         recording: the recording to play.
         wire: the wire to the driver.
         clock: real or virtual.
-        speed: 2 is twice as fast. Infinity sends all at once; use :meth:`step` to send one frame at a time.
+        speed: 2 is twice as fast. Infinity sends all at once; use :meth:`send_next` to send one frame at a time.
         loop: start again at the end.
     """
-
-    simulation = None
-    channels: Sequence[Any] = ()
-    is_settled = True
-    """Always True, as in an emulator without devices; :class:`tactemu.control.loop_task.LoopTask` reads it."""
 
     def __init__(self, recording: Recording, wire: Wire, *, clock: Clock, speed: float = 1.0, loop: bool = False):
         if not speed > 0:
             raise TactemuError(f"speed: expected more than 0, got {speed}")
-        self.wire, self.clock, self.speed, self.loop = wire, clock, speed, loop
+        super().__init__(clock, [wire])
+        self.wire, self.speed, self.loop = wire, speed, loop
         wire.is_real_time = not clock.virtual
         self.entries = recording.towards_driver()
         if not self.entries:
             raise TactemuError("the recording has nothing that goes to a driver")
         self.position = 0
         """Index of the next entry."""
-        self._stop_requested = False
-        self.now_ns = 0
-        """Time of the turn."""
-        self._calls = Calls()
         self._start_ns: int | None = None
 
     @property
@@ -71,33 +62,28 @@ class Replay:
         """True once everything has been sent."""
         return self.position >= len(self.entries)
 
+    @property
+    def is_finished(self) -> bool:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """True once everything has been sent and has left the line."""
+        return self.is_done and self.wire.next_due_ns() is None
+
     def run(self, seconds: float | None = None) -> None:
         """Play until the end, for ``seconds``, or until :meth:`stop`, also if that was called before.
 
         Time starts when the driver opens the port.
         """
-        end = None if seconds is None else self.clock.now_ns() + round(seconds * 1e9)
         self._calls.open()
         try:
-            while not self._stop_requested and not (self.is_done and self.wire.next_due_ns() is None):
-                now = self.now_ns = self.clock.now_ns()
-                if end is not None and now >= end:
-                    break
-                self.turn(now)
-                self._calls.run(now)
-                self._wait(end)
+            super().run(seconds)
         finally:
             self._calls.close()
-            self._stop_requested = False
 
-    def stop(self) -> None:
-        """Leave :meth:`run`, or the next run at once. Safe from a signal handler."""
-        self._stop_requested = True
-        self.call(lambda: None)
-
-    def call(self, action: ScheduledCallback, at_ns: int = 0) -> None:
-        """Have ``action`` run at the end of a turn, not before ``at_ns``. Safe from any thread."""
-        self._calls.put(action, at_ns)
+    def step(self, end_ns: int | None = None) -> None:
+        """Run one turn, and wait until the next one."""
+        now = self.now_ns = self.clock.now_ns()
+        self.turn(now)
+        self._calls.run(now)
+        self._wait([self._due_ns(), self.wire.next_due_ns(), end_ns])
 
     def turn(self, now_ns: int) -> None:
         """Receive port events, send the entries that are due, and write them to the port."""
@@ -110,11 +96,11 @@ class Replay:
             due = self._due_ns()
             if due is None or due > now_ns:
                 break
-            self.step(due)
+            self.send_next(due)
             self.wire.flush(now_ns)  # after each entry: a late loop has many, and the queue of a line is limited
         self.wire.flush(now_ns)
 
-    def step(self, now_ns: int) -> Entry | None:
+    def send_next(self, now_ns: int) -> Entry | None:
         """Send the next frame, whatever its time, and return its entry; ``None`` at the end."""
         if self.is_done:
             return None
@@ -132,12 +118,6 @@ class Replay:
         if self._start_ns is None or self.is_done:
             return None
         return self._start_ns + round(self.entries[self.position].t_ns / self.speed)
-
-    def _wait(self, end: int | None) -> None:
-        comes = (self._due_ns(), self.wire.next_due_ns(), self._calls.next_ns, end)
-        filenos = self.wire.filenos()
-        deadline = min([time for time in comes if time is not None], default=None)
-        self.clock.wait(deadline, filenos + self._calls.filenos, poll=not filenos)
 
 
 def line_note(source: str, baud: int | None) -> str:

@@ -14,8 +14,8 @@ from typing import Any, get_args
 
 import numpy as np
 
-from tactemu.base.agenda import Action
 from tactemu.base.errors import SceneError, nearest
+from tactemu.base.loop import Action
 from tactemu.emulator.channel import Channel
 from tactemu.emulator.emulator import Emulator
 from tactemu.imperfections.options import Law

@@ -8,7 +8,6 @@ decoded if it has a table of them; otherwise they pass unchanged, and the proxy 
 from __future__ import annotations
 
 import contextlib
-import select
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
@@ -22,6 +21,7 @@ from firmware_protocols.tables import Frame as FrameTable
 from tactemu import transports
 from tactemu.base.clock import RealClock
 from tactemu.base.errors import TransportError
+from tactemu.base.loop import Loop
 from tactemu.transports.transport import LinesChanged, Received, SettingChanged, Transport
 from tactemu.truth import Truth
 from tactemu.truth.recorder import Recorder
@@ -30,8 +30,8 @@ from tactemu.wire.wire import ReceivedData, Wire
 
 MAX_READ_BYTES = 4096
 """Maximum number of bytes in one read of the real port."""
-MAX_PARTIAL_WAIT_S = 0.02
-"""Maximum time for which an incomplete frame waits for its end while faults are on; then it passes as it is [s]."""
+MAX_PARTIAL_WAIT_NS = 20_000_000
+"""Maximum time for which an incomplete frame waits for its end while faults are on; then it passes as it is."""
 _PROBE_FORCES_N = (0.0, 0.3, 1.0, 2.5)
 """Forces on a model by which the constant head of its frames is found [N]."""
 
@@ -137,7 +137,7 @@ class Cutter:
 class RealPort(Protocol):
     """The interface of the sensor's port."""
 
-    def fileno(self) -> int: ...  # noqa: D102
+    def filenos(self) -> list[int]: ...  # noqa: D102
 
     def read(self) -> list[WireFrame]: ...  # noqa: D102
 
@@ -162,12 +162,12 @@ class RealSerial:
             ) from None
         self.name = name
 
-    def fileno(self) -> int:
-        """Return the file descriptor for ``select``, or -1 if there is none."""
+    def filenos(self) -> list[int]:
+        """Return the file descriptor for ``select``, if there is one."""
         try:
-            return self.port.fileno()
+            return [self.port.fileno()]
         except (OSError, AttributeError):
-            return -1
+            return []
 
     def read(self) -> list[WireFrame]:
         """Return the data that have arrived."""
@@ -210,9 +210,9 @@ class RealBus:
         self.port: Transport = transports.create(name)
         self.port.open()
 
-    def fileno(self) -> int:
-        """Return the file descriptor for ``select``, or -1 if there is none."""
-        return next(iter(self.port.filenos()), -1)
+    def filenos(self) -> list[int]:
+        """Return the file descriptors for ``select``, if there are any."""
+        return self.port.filenos()
 
     def read(self) -> list[WireFrame]:
         """Return the data that have arrived."""
@@ -234,8 +234,8 @@ class RealBus:
 
 
 @dataclass
-class Proxy:
-    """A proxy that passes data between a sensor and its driver until :attr:`stopped`.
+class Proxy(Loop):
+    """A loop that passes data between a sensor and its driver.
 
     Args:
         device: the model whose tables cut and decode frames; ``None``: nothing is decoded.
@@ -262,35 +262,38 @@ class Proxy:
         )
         self.wire.name = self.name
         self.cutter = Cutter(self.framing)
-        self.clock = RealClock()
+        self._holds_back = bool(self.wire.faults)
+        """True if incomplete frames wait for their ends, because a fault needs complete ones."""
+        super().__init__(RealClock(), [self.wire, self.real])
         self.samples = 0
         self.passed = {"to driver": 0, "from driver": 0}
         """Number of bytes, or of frames on a bus, by direction."""
-        self.stopped = False
         self._began_ns = 0
 
     def run(self, seconds: float | None = None, opened: Callable[[str], object] = lambda address: None) -> None:
-        """Pass data until :attr:`stopped` or for some seconds; call ``opened`` with the address of the driver's port.
+        """Pass data until :meth:`stop` or for some seconds; call ``opened`` with the address of the driver's port.
 
         Raises:
             TransportError: the driver's port cannot be created, or the sensor's port is lost.
         """
         self.wire.open()
+        self._calls.open()
         try:
             self.clock.start()
             self.truth.begin(self.clock.origin_ns)
             if self.recorder is not None:
                 self.recorder.start(self.clock.origin_ns)
             opened(self.wire.transport.address)
-            while not self.stopped and (seconds is None or self.clock.now_ns() < seconds * 1e9):
-                self.turn()
+            super().run(seconds)
         finally:
+            self._calls.close()
             self.wire.close()
             self.truth.close()
 
-    def turn(self) -> None:
-        """Pass on the data that have arrived on both sides, then wait for more."""
-        now = self.clock.now_ns()
+    def step(self, end_ns: int | None = None) -> None:
+        """Pass on the data that have arrived on both sides, then wait for more, or until data that a fault holds back
+        are due."""
+        now = self.now_ns = self.clock.now_ns()
         for event in self.wire.receive(now):
             if isinstance(event, ReceivedData):
                 self.passed["from driver"] += _size(event.data)
@@ -300,10 +303,12 @@ class Proxy:
                 self.real.follow(event)
         for data in self.real.read():
             self._pass(data, now)
-        if self.cutter.partial and now - self._began_ns > MAX_PARTIAL_WAIT_S * 1e9:
+        if self._holds_back and self.cutter.partial and now - self._began_ns >= MAX_PARTIAL_WAIT_NS:
             self._send(self.cutter.flush_partial(), now)
         self.wire.flush(self.clock.now_ns())
-        self._wait()
+        self._calls.run(now)
+        partial_ns = self._began_ns + MAX_PARTIAL_WAIT_NS if self._holds_back and self.cutter.partial else None
+        self._wait([self.wire.next_due_ns(), partial_ns, end_ns])
 
     def _pass(self, data: WireFrame, now: int) -> None:
         self.passed["to driver"] += _size(data)
@@ -313,7 +318,7 @@ class Proxy:
             return
         self._began_ns = now
         pieces = self.cutter.cut(data)
-        if not self.wire.faults:  # no fault needs complete frames
+        if not self._holds_back:
             self._decode(pieces, now)
             self.wire.send([data], now, self.name)
             return
@@ -339,18 +344,6 @@ class Proxy:
     def _record(self, now: int, data: WireFrame, kind: Any) -> None:
         if self.recorder is not None:
             self.recorder.add(Entry(now, data, kind))
-
-    def _wait(self) -> None:
-        """Wait until data arrive, or until data that a fault holds back are due."""
-        due = self.wire.next_due_ns()
-        wait_s = 0.05 if due is None else min(0.05, max(0.0, (due - self.clock.now_ns()) / 1e9))
-        if self.cutter.partial and self.wire.faults:
-            wait_s = min(wait_s, MAX_PARTIAL_WAIT_S)
-        fileno = self.real.fileno()
-        here = self.wire.filenos()
-        if fileno < 0 or not here:
-            wait_s = min(wait_s, 0.0005)
-        select.select([*here, *([fileno] if fileno >= 0 else [])], [], [], wait_s)
 
 
 def _size(data: WireFrame) -> int:

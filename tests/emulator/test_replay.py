@@ -32,12 +32,11 @@ def replay(recording, port, **options):
 
 @pytest.mark.parametrize("speed", [0.5, 1.0, 4.0, math.inf])
 def test_speed(speed):
-    player, wire, clock = replay(STREAM, "memory:", speed=speed)
+    player, wire, _ = replay(STREAM, "memory:", speed=speed)
     seen = []
     while not player.is_done:
-        player.turn(clock.now_ns())
-        seen += [(clock.now_ns(), frame) for frame in wire.transport.driver.read()]
-        player._wait(None)
+        player.step()
+        seen += [(player.now_ns, frame) for frame in wire.transport.driver.read()]
     assert [frame for _, frame in seen] == [entry.frame for entry in STREAM.entries]
     assert [t for t, _ in seen] == [round(entry.t_ns / speed) for entry in STREAM.entries]
 
@@ -55,10 +54,10 @@ def test_stepwise():
     player, wire, _ = replay(STREAM, "memory:")
     wire.receive(0)
     for entry in STREAM.entries:
-        assert player.step(7) == entry
+        assert player.send_next(7) == entry
         wire.flush(7)
         assert wire.transport.driver.read() == [entry.frame]
-    assert player.step(7) is None and player.is_done
+    assert player.send_next(7) is None and player.is_done
 
 
 def test_looping_and_only_the_drivers_side():
@@ -221,10 +220,9 @@ def test_a_source_that_is_not_there(tmp_path):
 def test_timing_of_random_entries_is_kept_to_the_nanosecond():
     times = np.cumsum(np.random.default_rng(4).integers(1, 10**7, 50))
     recording = Recording([Entry(int(t), bytes([k])) for k, t in enumerate(times)])
-    player, wire, clock = replay(recording, "memory:")
+    player, wire, _ = replay(recording, "memory:")
     seen = []
     while not player.is_done:
-        player.turn(clock.now_ns())
-        seen += [clock.now_ns()] * len(wire.transport.driver.read())
-        player._wait(None)
+        player.step()
+        seen += [player.now_ns] * len(wire.transport.driver.read())
     assert seen == [int(t) for t in times]

@@ -14,7 +14,7 @@ import pytest
 
 import firmware_protocols as fp
 from tactemu.base.errors import TransportError
-from tactemu.judge.proxy import Cutter, Framing, Proxy, RealSerial, framing_of
+from tactemu.judge.proxy import MAX_PARTIAL_WAIT_NS, Cutter, Framing, Proxy, RealSerial, framing_of
 from tactemu.truth import Truth, read_log
 from tactemu.truth import recording as recordings
 from tactemu.truth.recorder import Recorder
@@ -71,7 +71,7 @@ def proxied(tmp_path, **more):
     try:
         yield proxy, sensor, driver
     finally:
-        proxy.stopped = True
+        proxy.stop()
         thread.join()
         side.close()
         for each in (driver, sensor, real):
@@ -169,3 +169,13 @@ def test_less_than_a_millisecond_is_added(tmp_path):
             proxy.terminate()
     print(f"added: p50 {np.quantile(waits, 0.5) * 1e3:.3f} ms, p99 {np.quantile(waits, 0.99) * 1e3:.3f} ms")
     assert np.quantile(waits, 0.99) < 1e-3
+
+
+def test_a_frame_that_pauses_passes_once(tmp_path):
+    with proxied(tmp_path) as (proxy, sensor, driver):
+        os.write(sensor, packet(1)[:9])
+        assert taken(driver, 9) == packet(1)[:9]
+        time.sleep(3 * MAX_PARTIAL_WAIT_NS / 1e9)
+        os.write(sensor, packet(1)[9:] + packet(2))
+        assert taken(driver, 23) == packet(1)[9:] + packet(2)
+        assert proxy.samples == 2

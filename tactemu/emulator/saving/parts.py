@@ -29,7 +29,7 @@ from tactemu.emulator.saving.leaves import LeafCheck
 from tactemu.emulator.saving.rehearsal import rehearse
 
 VALUES = (
-    "firmware_protocols", "tactemu.base.agenda", "tactemu.base.statistics", "tactemu.emulator.channel",
+    "firmware_protocols", "tactemu.base.loop", "tactemu.base.statistics", "tactemu.emulator.channel",
     "tactemu.emulator.sampling", "tactemu.geometry.motion", "tactemu.transports.transport", "tactemu.truth.entries",
     "tactemu.wire",
 )  # fmt: skip

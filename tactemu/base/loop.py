@@ -1,4 +1,4 @@
-"""A queue of actions by time, and the calls into a loop from other threads, which run at their times.
+"""The loop under emulator, replay and proxy: turns on one clock, a queue of actions by time, calls from other threads.
 
 Actions of equal times keep the order in which they were put.
 The loop's own actions are plain data, :class:`Action`, so that a run is saved together with its pending actions.
@@ -12,8 +12,11 @@ import heapq
 import os
 import queue
 import threading
-from collections.abc import Callable, Iterator
-from typing import Any, ClassVar, Generic, NamedTuple, TypeVar
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, ClassVar, Generic, NamedTuple, Protocol, TypeVar
+
+from tactemu.base.clock import Clock
 
 
 class Action(NamedTuple):
@@ -137,3 +140,67 @@ class Calls:
     def filenos(self) -> list[int]:
         """The file descriptors that wake a loop in ``select``."""
         return [] if self._event_fd is None else [self._event_fd]
+
+
+class Readable(Protocol):
+    """A port that wakes the loop, such as a wire."""
+
+    def filenos(self) -> list[int]:
+        """Return the file descriptors that are readable once data have arrived; none: the loop polls."""
+        ...
+
+
+class Loop(ABC):
+    """A loop that runs one turn after the other; a subclass defines its :meth:`step`.
+
+    Args:
+        clock: real or virtual.
+        ports: the ports whose data end a wait.
+    """
+
+    simulation: Any = None
+    """The simulation, if there is one."""
+    channels: Sequence[Any] = ()
+    """The devices."""
+    is_settled: bool = True
+    """True if everything that is due in this turn has been done."""
+    is_finished: bool = False
+    """True if nothing is left to do, which ends :meth:`run`."""
+
+    def __init__(self, clock: Clock, ports: Sequence[Readable]):
+        self.clock = clock
+        self.now_ns = 0
+        """Time of the turn, at which everything in it happens."""
+        self._ports = ports
+        self._calls = Calls()
+        self._stop_requested = False
+
+    @abstractmethod
+    def step(self, end_ns: int | None = None) -> None:
+        """Run one turn, and wait until the next one, at most until ``end_ns``."""
+
+    def run(self, seconds: float | None = None) -> None:
+        """Run for ``seconds`` of the clock's time, or until :meth:`stop`, also if that was called before."""
+        end = None if seconds is None else self.clock.now_ns() + round(seconds * 1e9)
+        try:
+            while not (self._stop_requested or self.is_finished) and (end is None or self.clock.now_ns() < end):
+                self.step(end)
+        finally:
+            self._stop_requested = False
+
+    def stop(self) -> None:
+        """Leave :meth:`run` after the current turn, or the next run at once. Safe from any thread and from a signal
+        handler."""
+        self._stop_requested = True
+        self.call(lambda: None)
+
+    def call(self, action: ScheduledCallback, at_ns: int = 0) -> None:
+        """Have ``action`` run by the loop at the end of a turn, not before ``at_ns``. Safe from any thread."""
+        self._calls.put(action, at_ns)
+
+    def _wait(self, deadlines: Sequence[int | None]) -> None:
+        """Wait until the earliest deadline, or until a port has data or a callback is due."""
+        times = [t_ns for t_ns in (*deadlines, self._calls.next_ns) if t_ns is not None]
+        filenos = [fileno for port in self._ports for fileno in port.filenos()] + self._calls.filenos
+        poll = any(not port.filenos() for port in self._ports)
+        self.clock.wait(min(times, default=None), filenos, poll=poll)
