@@ -11,12 +11,12 @@ from pathlib import Path
 import pytest
 
 from firmware_protocols.registry import DEVICES
+from tactemu.base.formats import FORMATS
 from tactemu.geometry.shapes.registry import SHAPES
 from tactemu.scene.engine_registry import OPENERS
 from tactemu.scene.engine_tables import ENGINES
 from tactemu.sensors.models import MODELS
 from tactemu.transducers.registry import TRANSDUCERS
-from tactemu.view.conversions.converting import CONVERTERS
 
 ROOT = Path(__file__).parents[1]
 ROOMS = set(
@@ -66,7 +66,13 @@ def test_an_import_of_a_face_is_found(code):
     assert imports_a_face(ast.parse(code).body[0])
 
 
-NAMED = {**MODELS, **SHAPES, **OPENERS, **CONVERTERS, **TRANSDUCERS, **DEVICES}
+PARTS = {
+    f"{each.name} {role}": part
+    for each in FORMATS.values()
+    for role in ("reader", "log_writer", "converter")
+    if (part := getattr(each, role))
+}
+NAMED = {**MODELS, **SHAPES, **OPENERS, **PARTS, **TRANSDUCERS, **DEVICES}
 SCRIPTS = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 ENTRIES = {
     **SCRIPTS["scripts"],

@@ -7,9 +7,12 @@ from typing import Annotated
 
 import typer
 
+from tactemu.base.formats import CAN_FRAMES, CONVERTIBLE, LOGS, READABLE, names
 from tactemu.cli.parameters import Faults, RunName, Seconds
 
 commands = typer.Typer(rich_markup_mode=None)
+_CAN = [each for each in CONVERTIBLE if each.holds == CAN_FRAMES]
+_OTHERS = [each for each in CONVERTIBLE if each not in (*LOGS, *_CAN)]
 
 
 @commands.command()
@@ -21,8 +24,8 @@ def truth(
         typer.Option(
             "--to",
             metavar="FORMAT",
-            help="Convert the log to foxglove.mcap, ros2.mcap, rrd, parquet or csv; its CAN frames to log, asc or "
-            "blf; or to another truth log, mcap or jsonl. Give a format, or a file name that ends in one.",
+            help=f"Convert the log to {names(_OTHERS)}; its CAN frames to {names(_CAN)}; or to another truth log, "
+            f"{names(LOGS)}. Give a format, or a file name that ends in one.",
         ),
     ] = None,
     export: Annotated[Path | None, typer.Option(metavar="FILE", hidden=True, help="The same as --to FILE.")] = None,
@@ -78,7 +81,8 @@ def plot(
 @commands.command()
 def record(
     file: Annotated[
-        Path, typer.Argument(help="The recording to write: .mcap or .jsonl; for CAN also .log, .asc or .blf.")
+        Path,
+        typer.Argument(help=f"The recording to write: {names(LOGS, dot='.')}; for CAN also {names(_CAN, dot='.')}."),
     ],
     source: Annotated[
         str,
@@ -106,7 +110,7 @@ def record(
 
 @commands.command()
 def replay(
-    file: Annotated[Path, typer.Argument(help="The recording or truth log to play.")],
+    file: Annotated[Path, typer.Argument(help=f"The recording or truth log to play: {names(READABLE, dot='.')}.")],
     port: Annotated[
         str,
         typer.Option(

@@ -136,7 +136,7 @@ def convert_log(path: Path, to: str, *, skin: str | None, sense: str | None) -> 
         TactemuError: there is no log or no such entry in it, or the file cannot be written.
     """
     from tactemu.cli.progress import show_count
-    from tactemu.view.conversions import convert
+    from tactemu.truth.conversion import convert
 
     count, files = convert(path, to, skin=skin, sense=sense, watch=show_count)
     print(f"{count} rows written to {', '.join(map(str, files))}")

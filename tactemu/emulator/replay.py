@@ -12,8 +12,9 @@ from tactemu.base.errors import TactemuError, TransportError
 from tactemu.base.loop import Loop
 from tactemu.transports import create
 from tactemu.transports.transport import Opened, Received
+from tactemu.truth.entries import Passage
 from tactemu.truth.recorder import Recorder
-from tactemu.truth.recording import Entry, Recording
+from tactemu.truth.recording import Recording
 from tactemu.wire.wire import Wire
 
 DEFAULT_BAUD = 115_200
@@ -100,7 +101,7 @@ class Replay(Loop):
             self.wire.flush(now_ns)  # after each entry: a late loop has many, and the queue of a line is limited
         self.wire.flush(now_ns)
 
-    def send_next(self, now_ns: int) -> Entry | None:
+    def send_next(self, now_ns: int) -> Passage | None:
         """Send the next frame, whatever its time, and return its entry; ``None`` at the end."""
         if self.is_done:
             return None
@@ -163,7 +164,7 @@ def _from_can(source: str, recorder: Recorder, clock: Clock, stop: Callable[[int
             now = clock.now_ns()
             for event in port.poll():
                 if isinstance(event, Received):
-                    recorder.add(Entry(now, event.data))
+                    recorder.add(Passage(now, "", "tx", event.data))
 
 
 def _from_serial(source: str, recorder: Recorder, clock: Clock, stop: Callable[[int], bool], baud: int) -> None:
@@ -177,7 +178,7 @@ def _from_serial(source: str, recorder: Recorder, clock: Clock, stop: Callable[[
                     continue
                 data = port.read(max(1, port.in_waiting))
                 if data:
-                    recorder.add(Entry(clock.now_ns(), data))
+                    recorder.add(Passage(clock.now_ns(), "", "tx", data))
     except (OSError, ValueError) as error:  # pyserial's own error is an OSError
         raise TransportError(
             f"cannot record from {source}: {error}; check its name and your permission to read it"

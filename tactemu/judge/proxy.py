@@ -23,9 +23,8 @@ from tactemu.base.clock import RealClock
 from tactemu.base.errors import TransportError
 from tactemu.base.loop import Loop
 from tactemu.transports.transport import LinesChanged, Received, SettingChanged, Transport
-from tactemu.truth import Truth
+from tactemu.truth import Passage, Truth
 from tactemu.truth.recorder import Recorder
-from tactemu.truth.recording import Entry
 from tactemu.wire.wire import ReceivedData, Wire
 
 MAX_READ_BYTES = 4096
@@ -343,7 +342,7 @@ class Proxy(Loop):
 
     def _record(self, now: int, data: WireFrame, kind: Any) -> None:
         if self.recorder is not None:
-            self.recorder.add(Entry(now, data, kind))
+            self.recorder.add(Passage(now, "", kind, data))
 
 
 def _size(data: WireFrame) -> int:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable, Iterator
 from functools import lru_cache
+from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
@@ -151,12 +152,17 @@ def _brackets(shape: tuple[int, ...]) -> str:
 # -- reading -------------------------------------------------------------------------------------------------------
 
 
-def read(file: IO[bytes]) -> Iterator[Header | Entry | End]:
+def read(path: Path) -> Iterator[Header | Entry | End]:
     """Yield the entries of a file of lines, without a last line that was cut off.
 
     Raises:
-        ValueError: a line is no entry of a log; the message names the line.
+        OSError, ValueError: it cannot be read, or a line is no entry of a log; the message names the line.
     """
+    with path.open("rb") as file:
+        yield from _records(file)
+
+
+def _records(file: IO[bytes]) -> Iterator[Header | Entry | End]:
     number = 0
     while line := file.readline(_MAX_LINE_BYTES):
         number += 1

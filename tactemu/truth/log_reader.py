@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from tactemu.base.errors import TactemuError
-from tactemu.truth import jsonl_format, mcap_format
+from tactemu.truth import jsonl_format
 from tactemu.truth.entries import BodyPose, End, Entry, Header, Injection, Passage, PortEvent, Sample
-from tactemu.truth.writer import check_suffix
+from tactemu.truth.writer import log_format
 
 _logger = logging.getLogger(__name__)
 
@@ -27,16 +27,15 @@ def records(path: str | Path) -> Iterator[Header | Entry | End]:
         TactemuError: as :func:`entries`.
     """
     path = Path(path)
-    check_suffix(path)
+    read = log_format(path).load("reader")
     try:
-        with path.open("rb") as file:
-            is_open, end = False, None
-            for record in (jsonl_format if path.suffix == ".jsonl" else mcap_format).read(file):
-                is_open = record.ends if isinstance(record, Header) else is_open
-                if isinstance(record, End):
-                    end = record
-                else:
-                    yield record
+        is_open, end = False, None
+        for record in read(path):
+            is_open = record.ends if isinstance(record, Header) else is_open
+            if isinstance(record, End):
+                end = record
+            else:
+                yield record
         end = End(is_cut=is_open) if end is None else end
         if end.is_cut:
             _logger.warning("%s: cut off: the end of the log is missing; the entries before it are complete", path)

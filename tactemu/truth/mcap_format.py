@@ -14,6 +14,7 @@ import stat
 import struct
 from collections.abc import Iterator
 from dataclasses import replace
+from pathlib import Path
 from typing import IO, Any
 
 from tactemu.truth.entries import BodyPose, End, Entry, Header, Sample, Sink, checked_end, checked_header
@@ -87,8 +88,18 @@ class McapWriter:
         self._writer.finish()
 
 
-def read(file: IO[bytes]) -> Iterator[Header | Entry | End]:
+def read(path: Path) -> Iterator[Header | Entry | End]:
     """Yield the entries of a file of messages; of a file that was cut off, up to its last complete chunk.
+
+    Raises:
+        OSError, ValueError: it cannot be read, is no truth log, or damaged before its end.
+    """
+    with path.open("rb") as file:
+        yield from read_open(file)
+
+
+def read_open(file: IO[bytes]) -> Iterator[Header | Entry | End]:
+    """Yield the entries of an open file, or of a pipe while it is written.
 
     Raises:
         ValueError: it is no truth log, or damaged before its end.

@@ -6,17 +6,13 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from firmware_protocols import CanFrame, WireFrame
+from firmware_protocols import CanFrame
 from tactemu.base.errors import TactemuError
-from tactemu.base.frame_text import text
-from tactemu.truth.entries import Header, Passage, PortEvent
+from tactemu.base.formats import LOGS, RECORDABLE, by_suffix, names
+from tactemu.truth.conversion import Converter
+from tactemu.truth.entries import End, Header, Passage, PortEvent
 from tactemu.truth.memory import size_of_frame
-from tactemu.truth.recording import Entry
-from tactemu.truth.writer import SUFFIXES, LogWriter
-
-WRITABLE_CAN_FORMATS = (".log", ".asc", ".blf")
-"""Formats of CAN alone that can be written."""
-_FORMATS = ", ".join((*SUFFIXES, *WRITABLE_CAN_FORMATS))
+from tactemu.truth.writer import LogWriter
 
 
 class Recorder:
@@ -25,9 +21,9 @@ class Recorder:
     An existing file is unchanged until the first entry; a new one without entries is removed.
 
     Args:
-        path: ``.mcap`` or ``.jsonl`` for bytes or CAN, ``.log``, ``.asc`` or ``.blf`` for CAN.
-        device: the device name of all entries of a ``.mcap`` or ``.jsonl`` file.
-        line: the first event of such a file: ``baud 9600``, or ``usb`` where the line has no speed.
+        path: the file, in one of the formats in :data:`tactemu.base.formats.RECORDABLE`.
+        device: the device name of all entries of a truth log.
+        line: the first event of a truth log: ``baud 9600``, or ``usb`` where the line has no speed.
 
     Raises:
         TactemuError: another suffix, or the file cannot be written.
@@ -37,17 +33,19 @@ class Recorder:
         self.path, self.device = Path(path), device
         self.count = 0
         self._line = line
-        self._can: _Candump | _PythonCan | None = None
+        self._can: Converter | None = None
         self._log: LogWriter | None = None
         self._made = self._refused = False
+        form = by_suffix(self.path)
+        if form is None or form not in RECORDABLE:
+            listed = ", ".join(each.suffix for each in RECORDABLE)
+            raise TactemuError(f"{path}: cannot record to {self.path.suffix!r}; expected one of {listed}")
         try:
-            if self.path.suffix in SUFFIXES:
+            if form in LOGS:
                 self._log = LogWriter(self.path, report=lambda _: None)  # raised here instead
-            elif self.path.suffix in WRITABLE_CAN_FORMATS:
-                self._made = not self.path.exists()
-                self.path.open("ab").close()
             else:
-                raise TactemuError(f"{path}: cannot record to {self.path.suffix!r}; expected one of {_FORMATS}")
+                self._made, self._maker = not self.path.exists(), form.load("converter")
+                self.path.open("ab").close()
         except OSError as error:
             raise self._cannot(error) from None
 
@@ -63,26 +61,28 @@ class Recorder:
                 self._log.put(PortEvent(0, self.device, self._line), 0)
         else:
             self._made = False
-            self._can = _Candump(self.path) if self.path.suffix == ".log" else _PythonCan(self.path)
+            self._can = self._maker(self.path)
 
-    def add(self, entry: Entry) -> None:
+    def add(self, entry: Passage) -> None:
         """Write one entry.
 
         Raises:
             TactemuError: bytes for a CAN format, or the file cannot be written any more.
         """
         if self._log is None and not isinstance(entry.frame, CanFrame):
-            raise TactemuError(f"{self.path}: {self.path.suffix} holds CAN frames; record bytes to .mcap or .jsonl")
+            raise TactemuError(
+                f"{self.path}: {self.path.suffix} holds CAN frames; record bytes to {names(LOGS, dot='.')}"
+            )
         if self._can is None and not (self._log is not None and self._log.has_begun):
             self.start()
         self.count += 1
         if self._log is not None:
-            self._log.put(Passage(entry.t_ns, self.device, entry.kind, entry.frame), size_of_frame(entry.frame))
+            self._log.put(entry._replace(device=self.device), size_of_frame(entry.frame))
             if self._log.error is not None:
                 raise self._cannot(self._log.error)
         elif self._can is not None:
             try:
-                self._can.add(entry.frame, entry.t_ns, to_driver=entry.kind == "tx")
+                self._can.add(entry)
             except OSError as error:
                 raise self._cannot(error) from None
 
@@ -100,7 +100,7 @@ class Recorder:
                 raise self._cannot(log.error)
         elif can is not None:
             try:
-                can.close()
+                can.finish(End())
             except OSError as error:
                 raise self._cannot(error) from None
         if self._made:
@@ -117,39 +117,3 @@ class Recorder:
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None):
         self.close()
-
-
-class _Candump:
-    """A writer of ``candump -L``'s lines; python-can's own changes the class of every error frame."""
-
-    def __init__(self, path: Path):
-        self._file = path.open("w", encoding="ascii")
-
-    def add(self, frame: WireFrame, t_ns: int, *, to_driver: bool) -> None:
-        """Write one frame; ``T`` marks those that the driver sent."""
-        time = f"{t_ns // 10**9}.{t_ns // 1000 % 10**6:06d}"
-        self._file.write(f"({time}) can0 {text(frame)} {'R' if to_driver else 'T'}\n")
-
-    def close(self) -> None:
-        """Finish the file."""
-        self._file.close()
-
-
-class _PythonCan:
-    """A writer of python-can's formats."""
-
-    def __init__(self, path: Path):
-        import can
-
-        self._logger = can.Logger(path)
-
-    def add(self, frame: WireFrame, t_ns: int, *, to_driver: bool) -> None:
-        """Write one frame."""
-        from tactemu.transports.can_messages import message_of
-
-        assert isinstance(frame, CanFrame)
-        self._logger.on_message_received(message_of(frame, t_ns / 1e9, received=to_driver))
-
-    def close(self) -> None:
-        """Finish the file."""
-        self._logger.stop()

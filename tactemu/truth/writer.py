@@ -17,16 +17,17 @@ import weakref
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from tactemu.base.errors import TactemuError
 from tactemu.base.files import remove_at_end
+from tactemu.base.formats import LOGS, Format, by_suffix, names
 from tactemu.truth.entries import End, Entry, Header
-from tactemu.truth.jsonl_format import JsonlWriter
-from tactemu.truth.mcap_format import McapWriter
 
-SUFFIXES = (".mcap", ".jsonl")
-"""Formats of a log, by the suffix of its file."""
+if TYPE_CHECKING:
+    from tactemu.truth.jsonl_format import JsonlWriter
+    from tactemu.truth.mcap_format import McapWriter
+
 MAX_WAITING_BYTES = 64_000_000
 """Maximum size of the entries that wait for the disk [byte]."""
 _MAX_UNSAVED_S = 2.0
@@ -47,14 +48,16 @@ _MIN_PAUSE_BYTES = 1_000_000
 _logger = logging.getLogger(__name__)
 
 
-def check_suffix(path: Path) -> None:
-    """Raise if the suffix of a file is no format of a log.
+def log_format(path: Path) -> Format:
+    """Return the format of a log by the suffix of its file.
 
     Raises:
         TactemuError: another suffix.
     """
-    if path.suffix not in SUFFIXES:
-        raise TactemuError(f"{path}: the suffix decides the format of a log: expected .mcap or .jsonl")
+    form = by_suffix(path)
+    if form is None or form not in LOGS:
+        raise TactemuError(f"{path}: the suffix decides the format of a log: expected {names(LOGS, dot='.')}")
+    return form
 
 
 class LogWriter:
@@ -77,7 +80,7 @@ class LogWriter:
     ):
         self.path, self._report = Path(path), report
         self._flush_s = _MAX_UNSAVED_S if flush_s is None else flush_s
-        check_suffix(self.path)
+        self._maker = log_format(self.path).load("log_writer")
         self.error: Exception | None = None
         """The error that ended the writing."""
         self.block_when_full = False
@@ -115,7 +118,7 @@ class LogWriter:
     def begin(self, header: Header) -> None:
         """Overwrite the file with the head of a log, and start the thread."""
         self._file.truncate()
-        begun = self._format = (JsonlWriter if self.path.suffix == ".jsonl" else McapWriter)(self._file)
+        begun = self._format = self._maker(self._file)
         self._attempt(lambda: begun.begin(header))
         self._thread = threading.Thread(target=self._work, name="tactemu-log", daemon=True)
         self._thread.start()

@@ -10,16 +10,17 @@ import serial
 from tactemu.base.errors import TactemuError
 from tactemu.control.client import connect
 from tactemu.truth.recorder import Recorder
-from tactemu.truth.recording import Entry, load
+from tactemu.truth.recording import load
 from tactemu.wire.faults import KINDS
 from tests.cli.command import here, start, tactemu
+from tests.truth.telling import passed
 
 
 @pytest.fixture
 def recording(tmp_path):
     with Recorder(tmp_path / "in.jsonl") as recorder:
         for k in range(1, 11):
-            recorder.add(Entry(k * 10_000_000, bytes([k]) * 8))
+            recorder.add(passed(k * 10_000_000, bytes([k]) * 8))
     return tmp_path / "in.jsonl"
 
 

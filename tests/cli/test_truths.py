@@ -8,7 +8,7 @@ import pytest
 from tactemu.base.errors import TactemuError
 from tactemu.cli.truths import summarise
 from tactemu.truth import Truth, read_log
-from tactemu.truth.export import export
+from tactemu.truth.conversion import convert
 from tests.cli.command import here, tactemu
 
 
@@ -53,7 +53,8 @@ def test_a_run_writes_what_it_has_counted(tmp_path, suffix):
     assert read_log(path).summary == {"anyskin": last}
     told = summarise(path)["anyskin"]
     assert (told["missed"], told["wire"], told["device"]) == (0, {"sent": 49, "sent_bytes": 4018}, {})
-    export(path, other := path.with_name("other.mcap" if suffix == ".jsonl" else "other.jsonl"))
+    other = path.with_name("other.mcap" if suffix == ".jsonl" else "other.jsonl")
+    convert(path, str(other))
     assert summarise(other) == summarise(path), "and so does a copy of the other format"
 
 

@@ -17,10 +17,11 @@ from tactemu.base.errors import TactemuError, TransportError
 from tactemu.emulator.replay import Replay, connector_for, line_note, record
 from tactemu.transports import create
 from tactemu.truth.recorder import Recorder
-from tactemu.truth.recording import Entry, Recording, load
+from tactemu.truth.recording import Recording, load
 from tactemu.wire.wire import Wire
+from tests.truth.telling import passed
 
-STREAM = Recording([Entry(k * 20_000_000, bytes([k]) * 10) for k in range(20)])
+STREAM = Recording([passed(k * 20_000_000, bytes([k]) * 10) for k in range(20)])
 
 
 def replay(recording, port, **options):
@@ -61,13 +62,13 @@ def test_stepwise():
 
 
 def test_looping_and_only_the_drivers_side():
-    recording = Recording([Entry(0, b"a"), Entry(1_000_000, b"request", "rx"), Entry(2_000_000, b"b")])
+    recording = Recording([passed(0, b"a"), passed(1_000_000, b"request", "rx"), passed(2_000_000, b"b")])
     player, wire, _ = replay(recording, "memory:", loop=True)
     player.run(seconds=0.0101)
     got = wire.transport.driver.read()
     assert got[:4] == [b"a", b"b", b"a", b"b"] and set(got) == {b"a", b"b"}
     with pytest.raises(TactemuError, match="nothing that goes to a driver"):
-        replay(Recording([Entry(0, b"x", "rx")]), "memory:")
+        replay(Recording([passed(0, b"x", "rx")]), "memory:")
 
 
 def test_faults_apply_to_a_replay():
@@ -167,7 +168,7 @@ def test_what_a_bus_carries_is_recorded(tmp_path):
 def test_only_a_uart_has_a_speed(source, baud, line, tmp_path):
     assert line_note(source, baud) == line
     with Recorder(tmp_path / "x.mcap", line=line) as recorder:
-        recorder.add(Entry(0, b"frame"))
+        recorder.add(passed(0, b"frame"))
     assert connector_for(load(tmp_path / "x.mcap")).usb is not line.startswith("baud")
 
 
@@ -199,7 +200,7 @@ def test_a_disk_that_is_full_at_the_end(tmp_path, suffix, caplog):
     (tmp_path / f"x{suffix}").symlink_to("/dev/full")
     recorder = Recorder(tmp_path / f"x{suffix}")
     with pytest.raises(TactemuError, match="cannot write the recording: No space left on device"):
-        recorder.add(Entry(0, CanFrame(arbitration_id=1)))
+        recorder.add(passed(0, CanFrame(arbitration_id=1)))
         recorder.close()
     assert not caplog.records, "an error that is raised is not said twice"
     recorder.close()
@@ -219,7 +220,7 @@ def test_a_source_that_is_not_there(tmp_path):
 
 def test_timing_of_random_entries_is_kept_to_the_nanosecond():
     times = np.cumsum(np.random.default_rng(4).integers(1, 10**7, 50))
-    recording = Recording([Entry(int(t), bytes([k])) for k, t in enumerate(times)])
+    recording = Recording([passed(int(t), bytes([k])) for k, t in enumerate(times)])
     player, wire, _ = replay(recording, "memory:")
     seen = []
     while not player.is_done:

@@ -1,13 +1,20 @@
 """A short run with every kind of entry."""
 
+from typing import Literal
+
 import numpy as np
 
-from firmware_protocols import CanFrame
-from tactemu.truth import Truth
+from firmware_protocols import CanFrame, WireFrame
+from tactemu.truth import Passage, Truth
 
 CAN = CanFrame(arbitration_id=0x18FF0001, data=b"\x11" * 16, is_extended_id=True, is_fd=True, bitrate_switch=True)
 COUNTS = np.array([[0.1, -2.5e-30], [1e30, 3.0]], np.float32)
 IDEAL = np.array([[0.1, 0.2, -0.3], [np.pi, 1e-300, np.nextafter(1, 2)]])
+
+
+def passed(t_ns: int, frame: WireFrame, kind: Literal["tx", "rx"] = "tx") -> Passage:
+    """Return a frame as a recording has it."""
+    return Passage(t_ns, "", kind, frame)
 
 
 def tell(truth: Truth) -> None:

@@ -5,12 +5,14 @@ from pathlib import Path
 
 import tactemu as tt
 from firmware_protocols.cdr import members_of
-from tactemu.truth.export import export
+from tactemu.base.formats import CONVERTIBLE, FORMATS, READABLE, RECORDABLE
+from tactemu.truth.conversion import convert
 from tactemu.truth.memory import DEFAULT_KEEP, parse_size
 from tactemu.truth.messages import EVENT, FRAME, INJECTION, POSE
 from tactemu.truth.writer import MAX_WAITING_BYTES
 from tests.truth.telling import Around, tell
 
+ROLES = (CONVERTIBLE, RECORDABLE, READABLE)
 PAGE = (Path(__file__).parents[2] / "docs" / "truth-log.md").read_text()
 
 
@@ -23,7 +25,7 @@ def test_the_lines_are_those_that_are_written(tmp_path):
     log = tt.read_log(tmp_path / "page.jsonl")
     assert log["tip"].measured.shape == (1, 1, 3) and log.lost == 2
     assert log.summary["tip"]["device"] == {"unknown_command": 1}
-    export(tmp_path / "page.jsonl", tmp_path / "again.jsonl")
+    convert(tmp_path / "page.jsonl", str(tmp_path / "again.jsonl"))
     *lines, end = block("json", '"kind":"log"').splitlines()
     assert (tmp_path / "again.jsonl").read_text().splitlines() == [*lines, end.replace('"lost":2', '"lost":0')]
 
@@ -44,6 +46,14 @@ def test_the_messages_have_the_fields_that_it_names():
         (line,) = re.findall(rf"`{message.name}`: (.*?)(?:\n- |\n\n)", PAGE, re.DOTALL)
         named = [words.split()[-1] for words in re.findall(r"`([^`]+)`", line)]
         assert [member.name for member in members_of(message.definition)] == named
+
+
+def test_it_lists_the_formats():
+    listed = [line for line in PAGE.splitlines() if line.startswith("| `.")]
+    assert listed == [
+        f"| `{each.suffix}` | {each.about} | {' | '.join('yes' if each in formats else '' for formats in ROLES)} |"
+        for each in FORMATS.values()
+    ]
 
 
 def test_the_bounds_are_those_of_the_code():

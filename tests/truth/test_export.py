@@ -10,10 +10,17 @@ import tactemu as tt
 from firmware_protocols import CanFrame
 from tactemu.base.errors import TactemuError
 from tactemu.truth import Truth, entries, read
-from tactemu.truth.export import export
+from tactemu.truth.conversion import convert
 from tactemu.truth.recording import load
 from tests.cli.command import here
 from tests.truth.telling import CAN, COUNTS, IDEAL, tell
+
+
+def export(log, target, **options):
+    """Convert a log, and return the number of rows."""
+    count, files = convert(log, str(target), **options)
+    assert files == [target]
+    return count
 
 
 @pytest.fixture(params=[".mcap", ".jsonl"])
@@ -81,8 +88,8 @@ def test_error_frames_are_those_of_candump(tmp_path):
         ("x.csv", {"skin": "ring"}, "no samples of 'ring'"),
         ("x.csv", {"skin": "thumb", "sense": "heat"}, "no samples of 'thumb' and 'heat'"),
         ("x.log", {"skin": "ring"}, "no CAN frames of 'ring'"),
-        ("x.txt", {}, "expected one of .csv, .log"),
-        ("none/x.csv", {}, "cannot write the export: No such file"),
+        ("x.txt", {}, "expected one of foxglove.mcap, ros2.mcap, rrd, parquet, csv, log"),
+        ("none/x.csv", {}, "cannot write it: No such file"),
         ("truth{suffix}", {}, "is the log itself"),
     ],
 )

@@ -6,11 +6,13 @@ import pytest
 
 from firmware_protocols import CanFrame
 from tactemu.base.errors import TactemuError
+from tactemu.base.formats import CAN_FRAMES, RECORDABLE
 from tactemu.base.frame_text import parse, text
 from tactemu.emulator.playback import RecordedReadings
 from tactemu.truth import Truth
-from tactemu.truth.recorder import WRITABLE_CAN_FORMATS, Recorder
-from tactemu.truth.recording import Entry, load
+from tactemu.truth.recorder import Recorder
+from tactemu.truth.recording import load
+from tests.truth.telling import passed
 
 CANDUMP = """\
 (1700000000.000000) can0 027#B100010203040506
@@ -28,9 +30,11 @@ FRAMES = [
 TIMES = [0, 250_000, 1_000_000, 2_000_000]
 
 
-@pytest.mark.parametrize("suffix", [*WRITABLE_CAN_FORMATS, ".jsonl", ".mcap"])
+@pytest.mark.parametrize("suffix", [each.suffix for each in RECORDABLE])
 def test_can_comes_back_as_it_was(tmp_path, suffix):
-    entries = [Entry(1_000_000 + t, frame, "rx" if k == 1 else "tx") for k, (t, frame) in enumerate(zip(TIMES, FRAMES))]
+    entries = [
+        passed(1_000_000 + t, frame, "rx" if k == 1 else "tx") for k, (t, frame) in enumerate(zip(TIMES, FRAMES))
+    ]
     if suffix == ".log":
         entries = [entry for entry in entries if entry.kind == "tx"]
     with Recorder(tmp_path / f"x{suffix}") as recorder:
@@ -54,11 +58,11 @@ def test_a_candump_log(tmp_path):
     assert recording.towards_driver() == recording.entries
 
 
-@pytest.mark.parametrize("suffix", WRITABLE_CAN_FORMATS)
+@pytest.mark.parametrize("suffix", [each.suffix for each in RECORDABLE if each.holds == CAN_FRAMES])
 def test_python_can_reads_what_we_write(tmp_path, suffix):
     with Recorder(tmp_path / f"x{suffix}") as recorder:
         for t, frame in zip(TIMES, FRAMES[:2]):
-            recorder.add(Entry(t, frame))
+            recorder.add(passed(t, frame))
     with can.LogReader(tmp_path / f"x{suffix}") as reader:
         messages = list(reader)
     assert [(m.arbitration_id, bytes(m.data), m.is_extended_id) for m in messages] == [
@@ -69,7 +73,7 @@ def test_python_can_reads_what_we_write(tmp_path, suffix):
 @pytest.mark.parametrize("suffix", [".jsonl", ".mcap"])
 def test_serial_comes_back_as_it_was_with_its_speed(tmp_path, suffix):
     rng = np.random.default_rng(1)
-    entries = [Entry(k * 10_000_000, rng.bytes(k % 50 + 1), "rx" if k % 7 == 0 else "tx") for k in range(100)]
+    entries = [passed(k * 10_000_000, rng.bytes(k % 50 + 1), "rx" if k % 7 == 0 else "tx") for k in range(100)]
     with Recorder(tmp_path / f"x{suffix}", line="baud 460800", device="hand") as recorder:
         for entry in entries:
             recorder.add(entry)
@@ -144,7 +148,7 @@ def test_more_formats_of_python_can(tmp_path, suffix):
 @pytest.mark.parametrize(
     ("name", "content", "complaint"),
     [
-        ("x.txt", "", "expected one of .mcap, .jsonl, .log"),
+        ("x.txt", "", "expected one of .mcap, .jsonl, .csv, .log"),
         ("x.jsonl", "{]\n", "not a"),
         ("x.jsonl", '{"kind": "tx", "t_ns": 1}\n', "line 1: data: expected a text, got nothing"),
         ("x.jsonl", '{"kind": "tx", "t_ns": 1, "data": "0g"}\n', "not a truth log: line 1"),
@@ -169,7 +173,7 @@ def test_bytes_do_not_fit_into_a_can_format(tmp_path):
         Recorder(tmp_path / "x.log") as recorder,
         pytest.raises(TactemuError, match=r"bytes to \.mcap or \.jsonl"),
     ):
-        recorder.add(Entry(0, b"bytes"))
+        recorder.add(passed(0, b"bytes"))
     with pytest.raises(TactemuError, match="expected one of"):
         Recorder(tmp_path / "x.txt")
     with pytest.raises(TactemuError, match="cannot write"):

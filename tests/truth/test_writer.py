@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import tactemu as tt
-from tactemu.truth import Sample, Truth, entries, writer
+from tactemu.truth import Sample, Truth, entries, mcap_format, writer
 from tactemu.truth.jsonl_format import JsonlWriter
 from tactemu.truth.mcap_format import McapWriter
 
@@ -66,7 +66,7 @@ class Slow(McapWriter):
 
 def test_a_slow_disk_loses_entries_which_the_log_counts(tmp_path, monkeypatch, caplog):
     monkeypatch.setattr(writer, "MAX_WAITING_BYTES", 100_000)
-    monkeypatch.setattr(writer, "McapWriter", Slow)
+    monkeypatch.setattr(mcap_format, "McapWriter", Slow)
     monkeypatch.setattr(Slow, "gate", threading.Event())
     log = Truth(tmp_path / "t.mcap")
     log_samples(log, 100)

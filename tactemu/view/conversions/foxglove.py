@@ -26,7 +26,7 @@ from foxglove.mcap import MCAPCompression, MCAPWriteOptions
 from firmware_protocols.layouts import Patch
 from tactemu.geometry import rotation
 from tactemu.scene.description import BodyDescription, PartDescription, SceneDescription
-from tactemu.truth.entries import BodyPose, Entry, Header, Sample
+from tactemu.truth.entries import BodyPose, End, Entry, Header, Sample
 from tactemu.view.conversions.display import is_warning, log_text
 from tactemu.view.conversions.taxel_tables import WORLD, TaxelTable, grids_of, tables_of
 
@@ -72,7 +72,7 @@ class FoxgloveFile:
             )
             self._channel(channels.LogChannel, f"/{entry.device}/log").log(message, log_time=max(entry.t_ns, 0))
 
-    def finish(self) -> None:
+    def finish(self, end: End) -> None:
         """Close the file."""
         self._file.close()
 

@@ -20,10 +20,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from tactemu.base.errors import TactemuError
+from tactemu.base.formats import FORMATS
 from tactemu.truth import mcap_format
 from tactemu.truth.entries import End, Header
 from tactemu.truth.truth import Truth
-from tactemu.view.conversions.converting import EXTRA
 
 _START_TIMEOUT_S = 60.0
 """The time that the process may take to start."""
@@ -43,7 +43,7 @@ def rerun_viewer(truth: Truth, url: str | None = None) -> Iterator[None]:
         TactemuError: Rerun is not installed, or cannot be started.
     """
     if importlib.util.find_spec("rerun") is None:
-        raise TactemuError(f"--rerun needs the package rerun-sdk: {EXTRA}")
+        raise TactemuError(f"--rerun needs the package rerun-sdk: {FORMATS['rrd'].install}")
     with tempfile.TemporaryDirectory(prefix="tactemu-") as folder:
         pipe = Path(folder) / "run.mcap"
         os.mkfifo(pipe, 0o600)
@@ -96,7 +96,7 @@ def main() -> int:
     if not begun.poll(_START_TIMEOUT_S * 1e3):  # a read before a writer has opened the pipe would return its end
         return 1
     try:
-        for record in mcap_format.read(os.fdopen(content, "rb")):
+        for record in mcap_format.read_open(os.fdopen(content, "rb")):
             if isinstance(record, Header):
                 viewer.begin(record)
             elif not isinstance(record, End):
@@ -104,7 +104,7 @@ def main() -> int:
                 if viewer.is_due():
                     viewer.flush()
     finally:
-        viewer.finish()
+        viewer.finish(End())
     return 0
 
 

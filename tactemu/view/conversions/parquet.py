@@ -12,7 +12,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from tactemu.base.errors import TactemuError
-from tactemu.truth.entries import Entry, Header, Sample
+from tactemu.truth.entries import End, Entry, Header, Sample
 from tactemu.truth.memory import size_of_sample
 
 _MAX_WAITING_BYTES = 8_000_000
@@ -50,7 +50,7 @@ class ParquetFiles:
         if self._waiting > _MAX_WAITING_BYTES:
             self._flush()
 
-    def finish(self) -> None:
+    def finish(self, end: End) -> None:
         """Write the waiting samples, and give the files their names."""
         self._flush()
         for (device, sense), file in self._files.items():

@@ -27,7 +27,7 @@ import rerun.blueprint as rrb
 
 from firmware_protocols.layouts import Patch
 from tactemu.scene.description import BodyDescription, PartDescription, SceneDescription
-from tactemu.truth.entries import BodyPose, Entry, Header, Sample
+from tactemu.truth.entries import BodyPose, End, Entry, Header, Sample
 from tactemu.truth.memory import size_of
 from tactemu.view.conversions.display import colours, in_contact, is_warning, log_text, pitch
 from tactemu.view.conversions.taxel_tables import grids_of, parts_of
@@ -112,7 +112,7 @@ class RerunFile:
         self._poses, self._words = {}, {}
         self._lay_out()
 
-    def finish(self) -> None:
+    def finish(self, end: End) -> None:
         """Send all waiting entries, and close the file."""
         self.flush()
         self._stream.flush()

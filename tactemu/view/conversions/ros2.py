@@ -23,7 +23,7 @@ from mcap.writer import CompressionType, Writer
 from rosbags.typesys import Stores, get_typestore
 
 from tactemu.scene.description import BodyDescription, SceneDescription
-from tactemu.truth.entries import BodyPose, Entry, Header, Passage, Sample
+from tactemu.truth.entries import BodyPose, End, Entry, Header, Passage, Sample
 from tactemu.truth.messages import message_of
 from tactemu.view.conversions.display import is_warning, log_text
 from tactemu.view.conversions.taxel_tables import WORLD, TaxelTable, tables_of
@@ -78,7 +78,7 @@ class Ros2File:
             )  # fmt: skip
             self._write(_topic(entry.device, "log"), "rcl_interfaces/msg/Log", t_ns, log)
 
-    def finish(self) -> None:
+    def finish(self, end: End) -> None:
         """Write the index, and close the file."""
         self._writer.finish()
         self._file.close()

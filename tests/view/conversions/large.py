@@ -17,7 +17,7 @@ TAXELS, PERIOD_NS = 256, 1_000_000
 KINDS = ("foxglove.mcap", "ros2.mcap", "rrd", "parquet", "csv")
 CONVERT = """
 import resource, sys
-from tactemu.view.conversions import convert
+from tactemu.truth.conversion import convert
 convert(sys.argv[1], sys.argv[2])
 print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
 """

@@ -19,7 +19,7 @@ from tactemu.emulator.assembly import assemble
 from tactemu.geometry import rotation
 from tactemu.scene.file import parse
 from tactemu.truth import Truth
-from tactemu.view.conversions import convert
+from tactemu.truth.conversion import convert
 from tests.cli.command import environment, tactemu
 from tests.truth.telling import tell
 
