@@ -64,6 +64,8 @@ def pytest_collection_modifyitems(config, items):
         reasons["gpu"] = "no CUDA device on this machine"
     if "VCAN_GUEST" not in os.environ:
         reasons["vcan"] = "real Linux CAN: scripts/vcan-run -- python -m pytest -m vcan"
+    if "KERNEL_GUEST" not in os.environ:
+        reasons["guest"] = "serial ports of a real kernel: scripts/kernel-guest -n -- python -m pytest -m guest"
     if "idle" not in config.option.markexpr:
         reasons["idle"] = "an idle machine: python -m pytest -m idle"
     if "nightly" not in config.option.markexpr:

@@ -17,6 +17,7 @@ TRANSPORTS: dict[str, str] = {
     "memory": "tactemu.transports.memory:MemoryTransport",
     "pty": "tactemu.transports.pty:PtyTransport",
     "rfc2217": "tactemu.transports.rfc2217:Rfc2217Transport",
+    "serial": "tactemu.transports.serial_port:SerialPortTransport",
     "slcan": "tactemu.transports.slcan:SlcanTransport",
     "socketcand": "tactemu.transports.socketcand:SocketcandTransport",
     "tcp": "tactemu.transports.tcp:TcpTransport",

@@ -8,7 +8,7 @@ import socket
 import struct
 import time
 
-from tactemu.transports.transport import Overflowed
+from tactemu.transports.transport import Counted
 
 RECEIVE_QUEUE_BYTES = 4 << 20
 """Requested size of the queue [byte], for stalls of the loop; the kernel grants at most ``net.core.rmem_max``."""
@@ -45,14 +45,14 @@ class ReceiveQueue:
         self._polled_s = now
         return end
 
-    def overflows(self) -> list[Overflowed]:
+    def overflows(self) -> list[Counted]:
         """Return the number of frames dropped since the last call, as an event; empty for 0.
 
         Call it after a poll that took frames: a full queue has some, and an idle port needs no system call.
         """
         count = self._count()
         since, self._dropped = (count - self._dropped) % 2**32, count
-        return [Overflowed(since)] if since else []
+        return [Counted("overflow", since)] if since else []
 
     def _count(self) -> int:
         if self._socket is None:

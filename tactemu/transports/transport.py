@@ -72,20 +72,22 @@ class Noted:
 
 
 @dataclass(frozen=True, slots=True)
-class Overflowed:
-    """An event: the kernel dropped frames, because the loop was too late and the receive queue was full."""
+class Counted:
+    """An event: the kernel or a UART has counted something, such as frames that it dropped or bytes in error."""
 
+    counter: str
+    """The counter of the wire: ``overflow``, ``framing``, ``parity`` ..."""
     count: int
 
     def __str__(self) -> str:
-        return f"overflow: {self.count} frames"
+        return f"{self.counter}: {self.count}"
 
 
 class Part(bytes):
     """The beginning of a frame, which the next write continues. On a byte stream it is like any other piece."""
 
 
-Event = Opened | Closed | Received | SettingChanged | LinesChanged | Noted | Overflowed
+Event = Opened | Closed | Received | SettingChanged | LinesChanged | Noted | Counted
 
 RAISED = LinesChanged(True, True)
 """The change of the modem lines when a port is opened."""
@@ -110,6 +112,9 @@ class Transport(ABC):
     """A port. The constructor only parses; :meth:`open` makes the port, :meth:`close` removes it."""
 
     scheme: ClassVar[str]
+    is_paced: bool = False
+    """True where a real line is behind the port: it takes a frame's time itself, so the wire hands the frame over when
+    its first bit may leave, and what the driver sends has taken its time when it arrives."""
 
     address: str = ""
     """The address to open: a path, a URL of pyserial (``socket://``, ``rfc2217://``), ``interface:channel``.
@@ -204,6 +209,7 @@ __all__ = [
     "CanFilter",
     "CanFrame",
     "Closed",
+    "Counted",
     "Event",
     "LinesChanged",
     "Noted",

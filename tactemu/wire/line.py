@@ -172,12 +172,18 @@ class LineModel(ABC):
 
 
 class Line:
-    """A line and the queue in front of it: for one direction, or for all nodes where there is one line."""
+    """A line and the queue in front of it: for one direction, or for all nodes where there is one line.
 
-    TRANSIENT_FIELDS: ClassVar[tuple[str, ...]] = ("_catch_up_ns",)
+    Args:
+        line_model: the durations and the order of frames.
+        is_paced_by_port: True where the port takes a frame's time itself: a frame is due at its first bit.
+    """
 
-    def __init__(self, line_model: LineModel):
+    TRANSIENT_FIELDS: ClassVar[tuple[str, ...]] = ("_catch_up_ns", "_is_paced_by_port")
+
+    def __init__(self, line_model: LineModel, *, is_paced_by_port: bool = False):
         self.line_model = line_model
+        self._is_paced_by_port = is_paced_by_port
         self._catch_up_ns = 0 if line_model.pacing == "strict" else MAX_CATCH_UP_NS
         self.free_ns = 0
         """The time at which the line is idle again."""
@@ -237,9 +243,13 @@ class Line:
     def next_ns(self) -> int | None:
         """Return the time at which :meth:`take` has to be called, or None."""
         if self._sending is not None:
-            return self._sending.end_ns
+            return self._sending.end_ns - self.lead_ns(self._sending)
         heads = [lane[0].ready_ns for lane in self._lanes.values() if lane]
         return max(self.free_ns, min(heads)) if heads else None
+
+    def lead_ns(self, pending: Pending) -> int:
+        """Return how long before its last bit a frame is handed over [ns]: its duration where the port is paced."""
+        return pending.duration_ns if self._is_paced_by_port else 0
 
     def take(self, now_ns: int) -> Pending | None:
         """Return the next frame whose last bit has gone by ``now_ns``, or ``None``."""
@@ -249,7 +259,7 @@ class Line:
 
     def finish(self, now_ns: int) -> Pending | None:
         """Return what :meth:`take` returns, but start no other frame, because more may be queued at this moment."""
-        if self._sending is None or self._sending.end_ns > now_ns:
+        if self._sending is None or self._sending.end_ns - self.lead_ns(self._sending) > now_ns:
             return None
         sent, self._sending = self._sending, None
         self.free_ns = max(self.free_ns, now_ns - self._catch_up_ns)

@@ -59,7 +59,8 @@ class Wire(WirePort):
     ``dropped_frames`` (the line is full), ``dropped_unread`` (the driver does not read), ``unheard`` (no driver has
     the port open), ``misheard`` (the settings differ), ``overrun`` (the driver was a second ahead of the line),
     ``unprocessed`` (data of the driver that no device had when the port closed), ``overflow`` (frames that the kernel
-    dropped because the loop was too late to take them), ``collision`` (the driver sends while a device does),
+    dropped because the loop was too late to take them), ``framing``, ``parity``, ``uart_overrun``, ``breaks`` and
+    ``buffer_overrun`` (counted by a real UART), ``collision`` (the driver sends while a device does),
     ``load_missed`` and ``babble_missed`` (frames of other nodes that a late loop left out), and faults by their kind.
     """
 
@@ -246,7 +247,8 @@ class Wire(WirePort):
             return False
         self.counters["sent"] += 1
         self.counters["sent_bytes"] += len(payload(received))
-        self.truth.wrote(now_ns, source, received, pending.sample, now_ns - pending.end_ns)
+        end_ns = now_ns + self.line.lead_ns(pending)
+        self.truth.wrote(end_ns, source, received, pending.sample, end_ns - pending.end_ns)
         return True
 
     def _hand_over(self, frame: WireFrame, now_ns: int) -> bool:
@@ -282,7 +284,7 @@ class Wire(WirePort):
                 if self._down is None:
                     self._take(event.data, now_ns)
                 continue
-            if self._count_overflow(event):
+            if self._count(event):
                 events.append(Noted(str(event)))
                 continue
             if isinstance(event, Closed):
@@ -353,7 +355,8 @@ class Wire(WirePort):
                 self.counters["collision"] += 1
             else:
                 at = self._after_held("from_driver", now_ns, held_ns)
-                took_ns = self.line_model.driver_ns(part, self.transport.setting)
+                setting, is_paced = self.transport.setting, self.transport.is_paced
+                took_ns = 0 if is_paced else self.line_model.driver_ns(part, setting)
                 self.inbound.put(part, at, DRIVER, took_ns=took_ns)
 
     def _deliver_due(self, now_ns: int | None, events: list[Event | ReceivedData]) -> None:

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from firmware_protocols import Connector, WireFrame
-from tactemu.transports.transport import Closed, Event, LinesChanged, Opened, Overflowed, Received, Transport
+from tactemu.transports.transport import Closed, Counted, Event, LinesChanged, Opened, Received, Transport
 from tactemu.truth import Truth
 from tactemu.wire.faults import Fault, Injector
 from tactemu.wire.line import DRIVER, Line, Pacing
@@ -56,7 +56,7 @@ class WirePort:
         self.truth = truth or Truth()
         self.counters: Counter[str] = Counter()
         self.line_model = line_model_for(connector, pacing=pacing)
-        self.line = Line(self.line_model)
+        self.line = Line(self.line_model, is_paced_by_port=transport.is_paced)
         """The line to the driver, and from it where there is one line for both."""
         self.inbound = self.line if self.line_model.is_half_duplex else Line(self.line_model)
         """The line from the driver."""
@@ -117,7 +117,7 @@ class WirePort:
             events = self.transport.poll()
             waiting += [event for event in events if isinstance(event, Received)]
             for event in events:
-                self._count_overflow(event)
+                self._count(event)
             if not events:
                 break
         if waiting:
@@ -157,11 +157,11 @@ class WirePort:
                 self._lines, self._is_resuming = event, False
         return not known
 
-    def _count_overflow(self, event: Event) -> bool:
-        """Count what the kernel dropped; return False if the event is another."""
-        if not isinstance(event, Overflowed):
+    def _count(self, event: Event) -> bool:
+        """Count what the kernel or a UART has counted; return False if the event is another."""
+        if not isinstance(event, Counted):
             return False
-        self.counters["overflow"] += event.count
+        self.counters[event.counter] += event.count
         return True
 
     # -- faults ------------------------------------------------------------------------------------------------------

@@ -17,7 +17,7 @@ class SerialLine(LineModel):
     """A serial line; each direction is a line by itself."""
 
     kind = "serial"
-    schemes = ("pty", "rfc2217", "tcp")
+    schemes = ("pty", "rfc2217", "tcp", "serial")
 
     def __init__(self, connector: Any, *, pacing: Pacing = True):
         super().__init__(connector, pacing=pacing)

@@ -1,0 +1,164 @@
+"""``serial:`` on UARTs of a real kernel, read by unmodified drivers; run in ``scripts/kernel-guest -n``."""
+
+import struct
+import threading
+import time
+
+import numpy as np
+import pytest
+import serial
+
+import firmware_protocols as fp
+from firmware_protocols.check.readings import reading_of
+from tactemu import transports
+from tactemu.base.errors import TransportError
+from tactemu.emulator.channel import Channel
+from tactemu.emulator.emulator import Emulator
+from tactemu.emulator.sampling import SampleClock
+from tactemu.transports.transport import Closed, Opened, Received
+from tactemu.truth import Truth
+from tactemu.wire.wire import Wire
+from tests.drivers.rig import run_driver
+
+pytestmark = [pytest.mark.guest, pytest.mark.timeout(120)]
+NEAR, FAR = "/dev/ttyS1", "/dev/ttyS2"
+"""The two ends of the null-modem cable of ``scripts/kernel-guest -n``; 16550A, three wires."""
+
+
+@pytest.fixture(autouse=True)
+def empty_cable():
+    """Take out what an earlier test has left in the cable, which keeps bytes as a real one does not."""
+    with serial.Serial(NEAR, 115_200, timeout=0.2) as near, serial.Serial(FAR, 115_200, timeout=0.2) as far:
+        while near.read(10_000) or far.read(10_000):
+            pass
+
+
+class RandomPushes:
+    """A source of readings that needs no physics: another random push on every taxel at each sample."""
+
+    imperfections = None
+
+    def __init__(self, device):
+        self._device, self._random = device, np.random.default_rng(1)
+        self._reading, self._at_ns = None, -1
+
+    def sense(self, sense, t_ns, ground_truth=False):
+        if t_ns != self._at_ns:
+            push = self._random.uniform(0.0, 3.0, len(self._device.layout))
+            self._reading, self._at_ns = reading_of(self._device, push, ""), t_ns
+        return np.asarray(self._reading[sense.key])
+
+
+class Played:
+    """A device on a port, run in a thread, without a scene."""
+
+    def __init__(self, name, port, **options):
+        self.device = fp.create(name, **options)
+        self.truth = Truth()
+        self.wire = Wire(transports.create(port), self.device.ports[0], truth=self.truth)
+        clock = SampleClock(period_ns=self.device.period_ns)
+        channel = Channel(name, self.device, RandomPushes(self.device), {self.device.ports[0].name: self.wire}, clock)
+        self.emulator = Emulator(None, [channel], truth=self.truth)
+        self._thread = threading.Thread(target=self.emulator.run)
+
+    def __enter__(self):
+        self.emulator.open()
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_):
+        self.emulator.stop()
+        self._thread.join()
+        self.emulator.close()
+
+
+def opened(connector=None, path=NEAR):
+    port = transports.create(f"serial:{path}")
+    port.set_connector(connector or fp.Serial(baud=115_200))
+    port.open()
+    return port
+
+
+def received(port, count, seconds=5.0):
+    data, deadline = b"", time.monotonic() + seconds
+    while len(data) < count and time.monotonic() < deadline:
+        data += b"".join(event.data for event in port.poll() if isinstance(event, Received))
+        time.sleep(0.001)
+    return data
+
+
+def test_every_reading_of_anyskins_own_driver_is_a_sample():
+    with Played("anyskin", f"serial:{NEAR}") as played:
+        got = run_driver("anyskin", "anyskin_read.py", "anyskin", FAR, 100, seconds=60)
+    samples = {np.ravel(sample.counts).astype(float).tobytes() for sample in played.truth.samples}
+    readings = [np.array(reading).tobytes() for reading in got["readings"]]
+    assert sum(reading in samples for reading in readings) == len(readings) == 100
+    assert not played.wire.counters["dropped_readings"]
+
+
+@pytest.mark.parametrize("baud", [9_600, 57_600, 115_200])
+def test_all_bytes_pass_both_ways(baud):
+    data = bytes(range(256)) + b"\xff\xff\x00"
+    with opened(fp.Serial(baud=baud)) as port, serial.Serial(FAR, baud, timeout=5) as driver:
+        port.poll()
+        assert port.write(data) and driver.read(len(data)) == data
+        driver.write(data)
+        assert received(port, len(data)) == data
+
+
+def test_a_speed_that_the_uart_cannot_make_is_refused_with_both_numbers():
+    """A 16550A with a clock of 1.8432 MHz makes 115200 of 250000, and reports no error."""
+    with pytest.raises(TransportError, match="makes 115200 bit/s of 250000"):
+        opened(fp.Serial(baud=250_000))
+
+
+def test_a_second_program_is_refused():
+    with opened(), pytest.raises((serial.SerialException, OSError)):
+        serial.Serial(NEAR, 115_200, exclusive=True)
+
+
+def test_a_node_without_a_uart_says_so():
+    with pytest.raises(TransportError, match="no UART behind it"):
+        opened(path="/dev/ttyS3")
+
+
+def test_closing_never_waits_for_bytes_that_nobody_takes():
+    port = opened()
+    port.poll()
+    for _ in range(100):
+        port.write(bytes(200))
+    began = time.monotonic()
+    port.close()
+    assert time.monotonic() - began < 2
+
+
+def test_a_port_is_opened_again_after_it_was_closed():
+    port = opened()
+    assert Opened() in port.poll()
+    port.close()
+    assert Closed() not in port.poll()
+    port.open()
+    assert Opened() in port.poll()
+    port.close()
+
+
+def test_frames_follow_one_another_without_a_gap():
+    """The wire hands over the next frame when the last bit of the one before goes, as by the line's own time."""
+    frame = struct.pack("<I", 7) * 25
+    truth = Truth()
+    wire = Wire(transports.create(f"serial:{NEAR}"), fp.Serial(baud=115_200), truth=truth, backlog_ns=10**10)
+    with serial.Serial(FAR, 115_200, timeout=0.5) as driver:
+        wire.open()
+        start = time.monotonic_ns()
+        wire.receive(0)
+        for _ in range(50):
+            wire.send([frame], 0, "skin")
+        data = b""
+        while len(data) < 50 * len(frame) and (now := time.monotonic_ns() - start) < 10**10:
+            wire.flush(now)
+            data += driver.read(driver.in_waiting)
+        wire.close()
+    assert data == 50 * frame
+    ends = [t_ns for t_ns, _, _ in truth.frames]
+    line_ns = 50 * len(frame) * 10 * 10**9 / 115_200
+    assert ends[-1] >= 0.999 * line_ns, "never more than the line carries"
