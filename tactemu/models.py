@@ -30,7 +30,7 @@ from tactemu.sensors.poses import LinkView
 from tactemu.sensors.probe_grid import Grid
 from tactemu.sensors.probe_layout import Probes
 from tactemu.sensors.probes.query import CHEAPER_QUERY, nearest_function, query_trials
-from tactemu.sensors.sensor_model import Compiled, DepthQuery, Derive, SensorModel, Site, Trial
+from tactemu.sensors.sensor_model import Compiled, DepthQuery, Derive, SensorModel, Setting, Site
 from tactemu.sensors.shape_table import ShapeTable, ShapeTables
 from tactemu.transducers.registry import transducer_class
 from tactemu.transducers.transducer import (
@@ -50,7 +50,7 @@ from tactemu.transducers.transducer import (
 __all__ = [  # noqa: RUF022  (in groups)
     # the contract of a sensor model: it derives from SensorModel, and compiles a Site to a Compiled
     "Channels", "Compiled", "DepthQuery", "Derive", "Dtype", "Grid", "ImperfectionOptions", "LinkView", "PointCloud",
-    "Probes", "Quantity", "ReadingInfo", "SensorModel", "ShapeTable", "ShapeTables", "Site", "Trial", "model_class",
+    "Probes", "Quantity", "ReadingInfo", "SensorModel", "ShapeTable", "ShapeTables", "Site", "Setting", "model_class",
     # the stages of a step, and the context that allocates their arrays and records their launches
     "Context", "Launch", "Launches", "Stage", "clear_rows", "in_turn", "record",
     # functions for kernels: the nearest surface, distances, lines through bodies, numbers that are not finite

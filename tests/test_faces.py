@@ -82,7 +82,7 @@ def test_an_import_past_the_faces_is_found():
 def test_types_in_the_contract_of_a_model_are_public():
     """A user can annotate what ``compile``, ``row`` and their arguments have: every class of ours is in a face."""
     public = {name for face in FACES.values() for name in face.__all__}
-    contract = (models.SensorModel, models.Site, models.Compiled, models.Trial, models.Stage, models.Context)
+    contract = (models.SensorModel, models.Site, models.Compiled, models.Setting, models.Stage, models.Context)
     contract += (models.Transducer, models.TransducerSite, models.Shape, models.ShapeKind, models.Row, models.Probes)
     hidden = set()
     for cls in contract:

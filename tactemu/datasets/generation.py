@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import importlib.util
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 
 from tactemu.base.errors import TactemuError
+from tactemu.base.jobs import run_on_cluster
 from tactemu.datasets.dataset_card import dataset_card
 from tactemu.datasets.partition import Partition, load_scene
 from tactemu.datasets.spec import DatasetSpec, write_spec
@@ -17,8 +18,6 @@ from tactemu.datasets.start_poses import StartPoses
 from tactemu.datasets.wire_logs import path_of, write_wire_log
 
 CARD_FILE = "README.md"
-RETRIES = 3
-"""Number of retries of a job whose worker is lost."""
 
 
 @dataclass(frozen=True)
@@ -102,7 +101,9 @@ def make(spec: DatasetSpec, folder: Path, cluster: str | None = None) -> Iterato
         file, there = Path(spec.target), folder.resolve()
         elsewhere = replace(spec, target=str(file.resolve())) if file.is_file() else spec
         jobs = [partial(_partition, elsewhere, k, there) for k in range(spec.strands)]
-        yield from _on_cluster([*jobs, *(partial(_wire, elsewhere, env, there) for env in missing)], cluster)
+        jobs += [partial(_wire, elsewhere, env, there) for env in missing]
+        for _, shards in run_on_cluster(dict(enumerate(jobs)), cluster):
+            yield shards()
         return
     for first, end in spec.ranges:
         for _ in Partition(spec, first, end).write(folder):
@@ -119,17 +120,3 @@ def _partition(spec: DatasetSpec, k: int, folder: Path) -> int:
 def _wire(spec: DatasetSpec, env: int, folder: Path) -> int:
     write_wire_log(spec, env, folder)
     return 0
-
-
-def _on_cluster(jobs: list[Callable[[], int]], address: str) -> Iterator[int]:
-    try:
-        from distributed import Client, as_completed
-    except ImportError:
-        raise TactemuError("a cluster needs Dask: pip install 'tactemu[cluster]'") from None
-    try:
-        client = Client(address, timeout=10)
-    except (OSError, TimeoutError, ValueError) as error:
-        raise TactemuError(f"--cluster {address}: no scheduler answers: {error}") from None
-    with client:
-        for future in as_completed([client.submit(job, pure=False, retries=RETRIES) for job in jobs]):
-            yield future.result()

@@ -16,15 +16,15 @@ import tomllib
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from tactemu.base.errors import TactemuError
+from tactemu.base.jobs import Journal, run_on_cluster
 
 RUN_TIMEOUT_S = 3600.0
 """Time after which a run is ended [s]."""
-RETRIES = 3
-"""Number of retries of a run whose worker is lost."""
 
 
 @dataclass(frozen=True)
@@ -118,44 +118,18 @@ def rows_of(job: Job, report: dict[str, Any]) -> list[dict[str, Any]]:
     ]  # fmt: skip
 
 
-class Journal:
-    """The rows of finished runs, one JSON line for each run, so that an interrupted plan loses nothing."""
+def write_parquet(rows: Sequence[dict[str, Any]], path: Path) -> None:
+    """Write rows to a Parquet file.
 
-    def __init__(self, path: Path):
-        self.path = path
-        self.rows: dict[str, list[dict[str, Any]]] = {}
-        written = path.read_text(encoding="utf-8") if path.exists() else ""
-        self._cut = bool(written) and not written.endswith("\n")
-        if written:
-            for line in written.splitlines():
-                try:
-                    entry = json.loads(line)
-                except ValueError:  # a line cut off by an interruption
-                    continue
-                self.rows[entry["key"]] = entry["rows"]
-
-    def add(self, job: Job, rows: list[dict[str, Any]]) -> None:
-        """Add the rows of a finished run."""
-        self.rows[job.key] = rows
-        with self.path.open("a+", encoding="utf-8") as file:
-            if self._cut:
-                file.write("\n")
-                self._cut = False
-            file.write(json.dumps({"key": job.key, "rows": rows}) + "\n")
-            file.flush()
-
-    def write_parquet(self, path: Path) -> None:
-        """Write all rows to a Parquet file.
-
-        Raises:
-            TactemuError: pyarrow is missing.
-        """
-        try:
-            import pyarrow as pa
-            import pyarrow.parquet as pq
-        except ImportError:
-            raise TactemuError("Parquet needs pyarrow: pip install 'tactemu[convert]'") from None
-        pq.write_table(pa.Table.from_pylist([row for rows in self.rows.values() for row in rows]), path)
+    Raises:
+        TactemuError: pyarrow is missing.
+    """
+    try:
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+    except ImportError:
+        raise TactemuError("Parquet needs pyarrow: pip install 'tactemu[convert]'") from None
+    pq.write_table(pa.Table.from_pylist(list(rows)), path)
 
 
 def sweep(
@@ -178,18 +152,18 @@ def sweep(
     Raises:
         TactemuError: a library is missing, or the cluster cannot be reached.
     """
-    journal = Journal(results.with_suffix(".jsonl"))
-    left = [job for job in jobs if job.key not in journal.rows]
+    journal = Journal(results.with_suffix(".jsonl"), "rows")
+    left = [job for job in jobs if job.key not in journal.results]
     if len(left) < len(jobs):
         report_progress(f"{len(jobs) - len(left)} of {len(jobs)} runs are in the journal already")
     finished = _on_cluster(left, cluster) if cluster else _on_this_machine(left, at_once or os.cpu_count() or 1)
     for job, report in finished:
         rows = rows_of(job, report)
-        journal.add(job, rows)
+        journal.add(job.key, rows)
         failed = [row["trial"] or row["verdict"] for row in rows if row["fails"]]
         report_progress(f"{job.name} {job.device} seed {job.seed}: {', '.join(failed) or 'nothing fails'}")
-    journal.write_parquet(results)
-    return [row for job in jobs for row in journal.rows.get(job.key, [])]
+    write_parquet([row for rows in journal.results.values() for row in rows], results)
+    return [row for job in jobs for row in journal.results.get(job.key, [])]
 
 
 def _on_this_machine(jobs: Sequence[Job], at_once: int) -> Iterator[tuple[Job, dict[str, Any]]]:
@@ -206,19 +180,8 @@ def _on_this_machine(jobs: Sequence[Job], at_once: int) -> Iterator[tuple[Job, d
 
 def _on_cluster(jobs: Sequence[Job], address: str) -> Iterator[tuple[Job, dict[str, Any]]]:
     """Yield the jobs with their reports as the workers of a cluster finish them."""
-    try:
-        from distributed import Client, as_completed
-    except ImportError:
-        raise TactemuError("a cluster needs Dask: pip install 'tactemu[cluster]'") from None
-    try:
-        client = Client(address, timeout=10)
-    except (OSError, TimeoutError, ValueError) as error:
-        raise TactemuError(f"--cluster {address}: no scheduler answers: {error}") from None
-    with client:
-        futures = {client.submit(run_job, job, pure=False, retries=RETRIES): job for job in jobs}
-        for future in as_completed(futures):
-            job = futures[future]
-            try:
-                yield job, future.result()
-            except Exception as error:  # such as a driver that ends every worker
-                yield job, {"trouble": f"{type(error).__name__}: {error}"}
+    for job, result in run_on_cluster({job: partial(run_job, job) for job in jobs}, address):
+        try:
+            yield job, result()
+        except Exception as error:  # such as a driver that ends every worker
+            yield job, {"trouble": f"{type(error).__name__}: {error}"}

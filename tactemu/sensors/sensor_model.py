@@ -146,12 +146,14 @@ class Compiled:
 
 
 @dataclass(frozen=True)
-class Trial:
-    """One setting of a model's options."""
+class Setting:
+    """A sensor model with the options that decide its cost and its accuracy."""
 
     name: str
     options: Mapping[str, Any] = field(default_factory=dict)
     dtype: Dtype = "float32"
+    model: str = ""
+    """The name of the model, as in scene files; empty in the settings that a model itself offers."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -214,12 +216,12 @@ class SensorModel(ImperfectionOptions, DrawOptions, ABC):
     """The origin of its formula. The formula itself is in the docstring of the module."""
 
     @classmethod
-    def trials(cls, quantity: str) -> Sequence[Trial]:
+    def trials(cls, quantity: str) -> Sequence[Setting]:
         """Return the settings that ``tactemu tune`` tries for a device that senses ``quantity``."""
-        return [Trial("defaults")]
+        return [Setting("defaults")]
 
     @classmethod
-    def finest(cls, side: int) -> Trial | None:
+    def finest(cls, side: int) -> Setting | None:
         """Return the most accurate setting for a skin of ``side`` taxels along its longer side, at any cost, as a
         reference for other models; ``None``: the model is no reference."""
         return None

@@ -6,8 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
+from tactemu.sensors.sensor_model import Setting
 from tactemu.tune.cost import MAX_CPU_SHARE, MAX_LOST_SHARE, Cost
-from tactemu.tune.settings import Setting
 
 ERRORS = {
     "taxels": "RMS over all taxels and moments, relative to the truth's",
@@ -143,7 +143,7 @@ def as_dict(choice: Choice) -> dict[str, Any]:
             return None
         setting, cost = measured.setting, measured.cost
         return {
-            "name": setting.name, "model": setting.model, "dials": setting.dials, "dtype": setting.dtype,
+            "name": setting.name, "model": setting.model, "dials": dict(setting.options), "dtype": setting.dtype,
             "load": measured.cpu_share, "lost": measured.lost_share, "cost_us": measured.cost_us,
             "step_us": cost.step_us, "late_us": cost.late_us, "sample_us": cost.sample_us, "gain": measured.gain,
             "error": measured.error, "errors": measured.errors,

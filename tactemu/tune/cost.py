@@ -11,6 +11,7 @@ that fall due meanwhile wait, and those whose period has passed by then are miss
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from statistics import median
 
@@ -111,11 +112,11 @@ def measure_loop(loaded: LoadedScene, rate_hz: float, compute: str | None, momen
     return LoopCost(len(channels), 1e6 * spent / max(*taken, 1), rate_hz * carried if carried < 1 else None)
 
 
-def _samples(channels: list[Channel]) -> list[int]:
+def _samples(channels: Sequence[Channel]) -> list[int]:
     return [channel.statistics.samples for channel in channels]
 
 
-def _dropped(channels: list[Channel]) -> list[int]:
+def _dropped(channels: Sequence[Channel]) -> list[int]:
     """Return the number of readings that each channel dropped on a full line; skins on one wire share it equally."""
     sharing = [sum(other.wire is channel.wire for other in channels) for channel in channels]
     return [channel.wire.counters["dropped_readings"] // n for channel, n in zip(channels, sharing)]

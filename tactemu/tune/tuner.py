@@ -16,9 +16,11 @@ from tactemu.base.errors import SceneError
 from tactemu.scene.building import build_scene, make_devices
 from tactemu.scene.file import LoadedScene, load
 from tactemu.scene.schema import SkinTable
+from tactemu.sensors.models import model_class
+from tactemu.sensors.sensor_model import Setting
 from tactemu.tune.choice import ERRORS, Choice, Measured, Pace, pick, report_choice
 from tactemu.tune.cost import measure_cost, measure_loop
-from tactemu.tune.settings import Setting, settings_for, truth_settings
+from tactemu.tune.settings import scene_with, settings_for, skin_with, truth_settings
 from tactemu.tune.writing import write_skin
 
 MOMENTS = 60
@@ -63,7 +65,7 @@ def run_tune(
         choice = tuner.choose(progress)
         report_choice(choice, error, report)
         if write and target.endswith(".toml"):
-            changed = choice.chosen.setting.skin(skin, choice.chosen.gain)
+            changed = skin_with(choice.chosen.setting, skin, choice.chosen.gain)
             dtype = choice.chosen.setting.dtype
             other = dtype if dtype != loaded.tables.scene.dtype else None
             write_skin(Path(target), index, choice.chosen.setting.model, changed.options, other)
@@ -107,7 +109,9 @@ class Tuner:
         # Costs are measured while the contact changes, because a constant one is not solved again.
         pace = np.linalg.norm(np.diff(truth, axis=0).reshape(MOMENTS - 1, -1), axis=1)
         moment = self.seconds * (int(pace.argmax()) + 1.5) / MOMENTS
-        loop = measure_loop(settings[0].scene(self.loaded, self.skin.title), self.pace.rate_hz, self.compute, moment)
+        loop = measure_loop(
+            scene_with(settings[0], self.loaded, self.skin.title), self.pace.rate_hz, self.compute, moment
+        )
         measured = []
         for setting in progress(settings, self.skin.title, len(settings)):
             try:
@@ -131,7 +135,7 @@ class Tuner:
         raise reasons[-1]
 
     def _build(self, setting: Setting):
-        loaded = setting.scene(self.loaded, self.skin.title)
+        loaded = scene_with(setting, self.loaded, self.skin.title)
         scene, skins = build_scene(loaded, {self.skin.title: self.device} | make_devices(loaded))
         world = loaded.tables.scene
         sim = scene.build(device=self.compute, seed=world.seed, dtype=world.dtype)
@@ -153,7 +157,7 @@ class Tuner:
         half = in_contact[: max(len(in_contact) // 2, 1)]
         judged = in_contact[len(half) :] if len(in_contact) > 1 else in_contact
         gain = 1.0
-        if setting.strengths and np.any(got[half]):
+        if model_class(setting.model).strengths and np.any(got[half]):
             gain = float(np.vdot(got[half], truth[half]) / np.vdot(got[half], got[half]))
             gain = gain if np.isfinite(gain) and gain > 0 else 1.0
         return gain, {kind: _error(kind, gain * got[judged], truth[judged]) for kind in ERRORS}

@@ -7,8 +7,9 @@ import signal
 import pytest
 
 from tactemu.base.errors import TactemuError
+from tactemu.base.jobs import Journal
 from tactemu.judge import sweep as sweeping
-from tactemu.judge.sweep import Job, Journal, read_plan, seeds_of, sweep
+from tactemu.judge.sweep import Job, read_plan, seeds_of, sweep
 from tests.judge.test_judge import NO_SUM
 
 PLAN = """
@@ -69,7 +70,7 @@ def test_a_plan_goes_on_where_it_was_interrupted(tmp_path, monkeypatch):
     assert len(ran) <= before + 4 and before >= 2 and ran[:2] == [0, 1]
     import pyarrow.parquet as pq
 
-    assert pq.read_table(out).column("seed").to_pylist().count(1) == 1 and len(Journal(journal).rows) == 4
+    assert pq.read_table(out).column("seed").to_pylist().count(1) == 1 and len(Journal(journal, "rows").results) == 4
 
 
 def test_a_run_that_gives_nothing_is_trouble_not_silence(tmp_path):

@@ -5,13 +5,14 @@ import json
 import numpy as np
 import pytest
 
+from tactemu.sensors.sensor_model import Setting
 from tactemu.tune.trade import cases as trade_cases
 from tactemu.tune.trade import trade
 from tactemu.tune.trade.cases import Case, TestSkin, all_cases, build, indenters
 from tactemu.tune.trade.errors import Observation, errors, fit_gains, observe
 from tactemu.tune.trade.picture import draw, places
 from tactemu.tune.trade.report import summarise
-from tactemu.tune.trade.settings import Setting, ladder
+from tactemu.tune.trade.settings import ladder, make_model
 from tactemu.tune.trade.truth import Truths
 
 SKIN = TestSkin(side=16, pitch=1e-3)
@@ -53,7 +54,7 @@ def test_every_object_touches_with_its_lowest_point_in_the_middle(name):
     setting = next(setting for setting in ladder() if setting.name == "L1 depth, ray")
     skin = TestSkin(side=48, pitch=2.5e-4)
     case = Case(name, 5e-4, "press")
-    sim, body, sensor = build(skin, case, setting.make(skin))
+    sim, body, sensor = build(skin, case, make_model(setting, skin))
     for pose in case.poses():
         sim.set_pose(body, **pose)
         sim.step()
@@ -122,7 +123,7 @@ def test_truth_and_settings_count_the_same_taxels_as_touched():
     fine = Setting(
         name="as fine", model="elastic_layer_taxel", options={"oversampling": 4, "iterations": 400, "tolerance": 1e-5}
     )
-    sim, body, sensor = build(SKIN, case, fine.make(SKIN))
+    sim, body, sensor = build(SKIN, case, make_model(fine, SKIN))
     for pose in case.poses():
         sim.set_pose(body, **pose)
         sim.step()

@@ -10,9 +10,10 @@ from tactemu.base.gc_tuning import no_full_collections
 from tactemu.emulator.assembly import assemble
 from tactemu.emulator.options import AssemblyOptions
 from tactemu.scene.file import load, parse
+from tactemu.sensors.sensor_model import Setting
 from tactemu.tune.choice import ALIKE, Measured, Pace, pick
 from tactemu.tune.cost import MAX_CPU_SHARE, Cost, measure_loop
-from tactemu.tune.settings import Setting, settings_for
+from tactemu.tune.settings import settings_for, skin_with
 from tactemu.tune.tuner import run_tune
 from tactemu.tune.writing import set_skin
 
@@ -76,16 +77,16 @@ def test_writing_replaces_a_table_of_options():
 
 def test_a_setting_keeps_imperfections_and_drops_what_the_model_lacks():
     skin = parse(SCENE).tables.skin[0]
-    layer = next(s for s in settings_for("force") if s.model == LAYER).skin(skin)
+    layer = skin_with(next(s for s in settings_for("force") if s.model == LAYER), skin)
     assert layer.options["noise"] == 0.01 and "normal_stiffness" not in layer.options
     assert settings_for("force")[0].name == "kinematic_taxel, nearest surface"
-    springs = next(s for s in settings_for("force") if s.model == "kinematic_taxel").skin(skin, gain=2.0)
+    springs = skin_with(next(s for s in settings_for("force") if s.model == "kinematic_taxel"), skin, gain=2.0)
     assert springs.options["normal_damping"] == 2.0 and springs.options["noise"] == 0.01
 
 
 def measured(name, step_us, error, rate_hz=100.0, *, late_us=None, sample_us=10.0):
     cost = Cost(step_us, late_us or 1.2 * step_us, sample_us)
-    return Measured(Setting(name, LAYER), cost, Pace(rate_hz, 1e-3), error, 1.0)
+    return Measured(Setting(name, model=LAYER), cost, Pace(rate_hz, 1e-3), error, 1.0)
 
 
 def picked(rate_hz):

@@ -37,7 +37,7 @@ from tactemu.sensors.point_cloud import cluster
 from tactemu.sensors.points.surface_points import FEWER_POINTS, surface_points
 from tactemu.sensors.probe_layout import Probes
 from tactemu.sensors.probes.taxel_depth import taxel_depth
-from tactemu.sensors.sensor_model import Compiled, SensorModel, Site, Trial
+from tactemu.sensors.sensor_model import Compiled, SensorModel, Setting, Site
 
 log = logging.getLogger(__name__)
 
@@ -94,8 +94,8 @@ class ElastomerTaxel(SensorModel):
     source = "A model of optical skins. Option names and numbers are those of the sensor of this name in Genesis."
 
     @classmethod
-    def trials(cls, quantity: str) -> list[Trial]:
-        return [Trial(f"{count} points", {"n_sample_points": count}) for count in (500, 2000)]
+    def trials(cls, quantity: str) -> list[Setting]:
+        return [Setting(f"{count} points", {"n_sample_points": count}) for count in (500, 2000)]
 
     def validate(self, probes: Probes) -> None:
         where = "ElastomerTaxel"

@@ -44,7 +44,7 @@ from tactemu.sensors.layer.reading import (
     traction_kernel,
 )
 from tactemu.sensors.probe_layout import Probes
-from tactemu.sensors.sensor_model import Compiled, SensorModel, Site, Trial
+from tactemu.sensors.sensor_model import Compiled, SensorModel, Setting, Site
 
 MIN_BEND_RADIUS_THICKNESSES = 5.0
 """Smallest radius of a bent pad, in thicknesses; the theory of one layer in arc length fails below it."""
@@ -127,7 +127,7 @@ class ElasticLayerTaxel(SensorModel):
     )
 
     @classmethod
-    def trials(cls, quantity: str) -> list[Trial]:
+    def trials(cls, quantity: str) -> list[Setting]:
         tight = {"iterations": 32, "tolerance": 1e-4}
         settings: list[tuple[str, dict[str, float], Dtype]] = [
             ("2 iterations", {"iterations": 2, "tolerance": 1e-3}, "float32"),
@@ -138,14 +138,14 @@ class ElasticLayerTaxel(SensorModel):
             ("tolerance 1e-4, float64", tight, "float64"),
         ]
         moved = {"displacement": quantity == "displacement"}
-        return [Trial(name, moved | options, dtype) for name, options, dtype in settings]
+        return [Setting(name, moved | options, dtype) for name, options, dtype in settings]
 
     @classmethod
-    def finest(cls, side: int) -> Trial:
+    def finest(cls, side: int) -> Setting:
         """Return the setting with up to 256 cells along the longer side."""
         split = max(1, min(8, 256 // max(side, 1)))
         options = {"iterations": 200, "tolerance": 1e-5, "oversampling": split}
-        return Trial(f"layer, {split} x {split} cells per taxel, residual 1e-5", options)
+        return Setting(f"layer, {split} x {split} cells per taxel, residual 1e-5", options)
 
     def validate(self, probes: Probes) -> None:
         where = "ElasticLayerTaxel"

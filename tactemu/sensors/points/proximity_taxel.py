@@ -30,7 +30,7 @@ from tactemu.sensors.points.surface_points import FEWER_POINTS, surface_points
 from tactemu.sensors.points.table import upload_clouds
 from tactemu.sensors.probe_layout import Probes
 from tactemu.sensors.probes.kinematic_taxel import ForceTorque
-from tactemu.sensors.sensor_model import Compiled, SensorModel, Site, Trial
+from tactemu.sensors.sensor_model import Compiled, SensorModel, Setting, Site
 
 
 @functools.cache
@@ -137,8 +137,8 @@ class ProximityTaxel(SensorModel):
     source = "Sums over points. Option names and numbers are those of the sensor of this name in Genesis."
 
     @classmethod
-    def trials(cls, quantity: str) -> list[Trial]:
-        return [Trial(f"{count} points", {"n_sample_points": count}) for count in (500, 5000)]
+    def trials(cls, quantity: str) -> list[Setting]:
+        return [Setting(f"{count} points", {"n_sample_points": count}) for count in (500, 5000)]
 
     def velocity_reason(self) -> str | None:
         terms = {"shear": self.shear_coupling, "twist": self.twist_scalar}

@@ -8,7 +8,7 @@ import warp as wp
 from tactemu.plan.plan import Stage
 from tactemu.sensors.probes.query import CHEAPER_QUERY, probes_struct, query_trials
 from tactemu.sensors.probes.strips import record_strips
-from tactemu.sensors.sensor_model import Compiled, SensorModel, Site, Trial
+from tactemu.sensors.sensor_model import Compiled, SensorModel, Setting, Site
 
 
 @functools.cache
@@ -57,7 +57,7 @@ class ContactDepthProbe(SensorModel):
     source = "Geometry. Option names and numbers are those of the sensor of this name in Genesis (genesis-world 1.4.5)."
 
     @classmethod
-    def trials(cls, quantity: str) -> list[Trial]:
+    def trials(cls, quantity: str) -> list[Setting]:
         return query_trials()
 
     def compile(self, site: Site) -> Compiled:

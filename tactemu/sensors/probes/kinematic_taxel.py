@@ -25,7 +25,7 @@ from tactemu.plan.plan import Stage
 from tactemu.sensors.probe_layout import Probes
 from tactemu.sensors.probes.query import CHEAPER_QUERY, probes_struct, query_trials
 from tactemu.sensors.probes.strips import record_strips
-from tactemu.sensors.sensor_model import Compiled, SensorModel, Site, Trial
+from tactemu.sensors.sensor_model import Compiled, SensorModel, Setting, Site
 
 
 class ForceTorque(NamedTuple):
@@ -140,7 +140,7 @@ class KinematicTaxel(SensorModel):
     source = "Springs and dampers. Option names and numbers are those of the sensor of this name in Genesis."
 
     @classmethod
-    def trials(cls, quantity: str) -> list[Trial]:
+    def trials(cls, quantity: str) -> list[Setting]:
         return query_trials()
 
     def velocity_reason(self) -> str | None:

@@ -16,7 +16,7 @@ from tactemu.geometry.shapes.distance import shape_functions
 from tactemu.geometry.shapes.rays import ray_function
 from tactemu.geometry.shapes.shape import FAR, table_type
 from tactemu.plan.scalars import is_nan, natural
-from tactemu.sensors.sensor_model import Trial
+from tactemu.sensors.sensor_model import Setting
 
 
 @functools.cache
@@ -263,11 +263,11 @@ CHEAPER_QUERY = 'set `contact_depth_query = "sdf"`'
 """The advice to make a query cost less, for the plan."""
 
 
-def query_trials() -> list[Trial]:
+def query_trials() -> list[Setting]:
     """Return the ways to find depth, cheapest first."""
     return [
-        Trial("nearest surface"),
-        Trial("band", {"contact_depth_query": "band"}),
-        Trial("voxels", {"contact_depth_query": "voxel"}),
-        Trial("along the normal", {"contact_depth_query": "ray"}),
+        Setting("nearest surface"),
+        Setting("band", {"contact_depth_query": "band"}),
+        Setting("voxels", {"contact_depth_query": "voxel"}),
+        Setting("along the normal", {"contact_depth_query": "ray"}),
     ]

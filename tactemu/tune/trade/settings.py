@@ -2,45 +2,29 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
 from typing import Any
 
-from tactemu.plan.plan import Dtype
 from tactemu.sensors.models import MODELS, model_class
+from tactemu.sensors.sensor_model import SensorModel, Setting
 from tactemu.tune.trade.cases import TestSkin
 
 GRAZE = 1e-6
 """Radius of probes that measure at the surface only [m]."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Setting:
-    """A sensor model and its options."""
+def calibrated_fields(setting: Setting) -> tuple[str, ...]:
+    """Return the fields of an observation that get a gain on the calibration cases; none for a model with material."""
+    model = model_class(setting.model)
+    if model.material:
+        return ()
+    return tuple(name for quantity in model.layouts for name in _FITTED[quantity])
 
-    name: str
-    model: str
-    """The name of the model, as in scene files."""
-    options: dict[str, Any] = field(default_factory=dict)
-    dtype: Dtype = "float32"
 
-    @property
-    def level(self) -> int:
-        """The level of fidelity of the model."""
-        return model_class(self.model).level
-
-    @property
-    def calibrated(self) -> tuple[str, ...]:
-        """The fields of an observation that get a gain on the calibration cases; none for a model with material."""
-        model = model_class(self.model)
-        if model.material:
-            return ()
-        return tuple(name for quantity in model.layouts for name in _FITTED[quantity])
-
-    def make(self, skin: TestSkin) -> Any:
-        """Return the sensor model on a skin, with the skin's material if the model has one."""
-        model = model_class(self.model)
-        material = {name: getattr(skin, name) for name in model.material}
-        return model(probe_local_pos=skin.positions(), **{**material, **self.options})
+def make_model(setting: Setting, skin: TestSkin) -> SensorModel:
+    """Return the sensor model on a skin, with the skin's material if the model has one."""
+    model: Any = model_class(setting.model)
+    material = {name: getattr(skin, name) for name in model.material}
+    return model(probe_local_pos=skin.positions(), **{**material, **setting.options})
 
 
 _FITTED = {"touch": (), "depth": ("sink",), "force": ("pressure", "drag"), "displacement": ("sink", "shift")}

@@ -26,6 +26,9 @@ from statistics import median
 import numpy as np
 import warp as wp
 
+from tactemu.base.jobs import Journal
+from tactemu.sensors.models import model_class
+from tactemu.sensors.sensor_model import Setting
 from tactemu.tune.timing import Report, timed_step
 from tactemu.tune.trade.cases import (
     CALIBRATION,
@@ -40,7 +43,7 @@ from tactemu.tune.trade.cases import (
 from tactemu.tune.trade.errors import Observation, errors, fit_gains, observe
 from tactemu.tune.trade.report import summarise, write_table
 from tactemu.tune.trade.scene import trade_of_scene
-from tactemu.tune.trade.settings import Setting, ladder
+from tactemu.tune.trade.settings import calibrated_fields, ladder, make_model
 from tactemu.tune.trade.truth import Truths, checks
 
 FINE_STEPS = 10
@@ -133,37 +136,28 @@ def _digest(truths: Truths, device: str) -> str:
 
 
 class Results:
-    """A file of observations, one JSON line each, which a later run reads."""
+    """A journal of observations, which a later run reads."""
 
     def __init__(self, file: Path, digest: str, fresh: bool):
-        self._file, self._digest = file, digest
-        self._known: dict[str, Observation] = {}
         if fresh:
             file.unlink(missing_ok=True)
-        if file.exists():
-            for line in file.read_text(encoding="utf-8").splitlines():
-                entry = json.loads(line)
-                if entry["digest"] == digest:
-                    self._known[entry["key"]] = _unpack(entry["observation"])
+        self._journal = Journal(file, "observation", digest)
 
     def _key(self, setting: Setting, case: Case) -> str:
         return f"{setting.name} {sorted(setting.options.items())} {case.name}"
 
     def has(self, setting: Setting, case: Case) -> bool:
         """Return True if the file has the observation of this setting and case."""
-        return self._key(setting, case) in self._known
+        return self._key(setting, case) in self._journal.results
 
     def get(self, setting: Setting, case: Case) -> Observation:
         """Return the observation of a setting and case."""
-        return self._known[self._key(setting, case)]
+        return _unpack(self._journal.results[self._key(setting, case)])
 
     def add(self, setting: Setting, case: Case, seen: Observation) -> None:
         """Keep the observation and append it to the file."""
-        key = self._key(setting, case)
-        self._known[key] = seen
         packed = {name: None if value is None else _pack(value) for name, value in vars(seen).items()}
-        with self._file.open("a", encoding="utf-8") as file:
-            file.write(json.dumps({"digest": self._digest, "key": key, "observation": packed}) + "\n")
+        self._journal.add(self._key(setting, case), packed)
 
 
 def _pack(values: np.ndarray) -> dict:
@@ -182,7 +176,7 @@ def _unpack(packed: dict) -> Observation:
 
 
 def _play(skin: TestSkin, setting: Setting, case: Case, device: str) -> Observation:
-    sim, body, sensor = build(skin, case, setting.make(skin), setting.dtype, device)
+    sim, body, sensor = build(skin, case, make_model(setting, skin), setting.dtype, device)
     for pose in case.poses():
         sim.set_pose(body, **pose)
         sim.step()
@@ -191,9 +185,10 @@ def _play(skin: TestSkin, setting: Setting, case: Case, device: str) -> Observat
 
 def _gains(setting: Setting, truths: Truths, done: Results) -> dict[str, float]:
     """Return the gains of a setting: normal quantities and markers fitted to a press, tangential forces to a slide."""
-    still = tuple(name for name in setting.calibrated if name not in ("drag", "shift"))
-    moving = tuple(name for name in setting.calibrated if name == "drag")
-    both = tuple(name for name in setting.calibrated if name == "shift")
+    fields = calibrated_fields(setting)
+    still = tuple(name for name in fields if name not in ("drag", "shift"))
+    moving = tuple(name for name in fields if name == "drag")
+    both = tuple(name for name in fields if name == "shift")
     gains = fit_gains(done.get(setting, CALIBRATION), truths.of(CALIBRATION), still + both)
     return gains | fit_gains(done.get(setting, CALIBRATION_OF_SHEAR), truths.of(CALIBRATION_OF_SHEAR), moving)
 
@@ -205,12 +200,12 @@ def _judge(skin: TestSkin, setting: Setting, cases: list[Case], truths: Truths, 
     for case in cases:
         seen = done.get(setting, case).scaled(gains)
         found[case.name] = errors(seen, truths.of(case), positions, skin.pitch**2, skin.friction)
-    fitted = {CALIBRATION.name, CALIBRATION_OF_SHEAR.name} if setting.calibrated else set()
+    fitted = {CALIBRATION.name, CALIBRATION_OF_SHEAR.name} if calibrated_fields(setting) else set()
     return {
         "name": setting.name,
-        "level": setting.level,
+        "level": model_class(setting.model).level,
         "model": setting.model,
-        "options": setting.options,
+        "options": dict(setting.options),
         "dtype": setting.dtype,
         "gains": gains,
         "calibrated_on": sorted(fitted),
@@ -224,7 +219,7 @@ def measure_costs(skin: TestSkin, settings: list[Setting], device: str, progress
     for setting in settings:
         gc.collect()
         before = _held_bytes()
-        runs[setting.name] = build(skin, COST, setting.make(skin), setting.dtype, device)
+        runs[setting.name] = build(skin, COST, make_model(setting, skin), setting.dtype, device)
         memory[setting.name] = _held_bytes() - before
     moving = {setting.name: [] for setting in settings}
     still = {setting.name: [] for setting in settings}
