@@ -2,31 +2,55 @@
 
 from __future__ import annotations
 
-import json
-import time
+from typing import TYPE_CHECKING, Annotated
 
-from tactemu.base.kernels import start_quietly
-from tactemu.cli.datasheet import frame_page, ports_of, rates_of, taxel_map
-from tactemu.scene import file
+import typer
+
+from tactemu.cli.parameters import Compute
+
+if TYPE_CHECKING:
+    from firmware_protocols import Device
+    from tactemu.scene.file import LoadedScene
+    from tactemu.scene.placement import PlacedSkin
+    from tactemu.scene.schema import SkinTable
 
 MAX_MAP_LINES = 60
 """Maximum number of lines of a skin's taxel map."""
 
-
-def print_schema() -> None:
-    """Print the JSON schema of scene files."""
-    print(json.dumps(file.json_schema(), indent=2))
+commands = typer.Typer(rich_markup_mode=None)
 
 
-def explain_target(target: str, *, compute: str | None, cost: bool, code: bool = True) -> None:
-    """Print bodies, skins, frames, taxels and the plan of a device's scene or a scene file.
+@commands.command()
+def explain(
+    target: Annotated[str | None, typer.Argument(metavar="DEVICE_OR_SCENE")] = None,
+    device: Compute = None,
+    cost: Annotated[bool, typer.Option(help="Measure the time of each stage on this machine.")] = True,
+    code: Annotated[bool, typer.Option(help="Run the Python files that the scene names, or refuse them.")] = True,
+    schema: Annotated[bool, typer.Option("--schema", help="Print the JSON schema of scene files.")] = False,
+) -> None:
+    """Show the stages that a scene simulates, and why.
 
-    Raises:
-        TactemuError: the scene is invalid, or it names Python files and ``code`` is False.
+    It prints bodies, skins, frames and taxels, and the plan of the simulation with the time of each stage.
+
+    \b
+      tactemu explain anyskin
+      tactemu explain hand.toml --device cuda:0
+      tactemu explain downloaded.toml --no-code
+      tactemu explain --schema > scene.schema.json
     """
+    import json
+    import time
+
+    from tactemu.base.kernels import start_quietly
     from tactemu.emulator.scenario import laws_needed
+    from tactemu.scene import file
     from tactemu.scene.building import build_scene, make_devices
 
+    if schema:
+        print(json.dumps(file.json_schema(), indent=2))
+        return
+    if target is None:
+        raise typer.BadParameter("name a device or a scene file, or ask for --schema", param_hint="DEVICE_OR_SCENE")
     loaded = file.load(target, code=code)
     devices = make_devices(loaded)
     laws = {name: laws_needed(loaded.tables.scenario, name) for name in devices}
@@ -41,7 +65,7 @@ def explain_target(target: str, *, compute: str | None, cost: bool, code: bool =
         return
     _print_schedule(loaded)
     start_quietly()
-    simulation = scene.build(device=compute or world.device, seed=world.seed, dtype=world.dtype)
+    simulation = scene.build(device=device or world.device, seed=world.seed, dtype=world.dtype)
     simulation.step()
     if cost:
         simulation.plan.time_stages(time.perf_counter_ns)
@@ -49,7 +73,7 @@ def explain_target(target: str, *, compute: str | None, cost: bool, code: bool =
     print(simulation.plan)
 
 
-def _print_bodies(loaded: file.LoadedScene) -> None:
+def _print_bodies(loaded: LoadedScene) -> None:
     print("Bodies")
     for body in loaded.tables.body:
         motion = loaded.motions.get(body.name)
@@ -58,7 +82,7 @@ def _print_bodies(loaded: file.LoadedScene) -> None:
     print()
 
 
-def _print_schedule(loaded: file.LoadedScene) -> None:
+def _print_schedule(loaded: LoadedScene) -> None:
     if not loaded.tables.scenario:
         return
     print("Schedule")
@@ -70,7 +94,9 @@ def _print_schedule(loaded: file.LoadedScene) -> None:
     print()
 
 
-def _print_skin(skin, device, sensor) -> None:
+def _print_skin(skin: SkinTable, device: Device, sensor: PlacedSkin | None) -> None:
+    from tactemu.cli.datasheet import frame_page, ports_of, rates_of, taxel_map
+
     print(f"Skin {skin.title!r}: {device.title}, {f'on {skin.link!r}' if skin.link else f'plays {skin.readings}'}")
     if sensor is not None:
         from tactemu.scene.building import model_name

@@ -1,248 +1,229 @@
-"""``tactemu judge`` and ``tactemu proxy``."""
+"""Commands that test drivers: judge, sweep and proxy."""
 
 from __future__ import annotations
 
-import re
-import sys
-import time
-from collections.abc import Sequence
 from pathlib import Path
+from typing import Annotated
 
-from rich.console import Console
-from rich.markup import escape
-from rich.table import Table
+import typer
 
-from tactemu.base.errors import TactemuError
-from tactemu.cli.signals import ended_by_signals
-from tactemu.cli.words import options_of
-from tactemu.judge import smallest_case
-from tactemu.judge.budget import EVERY_POSITION_BUDGET_S
-from tactemu.judge.driver import reading_command
-from tactemu.judge.html_report import html_report
-from tactemu.judge.junit_report import junit_report
-from tactemu.judge.outcome import ABOUT, FAILING, Outcome
-from tactemu.judge.processes import age_s
-from tactemu.judge.report import Report, written
-from tactemu.judge.trial_runner import Judge, JudgeOptions
-from tactemu.judge.verdicts import judge_record
+from tactemu.cli.parameters import Faults, Options, Ports, Seconds, Seed, Target, TruthFile
+from tactemu.cli.words import budget_of, options_of, ports_of
 
-FAILED = 1
-"""The exit code if a trial fails."""
-NOT_JUDGED = 3
-"""The exit code if there was nothing to judge."""
-INTERRUPTED = 130
-"""The exit code after Ctrl-C."""
-_BUDGET = re.compile(r"(\d+(?:\.\d+)?)\s*(s|m|h|)")
+commands = typer.Typer(rich_markup_mode=None)
 
 
-def budget_of(text: str | None) -> float | None:
-    """Return ``5m``, ``90s`` or ``90`` in seconds.
+@commands.command()
+def judge(
+    context: typer.Context,
+    target: Target,
+    options: Options = None,
+    reads: Annotated[
+        str | None,
+        typer.Option(
+            "--reads", metavar="MODULE:FUNCTION", help="Python function to call in a loop instead of a command."
+        ),
+    ] = None,
+    port: Ports = None,
+    budget: Annotated[
+        str | None,
+        typer.Option(metavar="T", help="Time for all trials, such as 30s or 5m; with 2m or more every byte is tried."),
+    ] = None,
+    only: Annotated[
+        list[str] | None, typer.Option("--only", metavar="TRIAL", help="Run only trials of this name; repeatable.")
+    ] = None,
+    fail_on: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--fail-on",
+            metavar="KIND",
+            help="Findings that fail the run, such as wrong,stale,late; all or none. Default: wrong values, stale, "
+            "lost sync, died, and not judged.",
+        ),
+    ] = None,
+    html: Annotated[Path | None, typer.Option("--html", metavar="FILE", help="Write the report as one page.")] = None,
+    junit: Annotated[
+        Path | None, typer.Option("--junit", metavar="FILE", help="Write the report for a CI system.")
+    ] = None,
+    json: Annotated[
+        Path | None,
+        typer.Option("--json", metavar="FILE", help="Write the report as JSON, for --baseline of later runs."),
+    ] = None,
+    baseline: Annotated[
+        Path | None, typer.Option("--baseline", metavar="FILE", help="An earlier --json: only new findings fail.")
+    ] = None,
+    columns: Annotated[
+        Path | None,
+        typer.Option(
+            "--columns", metavar="FILE", help="Meaning of the driver's columns: read, or written if it does not exist."
+        ),
+    ] = None,
+    cases: Annotated[
+        Path | None, typer.Option("--cases", metavar="FOLDER", help="Write the smallest case of each finding here.")
+    ] = None,
+    replay: Annotated[Path | None, typer.Option("--replay", metavar="FILE", help="Run this case only.")] = None,
+    record: Annotated[
+        Path | None,
+        typer.Option("--record", metavar="FOLDER", help="Write the record of each trial here, as JSON lines."),
+    ] = None,
+    no_contact: Annotated[
+        float,
+        typer.Option(
+            "--rest", metavar="S", min=0.0, max=600.0, help="Time without touch after the driver's first row."
+        ),
+    ] = 1.0,
+    patience: Annotated[
+        float, typer.Option(metavar="S", min=0.1, max=600.0, help="Time in which the driver must recover from a fault.")
+    ] = 1.5,
+    seed: Seed = None,
+    success: Annotated[
+        Path | None,
+        typer.Option(
+            "--success", metavar="SCRIPT", help="Judge a complete task: success(dev) of this script returns the result."
+        ),
+    ] = None,
+) -> None:
+    """Test a driver against faults on the wire.
 
-    Raises:
-        TactemuError: the text is no time.
+    Bytes are lost or damaged, the sensor restarts, the port disappears, and more.
+
+    \b
+      tactemu judge paxini_px6ax -- python my_driver.py {port}
+      tactemu judge hand.toml --budget 5m --html report.html --junit report.xml -- ./reader {port}
+      tactemu judge anyskin --reads mypkg.driver:read
+      tactemu judge optoforce --replay cases/flipped.json -- ./reader {port}
+      tactemu judge hand.toml --success held.py -- python grasp.py {port}
+
+    Your driver must print a line for each reading, JSON or numbers, on its standard output. A run without faults shows
+    the meaning of its columns; then each fault is tried, and every reading is compared with the sent values.
+    With --success the output of the command is not read: lost, damaged and late frames and dead taxels (--only drop,
+    flip, late, dead) increase, and the result is the success rate; you can add --port, --budget, --seed and
+    --json.
+    Exit code 0 if nothing fails, 1 if something fails, 2 for an error in the command, 3 if there was nothing to judge.
+    See docs/judge.md.
     """
-    if text is None:
-        return None
-    match = _BUDGET.fullmatch(text.strip())
-    if match is None or not float(match[1]):
-        raise TactemuError(f"--budget: expected a time such as 90s or 5m, got {text!r}")
-    return float(match[1]) * {"": 1, "s": 1, "m": 60, "h": 3600}[match[2]]
+    command, budget_s = context.obj or (), budget_of(budget)
+    if success is not None:
+        from tactemu.cli.success import judge_success
 
-
-def kinds_of(words: Sequence[str]) -> tuple[str, ...]:
-    """Return the kinds of finding that fail a run.
-
-    Raises:
-        TactemuError: there is no such kind.
-    """
-    kinds = [word.strip().replace("-", " ") for text in words for word in text.split(",")]
-    if not kinds:
-        return FAILING
-    if unknown := [kind for kind in kinds if kind not in ABOUT and kind not in ("none", "all")]:
-        raise TactemuError(f"--fail-on: no finding is called {unknown[0]!r}; expected {', '.join(ABOUT)}, all or none")
-    if "all" in kinds:
-        return tuple(ABOUT)
-    return tuple(kind for kind in kinds if kind != "none")
-
-
-def judge_driver(
-    target: str,
-    command: Sequence[str],
-    *,
-    reads: str | None,
-    options: Sequence[str],
-    ports: Sequence[str],
-    budget: str | None,
-    no_contact_s: float,
-    seed: int | None,
-    only: Sequence[str],
-    fail_on: Sequence[str],
-    columns: Path | None,
-    record: Path | None,
-    html: Path | None,
-    junit_file: Path | None,
-    json_file: Path | None,
-    baseline: Path | None,
-    cases: Path | None,
-    replay: Path | None,
-    patience: float,
-) -> int:
-    """Judge a driver, print and write the report, and return the exit code.
-
-    Raises:
-        TactemuError: the request is invalid, or cannot be met on this machine.
-    """
-    from tactemu.cli.words import ports_of
-
-    if bool(command) == bool(reads):
-        raise TactemuError(
-            f"name the driver's command after --, as in `tactemu judge {target} -- python driver.py {{port}}`, "
-            "or give --reads package.module:function"
+        status = judge_success(
+            target, command, success, ports=port or (), only=only or (), budget_s=budget_s, seed=seed, json_file=json
         )
-    command = (
-        reading_command(reads) if reads else [sys.executable if command[0] == "python" else command[0], *command[1:]]
-    )
-    began, limit = time.monotonic() - age_s(), budget_of(budget)  # imports count: on a busy machine they take seconds
+        raise typer.Exit(status)
+    from tactemu.cli.judge_output import ReportFiles, judge_driver, kinds_of, reading_or_program
+    from tactemu.judge.options import JudgeOptions
+
+    command = reading_or_program(target, command, reads)
     chosen = JudgeOptions(
-        no_contact_s=no_contact_s, seed=seed or 0, budget_s=began + limit - time.monotonic() if limit else None,
-        every=(limit or 0.0) >= EVERY_POSITION_BUDGET_S, only=tuple(only), fail_on=kinds_of(fail_on),
-        columns=columns, record=record, device_options=options_of(options), port=ports_of(ports), patience_s=patience,
+        no_contact_s=no_contact, seed=seed or 0, budget_s=budget_s, only=only or (), fail_on=kinds_of(fail_on or ()),
+        columns=columns, record=record, device_options=options_of(options or ()), port=ports_of(port or ()),
+        patience_s=patience,
     )  # fmt: skip
-    report = Report(target, list(command), chosen.seed, chosen.fail_on)
-    if baseline is not None:
-        report.compare(baseline)
-    case = smallest_case.read(replay) if replay is not None else None
-    console = Console(stderr=True)
-    interrupted = False
-    with ended_by_signals(_interrupt), console.status("starting the driver") as status:
-        with Judge(target, command, chosen, lambda text: status.update(f"{text} …")) as judge:
-            try:
-                for outcome in judge.run() if case is None else _replayed(judge, case):
-                    report.outcomes.append(outcome)
-                    if len(report.outcomes) == 1:
-                        report.columns, report.asks = judge.columns.describe(), judge.known.asks
-                        _print_columns(console, report)
-                    _print_outcome(console, report, outcome)
-            except KeyboardInterrupt:
-                interrupted = True
-                console.print("interrupted: the other trials were not run")
-            judge.end()
-            report.left_behind = judge.left_behind
-    report.seconds = time.monotonic() - began
-    _write(report, html, junit_file, json_file, cases)
-    _print_end(console, report)
-    if interrupted:
-        return INTERRUPTED
-    return FAILED if report.failed and report.is_judged else NOT_JUDGED if not report.is_judged else 0
+    files = ReportFiles(html=html, junit=junit, json=json, baseline=baseline, cases=cases, replay=replay)
+    raise typer.Exit(judge_driver(target, command, chosen, files))
 
 
-def _interrupt() -> None:
-    raise KeyboardInterrupt
-
-
-def _replayed(judge: Judge, case: dict):
-    """Yield the outcomes of the clean run and of the case."""
-    yield judge.clean()
-    if judge.columns.values:
-        yield judge_record(judge.run_trial(smallest_case.trial_of(case)))
-
-
-def _print_columns(console: Console, report: Report) -> None:
-    if not report.columns:
-        return
-    table = Table(title="Meaning of the driver's columns", box=None, title_justify="left", show_header=False)
-    for name, holds in report.columns[:40]:
-        table.add_row(escape(name), escape(holds))
-    if len(report.columns) > 40:
-        table.add_row("…", f"{len(report.columns) - 40} more")
-    console.print(table)
-
-
-def _print_outcome(console: Console, report: Report, outcome: Outcome) -> None:
-    failing = report.failures(outcome)
-    color = "red" if failing else "yellow" if outcome.findings else "dim" if outcome.skipped else "green"
-    mark = "✗" if failing else "!" if outcome.findings else "-" if outcome.skipped else "✓"
-    known = " (as in the baseline)" if outcome.findings and not failing and report.known else ""
-    late = (
-        f"  p50 {outcome.p50_ms:.1f} ms, p99 {outcome.p99_ms:.1f} ms"
-        if outcome.name == "clean" and outcome.p50_ms
-        else ""
-    )
-    words = escape(outcome.verdict + outcome.doubt)
-    console.print(f"[{color}]{mark} {outcome.name:18}[/] {words}{known}{late}", highlight=False)
-    if outcome.said and outcome.verdict.startswith("noticed"):
-        console.print(f"  {'':18} [dim]{escape(outcome.said[0])}[/]", highlight=False)
-
-
-def _print_end(console: Console, report: Report) -> None:
-    for case in report.cases[:3]:
-        console.print(f"\n[bold]{case['trial']}, smallest case[/]")
-        console.print(smallest_case.in_words(case), markup=False, highlight=False)
-    if report.left_behind:
-        console.print(f"{report.left_behind} processes of the driver had left its session; tactemu ended them")
-    failed = len(report.failed)
-    words = f"[red]{failed} of {len(report.outcomes)} trials fail[/]" if failed else "[green]nothing fails[/]"
-    tried = sum(not outcome.skipped for outcome in report.outcomes)
-    console.print(f"{words}; {tried} trials in {report.seconds:.1f} s")
-
-
-def _write(
-    report: Report, html: Path | None, junit_file: Path | None, json_file: Path | None, cases: Path | None
+@commands.command()
+def sweep(
+    plan: Annotated[Path, typer.Argument(help="A TOML file: [[driver]] tables with name, devices, command, seeds.")],
+    results: Annotated[
+        Path, typer.Option("--results", metavar="FILE", help="Parquet file for the verdicts; a journal is beside it.")
+    ] = Path("judged.parquet"),
+    at_once: Annotated[
+        int | None,
+        typer.Option("--at-once", metavar="N", min=1, help="Number of parallel runs; default: one for each core."),
+    ] = None,
+    cluster: Annotated[
+        str | None, typer.Option("--cluster", metavar="ADDRESS", help="A Dask scheduler, such as tcp://10.0.0.1:8786.")
+    ] = None,
 ) -> None:
-    if html is not None:
-        written(html, html_report(report))
-    if junit_file is not None:
-        written(junit_file, junit_report(report))
-    if json_file is not None:
-        report.write_json(json_file)
-    if cases is not None and report.cases:
-        cases.mkdir(parents=True, exist_ok=True)
-        for case in report.cases:
-            smallest_case.write(case, cases / f"{case['trial'].replace(' ', '-')}.json")
+    """Test many drivers, here or on a cluster.
+
+    Each driver is judged with many devices and seeds.
+
+    \b
+      tactemu sweep plan.toml
+      tactemu sweep plan.toml --cluster tcp://10.0.0.1:8786 --results nightly.parquet
+
+    \b
+      [[driver]]
+      name = "mine 1.2"
+      devices = ["anyskin"]
+      command = ["python", "my_driver.py", "{port}"]
+      seeds = "0-9"
+      options = ["--budget", "30s"]
+
+    The same command continues an interrupted sweep. Workers of a cluster should run one task at a time
+    (`dask worker --nthreads 1`), and have the driver installed. Exit code 1 if something fails.
+    """
+    from tactemu.judge.sweep import read_plan
+    from tactemu.judge.sweep import sweep as run_sweep
+
+    rows = run_sweep(read_plan(plan), results, at_once=at_once, cluster=cluster, report_progress=typer.echo)
+    if any(row["fails"] for row in rows):
+        raise typer.Exit(1)
 
 
-def run_proxy(
-    real: str,
-    port: str,
-    *,
-    device: str | None,
-    options: Sequence[str],
-    baud: int | None,
-    faults: Sequence[str],
-    truth: Path | None,
-    record: Path | None,
-    seed: int | None,
-    seconds: float | None,
+@commands.command()
+def proxy(
+    real: Annotated[
+        str,
+        typer.Argument(metavar="REAL_PORT", help="The sensor: /dev/ttyUSB0, a pyserial URL, or can:INTERFACE:CHANNEL."),
+    ],
+    port: Annotated[
+        str, typer.Option("--port", metavar="PORT", help="Port for the driver: pty:PATH, rfc2217:HOST:PORT ...")
+    ] = "pty:",
+    device: Annotated[
+        str | None, typer.Option("--device", metavar="NAME", help="Model of the sensor, to decode its frames.")
+    ] = None,
+    option: Annotated[
+        list[str] | None, typer.Option("--option", metavar="NAME=VALUE", help="Option of the device; repeatable.")
+    ] = None,
+    baud: Annotated[int | None, typer.Option(metavar="N", min=1, help="Baud rate until the driver sets one.")] = None,
+    fault: Faults = None,
+    truth: TruthFile = None,
+    record: Annotated[
+        Path | None, typer.Option("--record", metavar="FILE", help="Record the bytes or frames, for `tactemu replay`.")
+    ] = None,
+    seed: Seed = None,
+    seconds: Seconds = None,
 ) -> None:
-    """Pass bytes between a real sensor and its driver until Ctrl-C.
+    """Inject faults between a real sensor and its driver.
 
-    Raises:
-        TactemuError: the request is invalid or cannot be met on this machine, or the sensor's port is lost.
+    It passes bytes on, and can write a truth log and a recording.
+
+    \b
+      tactemu proxy /dev/ttyACM0 --device anyskin --port pty:/tmp/skin
+      tactemu proxy /dev/ttyUSB0 --device optoforce --fault 'flip 1%' --truth truth.mcap --record real.mcap
+      tactemu proxy can:socketcan:can0 --port can:socketcan:vcan0 --fault 'drop 1%'
+
+    Baud rate, parity and modem lines that the driver sets are passed on, too. Ctrl-C ends it.
     """
     from contextlib import ExitStack
 
     from firmware_protocols import Serial
+    from tactemu.cli.signals import ended_by_signals
     from tactemu.emulator.replay import DEFAULT_BAUD, line_note
     from tactemu.judge.proxy import Proxy, RealBus, RealSerial
     from tactemu.scene.building import make_device
     from tactemu.truth import Truth
     from tactemu.truth.recorder import Recorder
 
-    model = make_device(device, options_of(options)) if device else None
+    model = make_device(device, options_of(option or ())) if device else None
     own = next((each.baud for each in model.ports if isinstance(each, Serial)), None) if model else None
     with ExitStack() as stack:
         side = RealBus(real) if real.startswith("can:") else RealSerial(real, baud or own or DEFAULT_BAUD)
         stack.callback(side.close)
         recorder = stack.enter_context(Recorder(record, line=line_note(real, baud))) if record is not None else None
         log = Truth(truth) if truth is not None else Truth()
-        proxy = Proxy(model, side, port, faults, seed or 0, log, recorder, device or "sensor")
-        stack.enter_context(ended_by_signals(proxy.stop))
+        passing = Proxy(model, side, port, fault or (), seed or 0, log, recorder, device or "sensor")
+        stack.enter_context(ended_by_signals(passing.stop))
 
         def opened(address: str) -> None:
-            print(f"{real} is passed on to {address}", flush=True)
-            print(f"  {proxy.framing.about if device else 'undecoded: no --device'}", flush=True)
+            typer.echo(f"{real} is passed on to {address}")
+            typer.echo(f"  {passing.framing.about if device else 'undecoded: no --device'}")
 
-        proxy.run(seconds, opened)
+        passing.run(seconds, opened)
     injected = ", ".join(f"{kind} {n}" for kind, n in log.injected.items()) or "nothing"
-    passed = ", ".join(f"{n} {way}" for way, n in proxy.passed.items())
-    print(f"passed: {passed}; samples decoded: {proxy.samples}; injected: {injected}")
+    passed = ", ".join(f"{n} {way}" for way, n in passing.passed.items())
+    typer.echo(f"passed: {passed}; samples decoded: {passing.samples}; injected: {injected}")

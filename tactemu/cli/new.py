@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import ast
 from pathlib import Path
+from typing import Annotated
+
+import typer
 
 from tactemu.base.errors import TactemuError
 from tactemu.base.files import writing
@@ -13,40 +16,50 @@ EXAMPLES = (Path(__file__).parents[1] / "examples", Path(__file__).parents[2] / 
 """The folder of the examples in the installed package, and in a source tree."""
 
 
-def new_scene(file: Path) -> None:
-    """Write a scene with comments.
+commands = typer.Typer(rich_markup_mode=None)
 
-    Raises:
-        TactemuError: the file exists, its name does not end in .toml, or it cannot be written.
+
+@commands.command()
+def new(file: Annotated[Path, typer.Argument(help="The scene file to write, such as hand.toml.")]) -> None:
+    """Write a scene file to start from.
+
+    The scene has a fingertip and a ball, and comments on every key.
+
+    \b
+      tactemu new hand.toml
+      tactemu run hand.toml
     """
     if file.suffix != ".toml":
         raise TactemuError(f"{file}: the name of a scene file must end in .toml")
     _write(file, START.read_text(encoding="utf-8"))
-    print(f"{file} is written; `tactemu run {file}` runs it")
+    typer.echo(f"{file} is written; `tactemu run {file}` runs it")
 
 
-def list_examples() -> None:
-    """Print the examples, each with its first sentence."""
-    found = _examples()
-    width = max(len(path.name) for path in found)
-    for path in found:
-        print(f"{path.name:<{width}}  {_about(path)}")
-    print("\n`tactemu examples FOLDER` copies them there")
+@commands.command()
+def examples(
+    folder: Annotated[
+        Path | None, typer.Argument(help="Copy the examples into this folder, and create it if needed.")
+    ] = None,
+) -> None:
+    """List the examples, or copy them into a folder.
 
-
-def copy_examples(folder: Path) -> None:
-    """Copy the examples into a folder, and create it if needed.
-
-    Raises:
-        TactemuError: one of the files exists already, or cannot be written.
+    \b
+      tactemu examples
+      tactemu examples tactile
     """
+    if folder is None:
+        width = max(len(path.name) for path in _examples())
+        for path in _examples():
+            typer.echo(f"{path.name:<{width}}  {_about(path)}")
+        typer.echo("\n`tactemu examples FOLDER` copies them there")
+        return
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise TactemuError(f"{folder}: cannot make the folder: {error.strerror}") from None
     for path in _examples():
         _write(folder / path.name, path.read_text(encoding="utf-8"))
-        print(folder / path.name)
+        typer.echo(folder / path.name)
 
 
 def _examples() -> list[Path]:

@@ -155,3 +155,8 @@ def ended_by_signals(stop: Callable[[], None] | None = None) -> Iterator[Callabl
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+def interrupt() -> None:
+    """Interrupt the main thread, as Ctrl-C does."""
+    raise KeyboardInterrupt

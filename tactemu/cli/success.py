@@ -10,13 +10,13 @@ from pathlib import Path
 from rich.console import Console
 
 from tactemu.base.errors import TactemuError
-from tactemu.cli.signals import ended_by_signals
+from tactemu.cli import INTERRUPTED
+from tactemu.cli.signals import ended_by_signals, interrupt
+from tactemu.cli.words import ports_of
 from tactemu.judge.success import as_data, as_text, read_script, success_curve
 
 NOT_JUDGED = 3
 """The exit code if the task never succeeds without a fault."""
-INTERRUPTED = 130
-"""The exit code after Ctrl-C."""
 
 
 def judge_success(
@@ -35,13 +35,11 @@ def judge_success(
     Raises:
         TactemuError: the request is invalid, or cannot be met on this machine.
     """
-    from tactemu.cli.words import ports_of
-
     if not command:
         raise TactemuError(f"name the task's command after --, as in `tactemu judge {target} --success ... -- COMMAND`")
     words = [sys.executable if command[0] == "python" else command[0], *command[1:]]
     points, interrupted = {}, False
-    with ended_by_signals(_interrupt), Console(stderr=True).status("starting") as status:
+    with ended_by_signals(interrupt), Console(stderr=True).status("starting") as status:
         trials = success_curve(
             target, words, read_script(script), only=only, port=ports_of(ports), seed=seed or 0, budget_s=budget_s,
             report_progress=status.update,
@@ -57,7 +55,3 @@ def judge_success(
     if interrupted:
         return INTERRUPTED
     return 0 if points["", 0.0].succeeded else NOT_JUDGED
-
-
-def _interrupt() -> None:
-    raise KeyboardInterrupt

@@ -1,4 +1,4 @@
-"""``tactemu truth FILE``: the summary of a truth log, device by device, and its conversions."""
+"""``tactemu truth FILE``: the summary of a truth log, device by device."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from tactemu.base.errors import TactemuError
 from tactemu.truth import COMMAND, BodyPose, Entry, Injection, Passage, PortEvent, Sample
 from tactemu.truth.entries import End, Header
 from tactemu.truth.log_reader import records
@@ -127,31 +126,3 @@ def print_summary(path: Path, *, json: bool = False) -> None:
 def _printable(text: str) -> str:
     """Return a text of the file without control characters."""
     return text if text.isprintable() else ascii(text)
-
-
-def convert_log(path: Path, to: str, *, skin: str | None, sense: str | None) -> None:
-    """Write a log to a file of another format.
-
-    Raises:
-        TactemuError: there is no log or no such entry in it, or the file cannot be written.
-    """
-    from tactemu.cli.progress import show_count
-    from tactemu.truth.conversion import convert
-
-    count, files = convert(path, to, skin=skin, sense=sense, watch=show_count)
-    print(f"{count} rows written to {', '.join(map(str, files))}")
-
-
-def plot_log(path: Path, target: Path, *, skin: str | None, sense: str | None) -> None:
-    """Draw one skin of a log.
-
-    Raises:
-        TactemuError: matplotlib is missing, there is no log or no such entry in it, or the file cannot be written.
-    """
-    try:
-        from tactemu.view.conversions.plots import plot
-    except ModuleNotFoundError as error:
-        raise TactemuError(f"plot needs the package {error.name}: pip install 'tactemu[plots]'") from None
-
-    plot(path, target, skin=skin, sense=sense)
-    print(f"drawn to {target}")

@@ -9,6 +9,7 @@ from tactemu.base.errors import DeviceError, SceneError, TactemuError, Transport
 
 _OWNER = re.compile(r"[^:=]+=")
 """The name of a skin or a connector in front of a port."""
+_BUDGET = re.compile(r"(\d+(?:\.\d+)?)\s*(s|m|h|)")
 
 
 def options_of(words: Sequence[str]) -> dict[str, str]:
@@ -109,3 +110,17 @@ def pairs_of(option: str, text: str | None) -> dict[str, str] | None:
             raise TactemuError(f"{option}: expected NAME=VALUE, several with commas, got {part!r}")
         found[name.strip()] = value.strip()
     return found
+
+
+def budget_of(text: str | None) -> float | None:
+    """Return ``5m``, ``90s`` or ``90`` in seconds.
+
+    Raises:
+        TactemuError: the text is no time.
+    """
+    if text is None:
+        return None
+    match = _BUDGET.fullmatch(text.strip())
+    if match is None or not float(match[1]):
+        raise TactemuError(f"--budget: expected a time such as 90s or 5m, got {text!r}")
+    return float(match[1]) * {"": 1, "s": 1, "m": 60, "h": 3600}[match[2]]

@@ -11,7 +11,7 @@ from tests.cli.command import ROOT
 
 def test_a_new_scene_is_one_and_rests_at_first(tmp_path, capsys):
     file = tmp_path / "hand.toml"
-    new.new_scene(file)
+    new.new(file)
     assert f"tactemu run {file}" in capsys.readouterr().out
     loaded = load(file)
     assert [skin.device for skin in loaded.tables.skin] == ["anyskin"]
@@ -40,12 +40,12 @@ WRONG = [("there.toml", "exists already"), ("hand.txt", "end in .toml"), ("no/x.
 def test_nothing_is_overwritten(tmp_path, name, says):
     (tmp_path / "there.toml").write_text("mine")
     with pytest.raises(TactemuError, match=says):
-        new.new_scene(tmp_path / name)
+        new.new(tmp_path / name)
     assert (tmp_path / "there.toml").read_text() == "mine"
 
 
 def test_examples_are_listed_with_what_they_show(capsys):
-    new.list_examples()
+    new.examples()
     listed = capsys.readouterr().out
     for path in (ROOT / "examples").glob("*.[pt]*"):
         line = next(line for line in listed.splitlines() if line.startswith(path.name))
@@ -53,9 +53,9 @@ def test_examples_are_listed_with_what_they_show(capsys):
 
 
 def test_examples_are_copied_once(tmp_path, capsys):
-    new.copy_examples(tmp_path / "a" / "b")
+    new.examples(tmp_path / "a" / "b")
     copied = {path.name: path.read_text() for path in (tmp_path / "a" / "b").iterdir()}
     assert copied == {path.name: path.read_text() for path in (ROOT / "examples").iterdir() if path.name in copied}
     assert "hand.toml" in copied and len(copied) >= 5
     with pytest.raises(TactemuError, match="exists already"):
-        new.copy_examples(tmp_path / "a" / "b")
+        new.examples(tmp_path / "a" / "b")

@@ -159,7 +159,7 @@ def rows(words: Sequence[str] = ()) -> list[Row]:
 
 
 CONTEXT = multiprocessing.get_context("forkserver")
-CONTEXT.set_forkserver_preload(["tactemu.cli", "tactemu.cli.judging", "tactemu.judge.trial_runner"])
+CONTEXT.set_forkserver_preload(["tactemu.cli", "tactemu.cli.judge_output", "tactemu.judge.trial_runner"])
 
 
 def judge_words(driver: Driver, variant: str, report: Path, *more: str) -> list[str]:

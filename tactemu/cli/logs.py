@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+import sys
+from collections.abc import Callable
+from contextlib import nullcontext
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from tactemu.base.errors import TactemuError, TransportError
 from tactemu.base.formats import CAN_FRAMES, CONVERTIBLE, LOGS, READABLE, names
 from tactemu.cli.parameters import Faults, RunName, Seconds
+
+if TYPE_CHECKING:
+    from tactemu.emulator.replay import Replay
 
 commands = typer.Typer(rich_markup_mode=None)
 _CAN = [each for each in CONVERTIBLE if each.holds == CAN_FRAMES]
@@ -44,16 +51,20 @@ def truth(
     The summary counts samples, frames, drops and injected faults of each device. --to writes a file beside the log, or
     the file that you name.
     """
-    from tactemu.cli.truths import convert_log, print_summary
-
     if to is None and export is None:
+        from tactemu.cli.truths import print_summary
+
         print_summary(file, json=json)
-    else:
-        convert_log(file, to or str(export), skin=skin, sense=sense)
+        return
+    from tactemu.cli.progress import show_count
+    from tactemu.truth.conversion import convert
+
+    count, files = convert(file, to or str(export), skin=skin, sense=sense, watch=show_count)
+    typer.echo(f"{count} rows written to {', '.join(map(str, files))}")
 
 
-@commands.command()
-def plot(
+@commands.command("plot")
+def plot_log(
     file: Annotated[Path, typer.Argument(help="The truth log to draw.")],
     to: Annotated[
         Path | None,
@@ -73,13 +84,18 @@ def plot(
       tactemu plot truth.mcap
       tactemu plot truth.mcap --to thumb.png --skin thumb
     """
-    from tactemu.cli.truths import plot_log
+    try:
+        from tactemu.view.conversions.plots import plot
+    except ModuleNotFoundError as error:
+        raise TactemuError(f"plot needs the package {error.name}: pip install 'tactemu[plots]'") from None
 
-    plot_log(file, to or file.with_suffix(".html"), skin=skin, sense=sense)
+    picture = to or file.with_suffix(".html")
+    plot(file, picture, skin=skin, sense=sense)
+    typer.echo(f"drawn to {picture}")
 
 
-@commands.command()
-def record(
+@commands.command("record")
+def record_stream(
     file: Annotated[
         Path,
         typer.Argument(help=f"The recording to write: {names(LOGS, dot='.')}; for CAN also {names(_CAN, dot='.')}."),
@@ -103,9 +119,21 @@ def record(
       tactemu record anyskin.mcap --from /dev/ttyACM0
       tactemu record hand.log --from can:socketcan:can0 --seconds 10
     """
-    from tactemu.cli.recordings import record_stream
+    from tactemu.base.clock import RealClock
+    from tactemu.cli.signals import ended_by_signals
+    from tactemu.emulator.replay import DEFAULT_BAUD, line_note, record
+    from tactemu.truth.recorder import Recorder
 
-    record_stream(source, file, baud=baud, seconds=seconds)
+    clock = RealClock()
+    end_ns = None if seconds is None else round(seconds * 1e9)
+    with ended_by_signals() as interrupted, Recorder(file, line=line_note(source, baud)) as recorder:
+        typer.echo(f"recording {source} to {file}")
+        record(
+            source, recorder, clock=clock, baud=baud or DEFAULT_BAUD,
+            stop=lambda _: interrupted() or (end_ns is not None and clock.now_ns() >= end_ns),
+        )  # fmt: skip
+        count = recorder.count
+    typer.echo(f"{count} entries in {clock.now_ns() / 1e9:.1f} s")
 
 
 @commands.command()
@@ -138,9 +166,40 @@ def replay(
       tactemu replay hand.blf --port can:socketcan:vcan0 --fault 'drop 1%'
       tactemu replay truth.mcap --port pty:/tmp/skin --skin thumb --step
     """
-    from tactemu.cli.recordings import replay_file
+    from tactemu.base.clock import RealClock
+    from tactemu.cli.signals import ended_by_signals
+    from tactemu.control.replay_control import ReplayControl
+    from tactemu.emulator.replay import Replay, connector_for
+    from tactemu.session.session import control_socket
+    from tactemu.transports import create
+    from tactemu.truth.recording import load
+    from tactemu.wire.line_models import line_model_for
+    from tactemu.wire.wire import Wire
 
-    replay_file(
-        file, port, skin=skin, speed=speed, step=step, loop=loop, faults=tuple(fault or ()), seconds=seconds,
-        name=name,
-    )  # fmt: skip
+    recording = load(file, skin)
+    transport = create(port)
+    if transport.scheme not in ("memory", *line_model_for(connector_for(recording)).schemes):
+        raise TransportError(f"{file} holds a {recording.kind} stream and cannot be played to {port}")
+    wire = Wire(transport, connector_for(recording), pacing=False, faults=fault or ())
+    player = Replay(recording, wire, clock=RealClock(), speed=speed, loop=loop)
+    wire.open()
+    try:
+        poked = nullcontext() if step else control_socket(ReplayControl(player), str(file), name)
+        with ended_by_signals(player.stop) as interrupted, poked:
+            typer.echo(f"{len(player.entries)} frames ready on {wire.transport.address}")
+            _play_stepwise(player, interrupted) if step else player.run(seconds)
+    finally:
+        wire.close()
+    counts = ", ".join(f"{name} {count}" for name, count in wire.counters.items())
+    typer.echo(f"{player.position} of {len(player.entries)} frames played; {counts or 'nothing sent'}")
+
+
+def _play_stepwise(player: Replay, interrupted: Callable[[], bool]) -> None:
+    """Play a frame for every line on stdin."""
+    for _ in sys.stdin:
+        now = player.clock.now_ns()
+        player.wire.receive(now)
+        if interrupted() or (entry := player.send_next(now)) is None:
+            break
+        player.wire.flush(now)
+        print(f"{entry.t_ns / 1e9:.6f} s  {entry.frame.hex() if isinstance(entry.frame, bytes) else entry.frame}")

@@ -105,9 +105,18 @@ def faults() -> None:
       tactemu run anyskin --fault 'drop 1%' --fault 'unplug at 3s for 0.5s'
       tactemu run linker_hand_l6 --fault 'flip 5% id=0x28 from 2s to 6s'
     """
-    from tactemu.cli.recordings import print_faults
+    from tactemu.wire.faults import DIRECTIONS, KINDS
 
-    print_faults()
+    width, everywhere = max(map(len, KINDS)), set().union(*(kind.wires for kind in KINDS.values()))
+    for name, kind in KINDS.items():
+        values = {"by": " T", "as": " NAME", "hex=": "aa07"}
+        options = "".join(f" [{option}{values.get(option, ' N')}]" for option in kind.options)
+        on = "" if set(kind.wires) == everywhere else f" ({', '.join(kind.wires)} only)"
+        print(f"  {name:{width}}  {kind.about}{on}{options}")
+    print(f"\nKIND [N% | every N | frame N,N-N] [id=0x201] [prefix=55aa] [{' | '.join(DIRECTIONS)}]")
+    print("     [at T [for T] | from T] [to T]")
+    print("Times are 3s, 16ms or 200us of emulation time; N% is per frame, or the share of the bus (load, babble).")
+    print("Frames are counted from 1, bytes from 0 or, negative, from the end, bits from the lowest, 0.")
 
 
 @commands.command()

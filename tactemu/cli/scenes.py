@@ -1,79 +1,21 @@
-"""Commands for scenes: explain, new, examples, tune, dataset and fit."""
+"""Commands that compute with a scene: tune, dataset and fit."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from tactemu.base.errors import TactemuError
+from tactemu.cli import INTERRUPTED
 from tactemu.cli.parameters import Compute, Target
 from tactemu.cli.words import pairs_of
 
+if TYPE_CHECKING:
+    from tactemu.datasets.spec import DatasetSpec
+
 commands = typer.Typer(rich_markup_mode=None)
-
-
-@commands.command()
-def explain(
-    target: Annotated[str | None, typer.Argument(metavar="DEVICE_OR_SCENE")] = None,
-    device: Compute = None,
-    cost: Annotated[bool, typer.Option(help="Measure the time of each stage on this machine.")] = True,
-    code: Annotated[bool, typer.Option(help="Run the Python files that the scene names, or refuse them.")] = True,
-    schema: Annotated[bool, typer.Option("--schema", help="Print the JSON schema of scene files.")] = False,
-) -> None:
-    """Show the stages that a scene simulates, and why.
-
-    It prints bodies, skins, frames and taxels, and the plan of the simulation with the time of each stage.
-
-    \b
-      tactemu explain anyskin
-      tactemu explain hand.toml --device cuda:0
-      tactemu explain downloaded.toml --no-code
-      tactemu explain --schema > scene.schema.json
-    """
-    from tactemu.cli.explaining import explain_target, print_schema
-
-    if schema:
-        print_schema()
-    elif target is None:
-        raise typer.BadParameter("name a device or a scene file, or ask for --schema", param_hint="DEVICE_OR_SCENE")
-    else:
-        explain_target(target, compute=device, cost=cost, code=code)
-
-
-@commands.command()
-def new(file: Annotated[Path, typer.Argument(help="The scene file to write, such as hand.toml.")]) -> None:
-    """Write a scene file to start from.
-
-    The scene has a fingertip and a ball, and comments on every key.
-
-    \b
-      tactemu new hand.toml
-      tactemu run hand.toml
-    """
-    from tactemu.cli.new import new_scene
-
-    new_scene(file)
-
-
-@commands.command()
-def examples(
-    folder: Annotated[
-        Path | None, typer.Argument(help="Copy the examples into this folder, and create it if needed.")
-    ] = None,
-) -> None:
-    """List the examples, or copy them into a folder.
-
-    \b
-      tactemu examples
-      tactemu examples tactile
-    """
-    from tactemu.cli.new import copy_examples, list_examples
-
-    if folder is None:
-        list_examples()
-    else:
-        copy_examples(folder)
 
 
 @commands.command()
@@ -159,7 +101,6 @@ def dataset(
     import math
 
     from tactemu.base.kernels import start_quietly
-    from tactemu.cli.dataset import make_dataset
     from tactemu.datasets.spec import DatasetSpec
     from tactemu.scene.file import load
 
@@ -170,7 +111,48 @@ def dataset(
         device=device or world.device, strands=strands, bytes_envs=min(16, envs) if bytes_envs is None else bytes_envs,
         shift_m=(1e-3 * x, 1e-3 * y, 1e-3 * z), turn_rad=math.radians(turn), compression=compression,
     )  # fmt: skip
-    raise typer.Exit(make_dataset(spec, out, cluster))
+    raise typer.Exit(_make_dataset(spec, out, cluster))
+
+
+def _make_dataset(spec: DatasetSpec, folder: Path, cluster: str | None) -> int:
+    """Make a dataset with a progress bar on stderr, and return the exit code.
+
+    Raises:
+        TactemuError: the request is invalid, or the folder cannot be written.
+    """
+    from rich.console import Console
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
+
+    from tactemu.cli.signals import ended_by_signals, interrupt
+    from tactemu.datasets.generation import begin, make
+
+    try:
+        estimate = begin(spec, folder)
+        typer.echo(f"{folder}: {estimate}, and the wire of {spec.bytes_envs} environments")
+        columns = (TextColumn("shards"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+        left = (TextColumn("left"), TimeRemainingColumn())
+        console = Console(stderr=True)
+        with (
+            ended_by_signals(interrupt),
+            Progress(*columns, *left, console=console, transient=True, disable=not console.is_terminal) as progress,
+        ):
+            task = progress.add_task("", total=estimate.shards)
+            for more in make(spec, folder, cluster):
+                progress.advance(task, more)
+    except KeyboardInterrupt:
+        typer.echo("stopped; the same command continues from here", err=True)
+        return INTERRUPTED
+    except OSError as error:
+        raise TactemuError(f"{folder}: {error.strerror or error}") from None
+    typer.echo(f"{folder}: done; README.md describes the files")
+    return 0
 
 
 @commands.command("fit")

@@ -1,0 +1,175 @@
+"""The output of ``tactemu judge``: each outcome when it is known, the end, and the files of the report."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from tactemu.base.errors import TactemuError
+from tactemu.cli import INTERRUPTED
+from tactemu.cli.signals import ended_by_signals, interrupt
+from tactemu.judge import smallest_case
+from tactemu.judge.budget import EVERY_POSITION_BUDGET_S
+from tactemu.judge.driver import reading_command
+from tactemu.judge.html_report import html_report
+from tactemu.judge.junit_report import junit_report
+from tactemu.judge.outcome import ABOUT, FAILING, Outcome
+from tactemu.judge.processes import age_s
+from tactemu.judge.report import Report, written
+from tactemu.judge.trial_runner import Judge, JudgeOptions
+from tactemu.judge.verdicts import judge_record
+
+FAILED = 1
+"""The exit code if a trial fails."""
+NOT_JUDGED = 3
+"""The exit code if there was nothing to judge."""
+
+
+def kinds_of(words: Sequence[str]) -> tuple[str, ...]:
+    """Return the kinds of finding that fail a run.
+
+    Raises:
+        TactemuError: there is no such kind.
+    """
+    kinds = [word.strip().replace("-", " ") for text in words for word in text.split(",")]
+    if not kinds:
+        return FAILING
+    if unknown := [kind for kind in kinds if kind not in ABOUT and kind not in ("none", "all")]:
+        raise TactemuError(f"--fail-on: no finding is called {unknown[0]!r}; expected {', '.join(ABOUT)}, all or none")
+    if "all" in kinds:
+        return tuple(ABOUT)
+    return tuple(kind for kind in kinds if kind != "none")
+
+
+def reading_or_program(target: str, command: Sequence[str], reads: str | None) -> list[str]:
+    """Return the driver's command line: the given one, or that of the Python function ``reads``.
+
+    Raises:
+        TactemuError: there is neither, or both.
+    """
+    if bool(command) == bool(reads):
+        raise TactemuError(
+            f"name the driver's command after --, as in `tactemu judge {target} -- python driver.py {{port}}`, "
+            "or give --reads package.module:function"
+        )
+    return reading_command(reads) if reads else [sys.executable if command[0] == "python" else command[0], *command[1:]]
+
+
+@dataclass(frozen=True)
+class ReportFiles:
+    """The files of a report; None: not wanted."""
+
+    html: Path | None = None
+    junit: Path | None = None
+    json: Path | None = None
+    baseline: Path | None = None
+    """An earlier report as JSON; only new findings fail."""
+    cases: Path | None = None
+    """A folder for the smallest case of each finding."""
+    replay: Path | None = None
+    """The only case that is run."""
+
+
+def judge_driver(target: str, command: Sequence[str], options: JudgeOptions, files: ReportFiles) -> int:
+    """Judge a driver, print and write the report, and return the exit code.
+
+    Raises:
+        TactemuError: the request is invalid, or cannot be met on this machine.
+    """
+    began, limit = time.monotonic() - age_s(), options.budget_s  # imports count: on a busy machine they take seconds
+    options = replace(
+        options, budget_s=began + limit - time.monotonic() if limit else None,
+        every=(limit or 0.0) >= EVERY_POSITION_BUDGET_S,
+    )  # fmt: skip
+    report = Report(target, list(command), options.seed, options.fail_on)
+    if files.baseline is not None:
+        report.compare(files.baseline)
+    case = smallest_case.read(files.replay) if files.replay is not None else None
+    console = Console(stderr=True)
+    interrupted = False
+    with ended_by_signals(interrupt), console.status("starting the driver") as status:
+        with Judge(target, command, options, lambda text: status.update(f"{text} …")) as judge:
+            try:
+                for outcome in judge.run() if case is None else _replayed(judge, case):
+                    report.outcomes.append(outcome)
+                    if len(report.outcomes) == 1:
+                        report.columns, report.asks = judge.columns.describe(), judge.known.asks
+                        _print_columns(console, report)
+                    _print_outcome(console, report, outcome)
+            except KeyboardInterrupt:
+                interrupted = True
+                console.print("interrupted: the other trials were not run")
+            judge.end()
+            report.left_behind = judge.left_behind
+    report.seconds = time.monotonic() - began
+    _write(report, files)
+    _print_end(console, report)
+    if interrupted:
+        return INTERRUPTED
+    return FAILED if report.failed and report.is_judged else NOT_JUDGED if not report.is_judged else 0
+
+
+def _replayed(judge: Judge, case: dict):
+    """Yield the outcomes of the clean run and of the case."""
+    yield judge.clean()
+    if judge.columns.values:
+        yield judge_record(judge.run_trial(smallest_case.trial_of(case)))
+
+
+def _print_columns(console: Console, report: Report) -> None:
+    if not report.columns:
+        return
+    table = Table(title="Meaning of the driver's columns", box=None, title_justify="left", show_header=False)
+    for name, holds in report.columns[:40]:
+        table.add_row(escape(name), escape(holds))
+    if len(report.columns) > 40:
+        table.add_row("…", f"{len(report.columns) - 40} more")
+    console.print(table)
+
+
+def _print_outcome(console: Console, report: Report, outcome: Outcome) -> None:
+    failing = report.failures(outcome)
+    color = "red" if failing else "yellow" if outcome.findings else "dim" if outcome.skipped else "green"
+    mark = "✗" if failing else "!" if outcome.findings else "-" if outcome.skipped else "✓"
+    known = " (as in the baseline)" if outcome.findings and not failing and report.known else ""
+    late = (
+        f"  p50 {outcome.p50_ms:.1f} ms, p99 {outcome.p99_ms:.1f} ms"
+        if outcome.name == "clean" and outcome.p50_ms
+        else ""
+    )
+    words = escape(outcome.verdict + outcome.doubt)
+    console.print(f"[{color}]{mark} {outcome.name:18}[/] {words}{known}{late}", highlight=False)
+    if outcome.said and outcome.verdict.startswith("noticed"):
+        console.print(f"  {'':18} [dim]{escape(outcome.said[0])}[/]", highlight=False)
+
+
+def _print_end(console: Console, report: Report) -> None:
+    for case in report.cases[:3]:
+        console.print(f"\n[bold]{case['trial']}, smallest case[/]")
+        console.print(smallest_case.in_words(case), markup=False, highlight=False)
+    if report.left_behind:
+        console.print(f"{report.left_behind} processes of the driver had left its session; tactemu ended them")
+    failed = len(report.failed)
+    words = f"[red]{failed} of {len(report.outcomes)} trials fail[/]" if failed else "[green]nothing fails[/]"
+    tried = sum(not outcome.skipped for outcome in report.outcomes)
+    console.print(f"{words}; {tried} trials in {report.seconds:.1f} s")
+
+
+def _write(report: Report, files: ReportFiles) -> None:
+    if files.html is not None:
+        written(files.html, html_report(report))
+    if files.junit is not None:
+        written(files.junit, junit_report(report))
+    if files.json is not None:
+        report.write_json(files.json)
+    if files.cases is not None and report.cases:
+        files.cases.mkdir(parents=True, exist_ok=True)
+        for case in report.cases:
+            smallest_case.write(case, files.cases / f"{case['trial'].replace(' ', '-')}.json")
