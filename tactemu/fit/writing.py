@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from firmware_protocols import Device, Reading
+from tactemu.base.toml_text import lines_of
 from tactemu.base.units import DEFAULT_STEP_S
 from tactemu.fit.estimates import Findings
 from tactemu.fit.recording import Recorded
@@ -176,16 +176,5 @@ def _short(value: float) -> float:
 
 def _table(name: str, values: dict[str, Any]) -> list[str]:
     plain = {key: value for key, value in values.items() if not isinstance(value, dict)}
-    lines = [f"[{name}]", *(f"{key} = {_value(value)}" for key, value in plain.items()), ""]
-    for key, value in values.items():
-        if isinstance(value, dict) and value:
-            lines[-1:] = [f"{key} = {_value(value)}", ""]
-    return lines
-
-
-def _value(value: Any) -> str:
-    if isinstance(value, dict):
-        return "{ " + ", ".join(f"{key} = {_value(each)}" for key, each in value.items()) + " }"
-    if isinstance(value, list | tuple):
-        return "[" + ", ".join(map(_value, value)) + "]"
-    return json.dumps(value.item() if isinstance(value, np.generic) else value)
+    tables = {key: value for key, value in values.items() if isinstance(value, dict) and value}
+    return [f"[{name}]", *lines_of(plain | tables), ""]

@@ -6,7 +6,6 @@ may edit.
 
 from __future__ import annotations
 
-import json
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
@@ -17,6 +16,7 @@ import numpy as np
 
 from firmware_protocols import Device
 from tactemu.base.errors import TactemuError
+from tactemu.base.toml_text import lines_of
 from tactemu.judge.excitation import columns_of
 
 ROLES = ("value", "flag", "counter", "time", "other")
@@ -266,13 +266,13 @@ class Columns:
         lines = [
             "# The columns of the driver's rows. `role` is value, flag, counter, time or other;",
             "# a value is  gain * counts of the channel + offset  within the tolerance.",
-            f"steps = {json.dumps(self.steps)}",
+            *lines_of({"steps": self.steps}),
         ]
         for each in self.as_dict()["columns"]:
             lines += ["", "[[columns]]"]
             if each.get("role") == "value":
                 lines.append(f"# {self.channels[each['channel']].name}")
-            lines += [f"{key} = {_toml(value)}" for key, value in each.items()]
+            lines += lines_of(each)
         try:
             path.write_text("\n".join(lines) + "\n", encoding="utf-8")
         except OSError as error:
@@ -301,14 +301,6 @@ class Columns:
 
 
 _DEFAULTS = {**asdict(Column("")), "name": None}
-
-
-def _toml(value: Any) -> str:
-    if isinstance(value, dict):
-        return "{ " + ", ".join(f"{json.dumps(key)} = {_toml(each)}" for key, each in value.items()) + " }"
-    if isinstance(value, float) and not np.isfinite(value):
-        return str(value)
-    return json.dumps(value)
 
 
 def _runs(values: Sequence[Column]) -> list[list[Column]]:

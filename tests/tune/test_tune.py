@@ -75,6 +75,17 @@ def test_writing_replaces_a_table_of_options():
     assert set_skin(set_skin(SCENE, 1, "a", {}), 1, "a", {}) == set_skin(SCENE, 1, "a", {})
 
 
+def test_writing_reads_toml_as_toml():
+    """Heads in texts and comments are none, tables of lists stay apart, and dotted keys are options."""
+    text = 'about = """\n[[skin]]\n"""\n[[skin]]\noptions.noise = 1\nfaults = [\n  "drop 1%", # [[skin]]\n]\n'
+    text += '[skin.clock]\nmissed = 0.1\n[[body]]\nname = "ball"\n'
+    data = tomllib.loads(set_skin(text, 0, "a", {"bias": (1.0, 2.0)}, "float64"))
+    skin = {"faults": ["drop 1%"], "model": "a", "options": {"bias": [1.0, 2.0]}, "clock": {"missed": 0.1}}
+    assert data == {"about": "[[skin]]\n", "skin": [skin], "body": [{"name": "ball"}], "scene": {"dtype": "float64"}}
+    with pytest.raises(SceneError, match="1 \\[\\[skin\\]\\] tables"):
+        set_skin(text, 1, "a", {})
+
+
 def test_a_setting_keeps_imperfections_and_drops_what_the_model_lacks():
     skin = parse(SCENE).tables.skin[0]
     layer = skin_with(next(s for s in settings_for("force") if s.model == LAYER), skin)
