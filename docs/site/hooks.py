@@ -21,7 +21,8 @@ from tactemu.cli import listing  # noqa: E402
 from tactemu.cli.datasheet import datasheet  # noqa: E402
 from tactemu.scene.file import json_schema  # noqa: E402
 from tactemu.session.options import ServeOptions  # noqa: E402
-from tactemu.wire.faults import DIRECTIONS, KINDS  # noqa: E402
+from tactemu.wire.faults import DIRECTIONS, FAULTS  # noqa: E402
+from tactemu.wire.line_models import kinds_with  # noqa: E402
 
 _INHERITED = ("Sensor", "Simulation")
 """Classes whose methods are spread over base classes that have no entry of their own."""
@@ -142,8 +143,9 @@ def _kind(given: dict[str, Any]) -> str:
 def _faults() -> str:
     lines = ["# Faults", "", "What `--fault` and a skin's `faults` take; [the wire](../wire.md) explains them.", ""]
     lines += ["| fault | what it does | options | where |", "| --- | --- | --- | --- |"]
-    for name, kind in KINDS.items():
-        row = (f"`{name}`", kind.about, ", ".join(kind.options), ", ".join(kind.wires))
+    for word, fault in FAULTS.items():
+        where = "every line" if fault.every_line else ", ".join(kinds_with(word))
+        row = (f"`{word}`", fault.about, ", ".join(fault.own_options()), where)
         lines.append(f"| {' | '.join(map(_cell, row))} |")
     form = f"KIND [N% | every N] [id=0x201] [prefix=55aa] [{' | '.join(DIRECTIONS)}] [at T [for T] | from T] [to T]"
     return "\n".join([*lines, "", f"```text\n{form}\n```", ""])

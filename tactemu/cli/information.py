@@ -105,14 +105,14 @@ def faults() -> None:
       tactemu run anyskin --fault 'drop 1%' --fault 'unplug at 3s for 0.5s'
       tactemu run linker_hand_l6 --fault 'flip 5% id=0x28 from 2s to 6s'
     """
-    from tactemu.wire.faults import DIRECTIONS, KINDS
+    from tactemu.wire.faults import DIRECTIONS, FAULTS
+    from tactemu.wire.line_models import kinds_with
 
-    width, everywhere = max(map(len, KINDS)), set().union(*(kind.wires for kind in KINDS.values()))
-    for name, kind in KINDS.items():
-        values = {"by": " T", "as": " NAME", "hex=": "aa07"}
-        options = "".join(f" [{option}{values.get(option, ' N')}]" for option in kind.options)
-        on = "" if set(kind.wires) == everywhere else f" ({', '.join(kind.wires)} only)"
-        print(f"  {name:{width}}  {kind.about}{on}{options}")
+    width = max(map(len, FAULTS))
+    for word, fault in FAULTS.items():
+        options = "".join(f" [{option}]" for option in fault.own_options())
+        on = "" if fault.every_line else f" ({', '.join(kinds_with(word))} only)"
+        print(f"  {word:{width}}  {fault.about}{on}{options}")
     print(f"\nKIND [N% | every N | frame N,N-N] [id=0x201] [prefix=55aa] [{' | '.join(DIRECTIONS)}]")
     print("     [at T [for T] | from T] [to T]")
     print("Times are 3s, 16ms or 200us of emulation time; N% is per frame, or the share of the bus (load, babble).")

@@ -45,7 +45,7 @@ def mend(wires: Sequence[Wire], fault: str | None) -> None:
         SceneError: no such fault is on.
     """
     on = [(wire, each) for wire in wires for each in wire.faults]
-    found = [(wire, each) for wire, each in on if fault is None or fault == each.kind or str(each).startswith(fault)]
+    found = [(wire, each) for wire, each in on if fault is None or fault == each.word or str(each).startswith(fault)]
     if fault is not None and not found:
         there = ", ".join(sorted({str(each) for _, each in on})) or "none"
         raise SceneError(f"mend: no fault {fault!r} is on; there are: {there}")

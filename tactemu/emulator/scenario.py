@@ -20,7 +20,7 @@ from tactemu.emulator.channel import Channel
 from tactemu.emulator.emulator import Emulator
 from tactemu.imperfections.options import Law
 from tactemu.scene.schema import EventTable
-from tactemu.wire.faults.fault import Fault, parse
+from tactemu.wire.faults import Fault, parse
 
 
 def applies_to(event: EventTable, skin: str) -> bool:

@@ -24,7 +24,7 @@ class BudgetSpentError(Exception):
 
 def kind_of(trial: Trial) -> str:
     """Return the kind of a trial's first fault, or its action."""
-    return trial.faults[0].split()[0] if trial.faults else trial.action
+    return trial.faults[0].word if trial.faults else trial.action
 
 
 def ordered(trials: Sequence[Trial]) -> list[Trial]:

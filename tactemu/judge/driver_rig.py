@@ -111,7 +111,6 @@ class DriverRig:
         frames = [frame for frame in recorder.frames if frame.t_ns >= since]
         tx, rx = [f.text for f in frames if f.kind == "tx"], [f.text for f in frames if f.kind == "rx"]
         device = self.emulator.channels[0].device
-        connector = wire.line_model.connector
         talks = len(rx) > 3 and len(rx) > 0.05 * max(1, rows)
         asks = talks and len(rx) >= 0.5 * rows
         seconds = (time.monotonic_ns() - since) / 1e9
@@ -119,8 +118,7 @@ class DriverRig:
         samples = len({f.sample for f in frames if f.kind == "tx" and not f.is_answer})
         readings = rows if asks else samples
         return LineFacts(
-            wire=wire.line_model.kind, usb=bool(getattr(connector, "usb", None)), asks=asks, talks=talks,
-            sets_rate=sets,
+            line=wire.line_model, asks=asks, talks=talks, sets_rate=sets,
             frames=tx[-400:], requests=rx[-64:], frames_per_row=max(1, round(len(tx) / max(1, readings))),
             row_s=seconds / max(1, readings), period_s=self.period_s,
             rollovers=device.rollovers,
@@ -175,9 +173,9 @@ class DriverRig:
         """Switch a trial's faults on, start its action, and return the time [ns]."""
 
         def act() -> None:
-            for text in trial.faults:
+            for fault in trial.faults:
                 for wire in self.wires:
-                    self._faults.append((wire, wire.add_fault(text)))
+                    self._faults.append((wire, wire.add_fault(fault)))
             self._act(trial)
 
         return self.do(act)

@@ -10,6 +10,9 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 from firmware_protocols.sums import crc16_modbus
+from tactemu.wire.faults.fault import Fault
+from tactemu.wire.faults.frames import Flip, Replace, Truncate
+from tactemu.wire.faults.options import Ranges
 
 SLAVE_FAILURE = 0x04
 """Exception code of Modbus: the server failed."""
@@ -22,22 +25,25 @@ class ForgedReply(NamedTuple):
 
     name: str
     why: str
-    faults: Callable[[int], list[str]]
+    faults: Callable[[Ranges], list[Fault]]
     """A function that returns the faults which turn the frame with a number into this answer."""
 
 
-def forged_values(frames: Sequence[str], wire: str) -> list[ForgedReply]:
-    """Return the forged answers for frames of Modbus that answer the reading of registers; none for other frames."""
+def forged_values(frames: Sequence[str], *, with_checksum: bool) -> list[ForgedReply]:
+    """Return the forged answers for frames of Modbus that answer the reading of registers; none for other frames.
+
+    ``with_checksum``: the frames have Modbus's own, because the line has none.
+    """
     data = [bytes.fromhex(frame) for frame in frames if "#" not in frame]
     rtu = [frame for frame in data if _is_rtu(frame)]
     tcp = [frame for frame in data if _is_tcp(frame)]
-    if wire == "serial" and rtu:
-        return _all(rtu[-1][:-2], 0, lambda old, new, n: [f"replace frame {n} hex={_rtu(new).hex()}"])
-    if wire == "tcp" and tcp:
+    if with_checksum and rtu:
+        return _all(rtu[-1][:-2], 0, lambda old, new, n: [Replace(frames=n, data=_rtu(new))])
+    if tcp and not with_checksum:
         other = ForgedReply(
             "another transaction",
             "the answer to another question",
-            lambda n: [f"flip frame {n} byte 1 bit 0", *_flips(n, tcp[-1][9:11], _turned(tcp[-1][9:11]), 9)],
+            lambda n: [Flip(frames=n, byte=1, bit=0), *_flips(n, tcp[-1][9:11], _turned(tcp[-1][9:11]), 9)],
         )
         return [*_all(tcp[-1], 6, _by_flips), other]
     return []
@@ -62,23 +68,23 @@ def _turned(data: bytes) -> bytes:
     return bytes(byte ^ VALUE_MASK for byte in data)
 
 
-def _by_flips(old: bytes, new: bytes, n: int) -> list[str]:
+def _by_flips(old: bytes, new: bytes, n: Ranges) -> list[Fault]:
     """Return the faults that flip the differing bits of a Modbus TCP answer, with its length, and cut off its end."""
     new = new[:4] + (len(new) - 6).to_bytes(2, "big") + new[6:]
-    cut = [f"truncate frame {n} to {len(new)}"] if len(new) < len(old) else []
+    cut = [Truncate(frames=n, length=len(new))] if len(new) < len(old) else []
     return [*_flips(n, old[4:], new[4:], 4), *cut]
 
 
-def _flips(n: int, old: bytes, new: bytes, start: int) -> list[str]:
+def _flips(n: Ranges, old: bytes, new: bytes, start: int) -> list[Fault]:
     return [
-        f"flip frame {n} byte {start + k} bit {bit}"
+        Flip(frames=n, byte=start + k, bit=bit)
         for k, (a, b) in enumerate(zip(old, new))
         for bit in range(8)
         if (a ^ b) >> bit & 1
     ]
 
 
-def _all(data: bytes, unit: int, faults: Callable[[bytes, bytes, int], list[str]]) -> list[ForgedReply]:
+def _all(data: bytes, unit: int, faults: Callable[[bytes, bytes, Ranges], list[Fault]]) -> list[ForgedReply]:
     """Return the forged answers made from one answer.
 
     ``data`` is the answer without its checksum, ``unit`` the index of its unit number; function and count follow it.

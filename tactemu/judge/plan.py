@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 import numpy as np
 
-from firmware_protocols import Rollover
+from firmware_protocols import Rollover, Serial
 from tactemu.judge import forged_replies
+from tactemu.wire.faults import Fault, frames, link
+from tactemu.wire.faults.fault import FrameFault
+from tactemu.wire.faults.options import Ranges
+from tactemu.wire.line_models import LineModel, line_model_for
 
 GAP = 4
 """Number of readings from edit to edit, so that the losses of one edit are told from those of the next."""
@@ -33,8 +37,8 @@ class Trial:
 
     name: str
     why: str
-    faults: list[str] = field(default_factory=list)
-    """Faults in the language of ``--fault``; frames are counted from the beginning of the trial."""
+    faults: Sequence[Fault] = ()
+    """Faults on the wire; frames are counted from the beginning of the trial."""
     action: str = ""
     """The event besides: ``hang``, ``unplug``, ``reset``, ``rate`` ..."""
     seconds: float = 0.0
@@ -53,18 +57,22 @@ class Trial:
     """Estimated duration [s]."""
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the trial as JSON data, without empty fields."""
-        return {key: value for key, value in asdict(self).items() if value not in ("", 0.0, [])}
+        """Return the trial as JSON data, with faults as text and without empty fields."""
+        data = {each.name: getattr(self, each.name) for each in fields(self)} | {"faults": list(map(str, self.faults))}
+        return {key: value for key, value in data.items() if value not in ("", 0.0, [])}
+
+    @property
+    def edits(self) -> list[FrameFault]:
+        """The faults that hit frames by their numbers."""
+        return [each for each in self.faults if isinstance(each, FrameFault) and each.frames]
 
 
 @dataclass
 class LineFacts:
     """The facts on which the plan depends: the line, and its traffic in the run without faults."""
 
-    wire: str = "serial"
-    """Kind of the line: serial, can, tcp, udp, websocket, dds."""
-    usb: bool = False
-    """True if the serial line is USB, so that its speed has no effect."""
+    line: LineModel = field(default_factory=lambda: line_model_for(Serial(baud=115_200)))
+    """The line between driver and device."""
     asks: bool = False
     """True if the driver polls the device; False if the device streams."""
     talks: bool = False
@@ -125,8 +133,7 @@ class Plan:
 
     def _estimate(self, trial: Trial) -> float:
         """Return the estimated duration of a trial: readings until the last edit, the action and the recovery [s]."""
-        numbers = [int(word.partition("-")[0]) for fault in trial.faults for word in _after(fault, "frame")]
-        frames = max(numbers, default=0) / max(1, self.facts.frames_per_row)
+        frames = max([fault.frames[0][0] for fault in trial.edits], default=0) / max(1, self.facts.frames_per_row)
         return frames * self.facts.row_s + trial.seconds + 12 * self.facts.row_s + 0.15
 
     # -- edits ---------------------------------------------------------------------------------------------------------
@@ -143,107 +150,108 @@ class Plan:
         per = max(1, self.facts.frames_per_row)
         return size_of(frames[-per:][(number - 1) % min(per, len(frames))]) if frames else 8
 
-    def _at_each(self, words: str, gap: int = GAP, last: int = 0) -> list[str]:
-        """Return an edit for each position of a frame, from a template with ``{frame}``, ``{at}`` and ``{bit}``.
+    def _at_each(self, edit: Callable[[Ranges, int, int], Fault], gap: int = GAP, first: int = 0) -> list[Fault]:
+        """Return an edit for each position of a frame from ``first`` on, made of its number, the byte and a random bit.
 
         If a reading has several frames, the edits hit positions of several of them.
         """
         per = max(1, self.facts.frames_per_row)
         size = max((size_of(frame) for frame in self.facts.frames[-per:]), default=8)
-        spots = [spot for spot in positions(size, self.random, self.every) if spot < size - last]
+        spots = positions(size, self.random, self.every)
         if per > 1:
             spots = (spots * 3)[:24] if size <= 8 else spots
         hits = self._hits(len(spots), gap)
-        bits = self.random.integers(8, size=len(spots))
+        bits = self.random.integers(8, size=len(spots)).tolist()
         return [
-            words.format(frame=hit, at=spot, bit=bit)
+            edit(_frame(hit), spot, bit)
             for hit, spot, bit in zip(hits, spots, bits)
-            if spot < size_or(self._size(hit), size) - last
+            if first <= spot < (self._size(hit) or size)
         ]
 
-    def _bytewise(self) -> bool:
-        return self.facts.wire in ("serial", "tcp")
+    def _meets(self, fault: type[Fault]) -> bool:
+        """Return True if a driver meets a fault on this kind of line."""
+        return fault.word in self.facts.line.likely_faults
 
-    def _frames(self):
+    @property
+    def _own_checksum(self) -> str:
+        """The reason why flipped bits are not tried."""
+        return f"{self.facts.line.kind} has a checksum of its own: damaged frames do not arrive"
+
+    def _frames(self) -> Iterator[Trial]:
         """Yield the trials with single frames on any line."""
         why = "one bit is flipped, at each position of a frame in turn"
-        if self.facts.wire == "serial":
-            yield Trial("flipped", why, self._at_each("flip frame {frame} byte {at} bit {bit}"))
+        if self._meets(frames.Flip):
+            yield Trial("flipped", why, self._at_each(lambda n, at, bit: frames.Flip(frames=n, byte=at, bit=bit)))
         else:
-            about = f"{self.facts.wire} has a checksum of its own: damaged frames do not arrive"
-            yield Trial("flipped", why, skipped=about)
-        why = "the end of a frame is missing, as with a full buffer"
-        if self._bytewise() or self.facts.wire in ("can", "udp"):
-            yield Trial("cut", why, self._at_each("truncate frame {frame} to {at}"))
-        if self._bytewise():
-            yield Trial("one cut", "one cut alone, since several can resynchronise a driver by chance", self._one_cut())
-            yield Trial(
-                "byte lost",
-                "one byte is missing, at each position of a frame in turn",
-                self._at_each("lose frame {frame} byte {at}"),
-            )
+            yield Trial("flipped", why, skipped=self._own_checksum)
+        if self._meets(frames.Truncate):
+            why = "the end of a frame is missing, as with a full buffer"
+            yield Trial("cut", why, self._at_each(lambda n, at, bit: frames.Truncate(frames=n, length=at)))
+        if self._meets(frames.Lose):
+            number = self._hits(1)[0]
+            why = "one cut alone, since several can resynchronise a driver by chance"
+            cut = frames.Truncate(frames=_frame(number), length=max(1, self._size(number) // 3))
+            yield Trial("one cut", why, [cut])
+            why = "one byte is missing, at each position of a frame in turn"
+            yield Trial("byte lost", why, self._at_each(lambda n, at, bit: frames.Lose(frames=n, byte=at)))
             size = self._size(self._hits(1)[0])
-            lost = [f"lose frame {self._hits(1)[0]} byte {size // 2}"]
-            yield Trial("one byte lost", "one byte alone is missing", lost)
-        yield Trial("dropped", "frames are missing", [f"drop frame {n}" for n in self._hits(8, 5)])
+            lost = frames.Lose(frames=_frame(self._hits(1)[0]), byte=size // 2)
+            yield Trial("one byte lost", "one byte alone is missing", [lost])
+        yield Trial("dropped", "frames are missing", _each(frames.Drop, self._hits(8, 5)))
         first = self._hits(1)[0]
-        burst = 20 * max(1, self.facts.frames_per_row)
-        yield Trial("burst", "twenty consecutive readings are missing", [f"drop frame {first}-{first + burst - 1}"])
-        yield Trial("doubled", "frames arrive twice", [f"duplicate frame {n}" for n in self._hits(8, 5)])
+        burst = frames.Drop(frames=_frame(first, 20 * max(1, self.facts.frames_per_row)))
+        yield Trial("burst", "twenty consecutive readings are missing", [burst])
+        yield Trial("doubled", "frames arrive twice", _each(frames.Duplicate, self._hits(8, 5)))
 
-    def _one_cut(self) -> list[str]:
-        number = self._hits(1)[0]
-        return [f"truncate frame {number} to {max(1, self._size(number) // 3)}"]
-
-    def _streams(self):
+    def _streams(self) -> Iterator[Trial]:
         """Yield the trials with a stream of bytes."""
-        if not self._bytewise():
+        if not self._meets(frames.Garbage):
             return
         size = self._size(1)
-        head = self.facts.frames[-1][:8] if self.facts.frames else "aa55"
+        head = bytes.fromhex(self.facts.frames[-1][:8]) if self.facts.frames else b"\xaa\x55"
         hits = self._hits(10, 5)
-        noise = [f"garbage frame {n} hex={self.random.bytes(int(self.random.integers(1, 17))).hex()}" for n in hits[:4]]
-        false = [f"garbage frame {n} hex={head[: 2 * k]}" for n, k in zip(hits[4:8], (1, 2, 3, 4)) if head[: 2 * k]]
-        false += [f"garbage frame {n} hex={head * 2}" for n in hits[8:]]
-        yield Trial("garbage", "extra bytes before a frame: noise, or the beginning of a frame", noise + false)
+        junk = [self.random.bytes(int(self.random.integers(1, 17))) for _ in hits[:4]]
+        junk += [head[:k] for k in range(1, 5)] + [2 * head, 2 * head]
+        extra: list[Fault] = [frames.Garbage(frames=_frame(n), data=data) for n, data in zip(hits, junk)]
+        yield Trial("garbage", "extra bytes before a frame: noise, or the beginning of a frame", extra)
         step_us = max(50, min(1000, round(0.4e6 * self.facts.row_s / max(1, size))))
         first = self._hits(1)[0]
-        chunks = [f"chunk frame {first}-{first + 9} by {step_us}us"]
         if size <= 256:
-            yield Trial("chunked", "bytes arrive one at a time", chunks)
-        split_us = max(200, round(0.3e6 * self.facts.row_s))
-        splits = self._at_each(f"split frame {{frame}} after {{at}} by {split_us}us", gap=2)
-        yield Trial("split", "frames arrive in two pieces", [s for s in splits if " after 0 " not in s])
+            chunks = frames.Chunk(frames=_frame(first, 10), by_ns=1000 * step_us)
+            yield Trial("chunked", "bytes arrive one at a time", [chunks])
+        split_ns = 1000 * max(200, round(0.3e6 * self.facts.row_s))
+        splits = self._at_each(lambda n, at, bit: frames.Split(frames=n, after=at, by_ns=split_ns), gap=2, first=1)
+        yield Trial("split", "frames arrive in two pieces", splits)
         if not self.facts.asks:
-            yield Trial(
-                "merged", "frames arrive together with the next", [f"merge frame {n}" for n in self._hits(6, 5)]
-            )
-            late_ms = max(1, round(2500 * self.facts.row_s))
-            late = [f"late frame {n} by {late_ms}ms" for n in self._hits(4, 8)]
+            yield Trial("merged", "frames arrive together with the next", _each(frames.Merge, self._hits(6, 5)))
+            late_ns = 1_000_000 * max(1, round(2500 * self.facts.row_s))
+            late = _each(frames.Late, self._hits(4, 8), by_ns=late_ns)
             yield Trial("late", "frames are delayed by some periods", late)
             about = "a stream keeps the order of its bytes: no frame arrives twice or out of order"
             yield Trial("reordered", "frames overtake one another", skipped=about)
 
-    def _answers(self):
+    def _answers(self) -> Iterator[Trial]:
         """Yield the trials with the answers to a driver that polls."""
         facts = self.facts
         if not facts.asks:
             return
-        hits = self._hits(4, 6)
-        late = [f"late frame {hits[0]} by 150ms", f"late frame {hits[1]} by 700ms"]
+        times = zip(self._hits(4, 6), (150_000_000, 700_000_000))
+        late = [frames.Late(frames=_frame(n), by_ns=by_ns) for n, by_ns in times]
         yield Trial("late answer", "an answer arrives after the next question", late, takes_s=2.5)
-        forged = forged_replies.forged_values(facts.frames[-4 * max(1, facts.frames_per_row) :], facts.wire)
+        recorded = facts.frames[-4 * max(1, facts.frames_per_row) :]
+        forged = forged_replies.forged_values(recorded, with_checksum=self._meets(frames.Flip))
         for reply in forged:
-            yield Trial(reply.name, reply.why, [fault for n in self._hits(3, 5) for fault in reply.faults(n)])
-        foreign = [reply for reply in facts.replies if reply][:6]
+            yield Trial(reply.name, reply.why, [fault for n in self._hits(3, 5) for fault in reply.faults(_frame(n))])
+        foreign = [bytes.fromhex(reply) for reply in facts.replies if reply][:6]
+        why = "the answer to another command arrives"
         if foreign:
-            faults = [f"replace frame {n} hex={data}" for n, data in zip(self._hits(len(foreign), 5), foreign)]
-            yield Trial("another answer", "the answer to another command arrives", faults)
+            hits = self._hits(len(foreign), 5)
+            faults = [frames.Replace(frames=_frame(n), data=data) for n, data in zip(hits, foreign)]
+            yield Trial("another answer", why, faults)
         elif not forged:
-            about = "no other answer of this device is known"
-            yield Trial("another answer", "the answer to another command arrives", skipped=about)
+            yield Trial("another answer", why, skipped="no other answer of this device is known")
 
-    def _requests(self):
+    def _requests(self) -> Iterator[Trial]:
         """Yield the trials with the driver's own requests."""
         facts = self.facts
         if not facts.talks:
@@ -252,54 +260,59 @@ class Plan:
             return
         size = min(24, max((size_of(frame) for frame in facts.requests), default=8))
         hits = self._hits(size + 4, 3)
-        faults = [f"flip frame {n} byte {k} from_driver" for k, n in enumerate(hits[:size])]
-        if facts.wire == "serial":
-            yield Trial("requests damaged", "one bit of a request is flipped", faults)
+        why = "one bit of a request is flipped"
+        if self._meets(frames.Flip):
+            flips = [frames.Flip(frames=_frame(n), byte=k, direction="from_driver") for k, n in enumerate(hits[:size])]
+            yield Trial("requests damaged", why, flips)
         else:
-            about = f"{facts.wire} has a checksum of its own: damaged frames do not arrive"
-            yield Trial("requests damaged", "one bit of a request is flipped", skipped=about)
-        yield Trial("requests lost", "requests are lost", [f"drop frame {n} from_driver" for n in hits[:4]])
+            yield Trial("requests damaged", why, skipped=self._own_checksum)
+        yield Trial("requests lost", "requests are lost", _each(frames.Drop, hits[:4], direction="from_driver"))
 
-    def _bus(self):
+    def _bus(self) -> Iterator[Trial]:
         """Yield the trials with a bus or with datagrams."""
-        facts = self.facts
-        if facts.wire == "can":
-            foreign = _neighbours(facts.identifiers, self.random)
-            loads = [f"load 3% id={ident:#x}" for ident in foreign]
-            yield Trial("foreign frames", "other nodes use identifiers that differ in one bit", loads, "traffic", 0.6)
-            yield Trial("busy bus", "other nodes take a third of the bus", ["load 33%"], "traffic", 0.5)
-            errors = [f"error frame {n}" for n in self._hits(6, 4)]
-            yield Trial("error frames", "frames are destroyed and sent again", errors)
-            yield Trial("bus off", "the device leaves the bus", ["busoff"], "hang", HANG_S)
-        if facts.wire in ("can", "udp") and not facts.asks:
+        if self._meets(link.Load):
+            foreign = _neighbours(self.facts.identifiers, self.random)
+            loads = [link.Load(share=0.03, arbitration_id=identifier) for identifier in foreign]
+            about = "other nodes use identifiers that differ in one bit"
+            yield Trial("foreign frames", about, loads, "traffic", 0.6)
+            yield Trial("busy bus", "other nodes take a third of the bus", [link.Load(share=0.33)], "traffic", 0.5)
+        if self._meets(frames.ErrorFrame):
             yield Trial(
-                "reordered", "frames arrive after the next one", [f"reorder frame {n}" for n in self._hits(6, 5)]
+                "error frames", "frames are destroyed and sent again", _each(frames.ErrorFrame, self._hits(6, 4))
             )
-            yield Trial("old frame", "an old frame arrives again", [f"stray frame {n}" for n in self._hits(6, 5)])
+        if self._meets(link.BusOff):
+            yield Trial("bus off", "the device leaves the bus", [link.BusOff()], "hang", HANG_S)
+        if self.facts.asks:
+            return
+        if self._meets(frames.Reorder):
+            yield Trial("reordered", "frames arrive after the next one", _each(frames.Reorder, self._hits(6, 5)))
+        if self._meets(frames.Stray):
+            yield Trial("old frame", "an old frame arrives again", _each(frames.Stray, self._hits(6, 5)))
 
     # -- the port and the device ---------------------------------------------------------------------------------------
 
-    def _outages(self):
-        facts = self.facts
+    def _outages(self) -> Iterator[Trial]:
+        kind, connector = self.facts.line.kind, self.facts.line.connector
         yield Trial("slow reader", "the driver's process is stopped", action="stop", seconds=STOP_S)
-        if facts.wire != "can":
-            yield Trial("silence", "no data pass, and the port stays", ["silence"], "hang", HANG_S)
+        if self._meets(frames.Silence):
+            yield Trial("silence", "no data pass, and the port stays", [frames.Silence()], "hang", HANG_S)
         yield Trial("hang", "the device neither samples nor answers", action="hang", seconds=HANG_S)
-        if facts.wire in ("serial", "tcp", "websocket"):
+        if self._meets(link.Unplug):
             about = "the port disappears and comes back, and again once the driver has recovered"
-            yield Trial("unplug", about, ["unplug"], "unplug", UNPLUG_S, times=2, takes_s=3.6)
+            yield Trial("unplug", about, [link.Unplug()], "unplug", UNPLUG_S, times=2, takes_s=3.6)
         else:
-            about = "a bus does not go away" if facts.wire == "can" else f"{facts.wire} has no plug"
+            about = "a bus does not go away" if self._meets(link.BusOff) else f"{kind} has no plug"
             yield Trial("unplug", "the port disappears and comes back", skipped=about)
-        if facts.wire in ("tcp", "websocket"):
-            yield Trial("half open", "the other end does not answer", ["halfopen"], "halfopen", HANG_S)
-        if facts.wire == "serial" and not facts.usb:
-            yield Trial("wrong baud", "the device runs at another speed for a while", action="baud", seconds=0.5)
+        if self._meets(link.HalfOpen):
+            yield Trial("half open", "the other end does not answer", [link.HalfOpen()], "halfopen", HANG_S)
+        is_usb, why = bool(getattr(connector, "usb", False)), "the device runs at another speed for a while"
+        if hasattr(connector, "baud") and not is_usb:
+            yield Trial("wrong baud", why, action="baud", seconds=0.5)
         else:
-            about = "the speed of a USB port has no effect" if facts.usb else f"{facts.wire} has no line speed"
-            yield Trial("wrong baud", "the device runs at another speed for a while", skipped=about)
+            about = "the speed of a USB port has no effect" if is_usb else f"{kind} has no line speed"
+            yield Trial("wrong baud", why, skipped=about)
 
-    def _device(self):
+    def _device(self) -> Iterator[Trial]:
         facts = self.facts
         about = "the device restarts with its start-up messages, and again once the driver has recovered"
         yield Trial("reset", about, action="reset", seconds=0.3, times=2, takes_s=1.6)
@@ -329,15 +342,14 @@ class Plan:
             )
 
 
-def _after(fault: str, word: str) -> list[str]:
-    """Return the words that follow a word in a fault's text."""
-    words = fault.split()
-    return [words[k + 1].split(",")[0] for k, each in enumerate(words[:-1]) if each == word]
+def _each(fault: type[FrameFault], hits: Iterable[int], **options: Any) -> list[FrameFault]:
+    """Return a fault of single frames for each of their numbers."""
+    return [fault(frames=_frame(n), **options) for n in hits]
 
 
-def size_or(size: int, other: int) -> int:
-    """Return the size, or the other value if the size is 0."""
-    return size or other
+def _frame(first: int, count: int = 1) -> Ranges:
+    """Return the numbers of one or more consecutive frames."""
+    return ((first, first + count - 1),)
 
 
 def _neighbours(identifiers: Sequence[int], random: np.random.Generator, most: int = 8) -> list[int]:

@@ -12,6 +12,7 @@ from tactemu.judge.outcome import CleanRun
 from tactemu.judge.trial_record import TrialRecord
 from tactemu.truth import Injection, Passage
 from tactemu.wire.faults import parse
+from tactemu.wire.faults.frames import Late
 
 MIN_OUTAGE_SHARE = 0.5
 """Least share of an outage in which no frame is sent, or for which the driver's process is stopped."""
@@ -119,7 +120,8 @@ def _correlates(sent: np.ndarray, counts: np.ndarray) -> np.ndarray:
 def _late_answer(record: TrialRecord, columns: Columns, known: CleanRun) -> str:
     """Return why no late answer met another question: the driver must ask again before the answer comes."""
     asked = [frame.t_ns for frame in record.frames if frame.kind == "rx"]
-    waits = [(change.t_ns, change.t_ns + parse(change.fault).by_ns) for change in _changes(record, "late")]
+    faults = [(change.t_ns, parse(change.fault)) for change in _changes(record, "late")]
+    waits = [(t, t + fault.by_ns) for t, fault in faults if isinstance(fault, Late)]
     overtaken = any(ready < t < came for ready, came in waits for t in asked)
     return "" if overtaken else "the driver waited for each late answer: none came after another question"
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,9 @@ from tactemu.base.errors import TactemuError
 from tactemu.judge.outcome import FAILING, Outcome
 from tactemu.judge.plan import Trial
 from tactemu.judge.trial_record import TrialRecord
+from tactemu.wire.faults import Fault, parse
+from tactemu.wire.faults.fault import FrameFault
+from tactemu.wire.faults.options import Ranges
 
 MAX_RUNS = 8
 """Maximum number of runs of a search; bounds its time."""
@@ -28,7 +32,7 @@ Run = Callable[[Trial], tuple[TrialRecord, Outcome]]
 
 def may_be(trial: Trial) -> bool:
     """Return True if a trial consists of edits of single frames, so that it can have a smallest case."""
-    return bool(trial.faults) and not trial.action and all(" frame " in f" {fault} " for fault in trial.faults)
+    return bool(trial.faults) and not trial.action and len(trial.edits) == len(trial.faults)
 
 
 def find(
@@ -47,11 +51,11 @@ def find(
     kind = next((finding.kind for finding in outcome.findings if finding.kind in kinds), None)
     if kind is None:
         return None
-    groups = _by_frame(trial.faults)
+    groups = _by_frame(trial)
     suspects = _suspects(groups, record, outcome)
     runs = 0
 
-    def fails(some: Sequence[Sequence[str]]) -> tuple[TrialRecord, Outcome] | None:
+    def fails(some: Sequence[Sequence[FrameFault]]) -> tuple[TrialRecord, Outcome] | None:
         nonlocal runs
         runs += 1
         alone = Trial(trial.name, trial.why, _numbered_anew(some), takes_s=1.0)
@@ -81,47 +85,37 @@ def find(
     return _case(trial, groups, kind, *found, runs, target, command)
 
 
-def _by_frame(faults: Sequence[str]) -> list[list[str]]:
+def _by_frame(trial: Trial) -> list[list[FrameFault]]:
     """Return the faults in groups, one for each frame."""
-    groups: dict[str, list[str]] = {}
-    for fault in faults:
-        words = fault.split()
-        groups.setdefault(words[words.index("frame") + 1], []).append(fault)
+    groups: dict[Ranges, list[FrameFault]] = {}
+    for fault in trial.edits:
+        groups.setdefault(fault.frames, []).append(fault)
     return list(groups.values())
 
 
-def _suspects(groups: list[list[str]], record: TrialRecord, outcome: Outcome) -> list[list[str]]:
+def _suspects(groups: list[list[FrameFault]], record: TrialRecord, outcome: Outcome) -> list[list[FrameFault]]:
     """Return the groups of edits that were made last before the first wrong row."""
     wrong = [bad["t"] for bad in outcome.bad if bad["t"] > record.on]
     until = min(wrong) if wrong else record.rows[-1].t_ns if record.rows else record.end
     made = [change for change in record.injected_faults if record.on <= change.t_ns <= until + 1_000_000]
     found = []
     for change in reversed(made[-6:]):
-        found += [group for group in groups if change.fault in group and group not in found]
+        found += [group for group in groups if change.fault in map(str, group) and group not in found]
     return found
 
 
-def _numbered_anew(groups: Sequence[Sequence[str]]) -> list[str]:
+def _numbered_anew(groups: Sequence[Sequence[FrameFault]]) -> list[Fault]:
     """Return the same edits with lower frame numbers, so that the first one hits an early frame."""
-    firsts = [_number(group[0]) for group in groups]
-    shift = max(0, min(firsts) - 8)
-    return [_shifted(fault, shift) for group in groups for fault in group]
-
-
-def _number(fault: str) -> int:
-    words = fault.split()
-    return int(words[words.index("frame") + 1].partition("-")[0].partition(",")[0])
-
-
-def _shifted(fault: str, by: int) -> str:
-    words = fault.split()
-    at = words.index("frame") + 1
-    words[at] = "-".join(str(int(part) - by) for part in words[at].split("-"))
-    return " ".join(words)
+    shift = max(0, min(group[0].frames[0][0] for group in groups) - 8)
+    return [
+        replace(fault, frames=tuple((first - shift, last - shift) for first, last in fault.frames), text="")
+        for group in groups
+        for fault in group
+    ]
 
 
 def _case(
-    trial: Trial, groups: Sequence[Sequence[str]], kind: str, record: TrialRecord, outcome: Outcome, runs: int,
+    trial: Trial, groups: Sequence[Sequence[FrameFault]], kind: str, record: TrialRecord, outcome: Outcome, runs: int,
     target: str,
     command: Sequence[str],
 ) -> dict[str, Any]:  # fmt: skip
@@ -129,7 +123,7 @@ def _case(
     bad = next((bad for bad in outcome.bad), None)
     return {
         "version": VERSION, "device": target, "command": list(command), "trial": trial.name, "finding": kind,
-        "verdict": outcome.verdict, "faults": _numbered_anew(groups), "runs": runs,
+        "verdict": outcome.verdict, "faults": list(map(str, _numbered_anew(groups))), "runs": runs,
         "bytes": [{"fault": c.fault, "before": c.before, "after": list(c.after)} for c in changes[:4]],
         "row": None if bad is None else bad["row"], "truth": None if bad is None else bad["truth"],
         "odd": [] if bad is None else bad["odd"],
@@ -174,7 +168,7 @@ def read(path: Path) -> dict[str, Any]:
 
 def trial_of(case: dict[str, Any]) -> Trial:
     """Return the trial of a case."""
-    return Trial(case["trial"], "the smallest case", [str(fault) for fault in case["faults"]], takes_s=1.0)
+    return Trial(case["trial"], "the smallest case", [parse(str(fault)) for fault in case["faults"]], takes_s=1.0)
 
 
 def in_words(case: dict[str, Any]) -> str:

@@ -17,7 +17,7 @@ from tactemu.judge.outcome import CleanRun, Outcome
 from tactemu.judge.row_tracking import GRACE_MS, Questions, RowTracker
 from tactemu.judge.sample_matching import Match
 from tactemu.judge.trial_record import TrialRecord
-from tactemu.wire.faults import KINDS
+from tactemu.wire.faults import FAULTS
 
 MAX_OWN_LATENESS_MS = 2.0
 """Lateness of our own process with a sample's frames above which the driver may lose the sample [ms]."""
@@ -128,8 +128,8 @@ def _lost(record: TrialRecord, seen: set[int]) -> tuple[int, int]:
     in_frames = bool(carried) and np.median(list(carried.values())) > 1
     harmed = set()
     for change in record.injected_faults:
-        kind = KINDS.get(change.what)
-        if kind is not None and kind.keeps_frame and not (in_frames and kind.mixes_samples):
+        fault = FAULTS.get(change.what)
+        if fault is not None and fault.keeps_frame and not (in_frames and fault.mixes_samples):
             continue
         harmed.add(int(np.searchsorted(times, change.t_ns, side="right")) - 1)
     held_up = _held_up(record, number)

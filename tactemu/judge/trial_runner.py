@@ -295,7 +295,7 @@ class Judge(DriverSession):
         end = time.monotonic() + trial.seconds
         longest = end + 3 * trial.takes_s + 1.0 + self._silent_timeout_s
         recorder = self.rig.recorder
-        edits = _edits(trial)
+        edits = sum(last - first + 1 for fault in trial.edits for first, last in fault.frames)
         progress, seen = time.monotonic(), 0
         while self.driver.exit is None and not self.driver.flooded and time.monotonic() < longest:
             now = time.monotonic()
@@ -356,18 +356,6 @@ class Judge(DriverSession):
             before, after = map(str, passed)
             change = Injection(time.monotonic_ns(), "", "wrap", f"{counter.name} wraps", before, (after,))
             self.rig.recorder.injected_faults.append(change)
-
-
-def _edits(trial: Trial) -> int:
-    """Return the total number of frames that the trial's faults edit."""
-    count = 0
-    for fault in trial.faults:
-        words = fault.split()
-        if "frame" in words:
-            for part in words[words.index("frame") + 1].split(","):
-                first, _, last = part.partition("-")
-                count += int(last or first) - int(first) + 1
-    return count
 
 
 __all__ = ["Judge", "JudgeOptions"]

@@ -68,9 +68,16 @@ class LineModel(ABC):
     """A kind of line, for one connector."""
 
     kind: ClassVar[str]
-    """The kind of wire in the table of faults: ``serial``, ``can``, ``tcp``, ``udp``, ``websocket`` or ``dds``."""
+    """The name of this kind of wire in messages and lists, such as ``serial``."""
     schemes: ClassVar[tuple[str, ...]]
     """The transports that can stand for it beside ``memory:``, the usual one first."""
+    faults: ClassVar[tuple[str, ...]] = ()
+    """The words of the faults that it can have beside those that every line can have."""
+    likely_faults: ClassVar[tuple[str, ...]] = ("silence",)
+    """The words of the faults that a driver meets on such a line: of those that are typical of some lines, the judge
+    tries these."""
+    has_identifiers: ClassVar[bool] = False
+    """True if frames have identifiers, by which ``id=`` chooses them."""
     is_network: ClassVar[bool] = False
     """True for the machine's network, where a program reaches the device by an address, not by a device node."""
     is_shared: ClassVar[bool] = False

@@ -18,6 +18,7 @@ from firmware_protocols.frames import payload
 from tactemu.transports.transport import DROPPED, Closed, Event, Noted, Received, Transport
 from tactemu.truth import Truth
 from tactemu.wire.faults import Fault
+from tactemu.wire.faults.fault import Outage
 from tactemu.wire.line import DRIVER, Line, Pacing, Pending
 from tactemu.wire.wire_port import ReceivedData, WirePort
 
@@ -25,8 +26,6 @@ MAX_INBOUND_AHEAD_NS = 50_000_000
 """Maximum lead of a driver over its line; beyond it the wire stops reading, and the driver blocks as on a real port."""
 MAX_LEFT_BEHIND_NS = 1_000_000_000
 """Maximum lead of a driver over its line when it closes the port; its bytes beyond that are lost."""
-DEFAULT_CLOSE_CODE = 1011
-"""Code of a connection that a fault closes: an internal error."""
 MAX_READ_BYTES_PER_TURN = 16_384
 """Maximum number of bytes delivered per loop iteration; bounds the delay that a flooding driver can cause."""
 MAX_TRAFFIC_FRAMES_PER_FLUSH = 4
@@ -172,9 +171,9 @@ class Wire(WirePort):
         if (chip := self._injector.chip) is not None:
             while packet := chip.take(now_ns):
                 self.transport.write(packet)
-        if (closing := self._injector.closing) is not None:
-            self._injector.closing = None
-            self.transport.hang_up(closing.amount or DEFAULT_CLOSE_CODE)
+        if (code := self._injector.close_code) is not None:
+            self._injector.close_code = None
+            self.transport.hang_up(code)
         if began_ns and frames:
             self._bound_traffic(now_ns, time.perf_counter_ns() - began_ns)
         return written
@@ -198,9 +197,9 @@ class Wire(WirePort):
                 due_ns, frame = ready
                 count += 1
                 self.line.put(frame, due_ns, node.source)
-                self._note(due_ns, node.source, node.fault.kind, str(node.fault), after=[frame])
+                self._note(due_ns, node.source, node.fault.word, str(node.fault), after=[frame])
             if missed := node.take_missed():
-                self.counters[f"{node.fault.kind}_missed"] += missed
+                self.counters[f"{node.fault.word}_missed"] += missed
         return count
 
     def _pass_on(self, pending: Pending, now_ns: int) -> int:
@@ -261,7 +260,7 @@ class Wire(WirePort):
             return self.transport.write(chip.drain() + frame)
         chip.tick(now_ns)
         chip.put(frame)
-        self._note(now_ns, self._source, "latency", "")
+        self._note(now_ns, self._source, chip.fault.word, "")
         return True
 
     def _as_received(self, frame: WireFrame, source: str, *, to_driver: bool) -> WireFrame:
@@ -325,7 +324,7 @@ class Wire(WirePort):
                 self._arrived.append((self._now_ns, ReceivedData(pending.head)))
         self._deliver_due(None, events)
 
-    def _apply_outages(self, fault: Fault | None, now_ns: int, events: list[Event | ReceivedData]) -> None:
+    def _apply_outages(self, fault: Outage | None, now_ns: int, events: list[Event | ReceivedData]) -> None:
         """Take the link down while a fault applies, and bring it back afterwards.
 
         Raises:
@@ -335,16 +334,16 @@ class Wire(WirePort):
             return
         self._down, self._is_resuming = fault, False
         if fault is not None:
-            self._note(now_ns, self._owner, fault.kind, str(fault))
+            self._note(now_ns, self._owner, fault.word, str(fault))
             self._deliver_all(events)
-            self._drop_queued(now_ns, fault.kind)
-        if fault is not None and fault.kind == "unplug":
+            self._drop_queued(now_ns, fault.word)
+        if fault is not None and fault.removes_port:
             if self.transport.has_reader and not self.line_model.is_half_duplex:  # a bus has no open and close
                 events += (Closed(), DROPPED)
                 self._held_open, self._lines = False, DROPPED
         self._plug()
-        if fault is not None and fault.name:
-            self.transport.rename(fault.name)
+        if fault is not None and fault.new_name:
+            self.transport.rename(fault.new_name)
 
     def _arrive(self, data: WireFrame, now_ns: int) -> None:
         """Put the driver's data on the inbound line, on which they take their time."""

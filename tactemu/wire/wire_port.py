@@ -10,6 +10,8 @@ from firmware_protocols import Connector, WireFrame
 from tactemu.transports.transport import Closed, Counted, Event, LinesChanged, Opened, Received, Transport
 from tactemu.truth import Truth
 from tactemu.wire.faults import Fault, Injector
+from tactemu.wire.faults.fault import Outage
+from tactemu.wire.faults.link import Latency
 from tactemu.wire.line import DRIVER, Line, Pacing
 from tactemu.wire.line_models import line_model_for
 
@@ -71,7 +73,7 @@ class WirePort:
         self._arrived: deque[tuple[int, ReceivedData]] = deque()
         """Data that have left the line but are not delivered yet, each with the time of its last bit."""
         self._now_ns = 0
-        self._down: Fault | None = None
+        self._down: Outage | None = None
         """The fault that has the link down."""
         self._lines: LinesChanged | None = None
         """The modem lines as the devices last received them."""
@@ -125,17 +127,17 @@ class WirePort:
 
     def _plug(self) -> None:
         """Open the transport, or close it where a fault has taken the port away."""
-        plugged = self._is_open and (self._down is None or self._down.kind != "unplug")
+        plugged = self._is_open and (self._down is None or not self._down.removes_port)
         if plugged != self._is_plugged:
             (self.transport.open if plugged else self.transport.close)()
             self._is_plugged = plugged
-        self.transport.hold(self._down is not None and self._down.kind == "halfopen")
+        self.transport.hold(self._down is not None and self._down.is_half_open)
 
     def after_restore(self) -> None:
         """Bring the port into its restored state; a driver has to open it again."""
         if self._is_open:
             self._plug()
-        unplugged = self._down is not None and self._down.kind == "unplug"
+        unplugged = self._down is not None and self._down.removes_port
         self._is_resuming = self._held_open and not self._is_plugged and not unplugged
 
     def attach(self, source: str, connector: Connector) -> None:
@@ -192,7 +194,7 @@ class WirePort:
                 self.line.put(frame, self._now_ns, source)
             else:
                 self.inbound.put(frame, self._now_ns, DRIVER)
-        if fault.kind == "latency" and (left_over := self._injector.unmount_chip()):
+        if isinstance(fault, Latency) and (left_over := self._injector.unmount_chip()):
             self.transport.write(left_over)
 
     def _note(

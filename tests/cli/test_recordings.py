@@ -11,7 +11,7 @@ from tactemu.base.errors import TactemuError
 from tactemu.control.client import connect
 from tactemu.truth.recorder import Recorder
 from tactemu.truth.recording import load
-from tactemu.wire.faults import KINDS
+from tactemu.wire.faults import FAULTS
 from tests.cli.command import here, start, tactemu
 from tests.truth.telling import passed
 
@@ -101,4 +101,4 @@ def test_mistakes_are_one_line_and_exit_code_2(arguments, complaint, recording, 
 def test_every_kind_of_fault_is_listed():
     result = here("faults")
     assert result.returncode == 0
-    assert set(KINDS) <= set(result.stdout.split())
+    assert set(FAULTS) <= set(result.stdout.split())

@@ -5,20 +5,22 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from firmware_protocols import Rollover
+from firmware_protocols import Can, Rollover, Serial, Tcp
 from firmware_protocols.sums import crc16_modbus
 from tactemu.judge import forged_replies
 from tactemu.judge.plan import LineFacts, Plan, positions
-from tactemu.wire.faults import parse
-from tactemu.wire.faults.frames import CORRUPTIONS
+from tactemu.wire.faults import check_fits, parse
+from tactemu.wire.line_models import line_model_for
 
 ROLLOVERS = [Rollover(name="counter", bits=16, state="sent"), Rollover(name="tick", bits=32, clock=True)]
-STREAM = LineFacts(usb=True, frames=["aa07080a" + "00" * 12] * 50, rollovers=ROLLOVERS)
+STREAM = LineFacts(
+    line=line_model_for(Serial(baud=115_200, usb=True)), frames=["aa07080a" + "00" * 12] * 50, rollovers=ROLLOVERS
+)
 RTU = bytes([1, 4, 8, 0, 1, 0, 2, 0, 3, 0, 4])
 RTU += crc16_modbus(RTU).to_bytes(2, "little")
 POLLED = LineFacts(asks=True, talks=True, frames=[RTU.hex()] * 50, requests=["010400070020" + "4013"] * 50, taxels=32)
-CAN = LineFacts(wire="can", frames=[f"7{k:02X}#00112233445566" for k in range(16)] * 4, frames_per_row=16,
-            identifiers=range(0x710, 0x720), taxels=16)  # fmt: skip
+CAN = LineFacts(line=line_model_for(Can()), frames=[f"7{k:02X}#00112233445566" for k in range(16)] * 4,
+            frames_per_row=16, identifiers=range(0x710, 0x720), taxels=16)  # fmt: skip
 
 
 def plan(facts, **more):
@@ -30,15 +32,16 @@ def test_every_fault_can_be_had_on_its_line_and_every_trial_has_a_reason(facts):
     trials = plan(facts).values()
     for trial in trials:
         assert trial.why and (trial.skipped or trial.faults or trial.action), trial
-        for text in trial.faults:
-            parse(text).check_fits(facts.wire)
+        for fault in trial.faults:
+            check_fits(fault, facts.line)
+            assert parse(str(fault)) == fault
     assert len({trial.name for trial in trials}) == len(trials) >= 14
 
 
 def test_what_makes_no_sense_says_why():
     assert "USB" in plan(STREAM)["wrong baud"].skipped and not plan(POLLED)["wrong baud"].skipped
     assert "sends nothing" in plan(STREAM)["requests damaged"].skipped
-    assert "sum of its own" in plan(replace(POLLED, wire="tcp"))["requests damaged"].skipped
+    assert "sum of its own" in plan(replace(POLLED, line=line_model_for(Tcp(port=1))))["requests damaged"].skipped
     assert "does not go away" in plan(CAN)["unplug"].skipped
     assert plan(STREAM)["counter wraps"].preset == "counter" and plan(CAN)["counter wraps"].skipped
     assert "nothing that sets it" in plan(STREAM)["tick wraps"].skipped and not plan(STREAM)["counter wraps"].skipped
@@ -56,10 +59,10 @@ def test_positions_hold_head_and_end_and_some_between(size):
 
 
 def test_edits_are_apart():
-    numbers = [int(fault.split()[2]) for fault in plan(STREAM)["flipped"].faults]
+    numbers = [fault.frames[0][0] for fault in plan(STREAM)["flipped"].edits]
     assert len(numbers) == 16 and set(np.diff(numbers)) == {4}
     assert "sum of its own" in plan(CAN)["flipped"].skipped
-    numbers = [int(fault.split()[2]) for fault in plan(CAN)["cut"].faults]
+    numbers = [fault.frames[0][0] for fault in plan(CAN)["cut"].edits]
     assert min(np.diff(numbers)) > 2 * 16 and len({(n - 1) % 16 for n in numbers}) > 4, "of all frames of a scan"
 
 
@@ -72,17 +75,16 @@ def test_same_seed_same_plan():
     assert plan(wide, seed=3) == plan(wide, seed=3) != plan(wide, seed=4)
 
 
-def spoilt(frame, texts):
-    """Return a frame after exact faults of one frame."""
+def spoilt(frame, reply):
+    """Return a frame after the exact faults of one frame."""
     rng = np.random.default_rng(0)
-    for text in texts:
-        fault = parse(text)
-        ((frame, _),) = CORRUPTIONS[fault.kind](frame, fault, rng)
+    for fault in reply.faults(((1, 1),)):
+        ((frame, _),) = fault.corrupt(frame, rng)
     return frame
 
 
 def test_answers_that_lie_are_whole():
-    forged = {reply.name: spoilt(RTU, reply.faults(1)) for reply in forged_replies.forged_values([RTU.hex()], "serial")}
+    forged = {reply.name: spoilt(RTU, reply) for reply in forged_replies.forged_values([RTU.hex()], with_checksum=True)}
     assert all(crc16_modbus(reply[:-2]).to_bytes(2, "little") == reply[-2:] for reply in forged.values())
     assert forged["exception"][:3] == bytes([1, 0x84, 4]) and forged["another unit"][0] == 0 != RTU[0]
     assert forged["short answer"][2] == len(forged["short answer"]) - 5 < RTU[2]
@@ -91,9 +93,9 @@ def test_answers_that_lie_are_whole():
     body = bytes([1, 3, 8, 0, 1, 0, 2, 0, 3, 0, 4])
     answer = bytes.fromhex("00290000") + len(body).to_bytes(2, "big") + body
     forged = {
-        reply.name: spoilt(answer, reply.faults(1)) for reply in forged_replies.forged_values([answer.hex()], "tcp")
+        reply.name: spoilt(answer, reply) for reply in forged_replies.forged_values([answer.hex()], with_checksum=False)
     }
     assert forged["exception"] == bytes.fromhex("002900000003018304")
     assert forged["short answer"][:9] == bytes.fromhex("002900000007010304") and len(forged["short answer"]) == 13
     assert forged["another transaction"][:2] == b"\x00\x28" and forged["another unit"][6] == 0
-    assert forged_replies.forged_values(["aa07080a"], "serial") == []
+    assert forged_replies.forged_values(["aa07080a"], with_checksum=True) == []

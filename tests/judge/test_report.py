@@ -15,6 +15,7 @@ from tactemu.judge.plan import Trial
 from tactemu.judge.report import Report
 from tactemu.judge.trial_record import TrialRecord
 from tactemu.judge.verdicts import judge_record
+from tactemu.wire.faults.frames import Flip
 from tests.judge.trial_records import record_of, row, usual
 from tests.view.page.browser import browsing
 
@@ -90,7 +91,7 @@ def test_what_does_not_come_again_does_not_fail(report):
 @pytest.mark.parametrize("kind", list(ABOUT))
 def test_each_kind_of_finding_that_may_fail_a_run_has_a_smallest_case(kind):
     """Check also the kinds that fail no run by default: with ``--fail-on all`` there is a search for them."""
-    trial = Trial("flipped", "why", ["flip frame 10 byte 3 bit 1", "flip frame 20 byte 4 bit 2"])
+    trial = Trial("flipped", "why", [Flip(frames=((10, 10),), byte=3, bit=1), Flip(frames=((20, 20),), byte=4, bit=2)])
     record = record_of(hit=[110])
     outcome = Outcome("flipped", findings=[Finding(kind, "so")])
     case = smallest_case.find(trial, record, outcome, lambda alone: (record, outcome), "optoforce", ["d"], tuple(ABOUT))
@@ -106,7 +107,7 @@ def test_trouble_is_named_once():
 def test_a_case_is_kept_and_told(tmp_path):
     smallest_case.write(CASE, tmp_path / "case.json")
     assert smallest_case.read(tmp_path / "case.json") == CASE
-    assert smallest_case.trial_of(CASE).faults == CASE["faults"]
+    assert list(map(str, smallest_case.trial_of(CASE).faults)) == CASE["faults"]
     words = smallest_case.in_words(CASE)
     assert len(words.splitlines()) <= 10 and "aa07080a0502" in words and "fx = 7777" in words and "fx = 7.5" in words
     for wrong in ("", "[]", '{"version": 9}', '{"version": 1, "device": 3}'):

@@ -5,7 +5,7 @@ from collections import Counter
 from firmware_protocols import Can, CanFrame, Serial, Udp
 from tactemu.transports.memory import MemoryTransport
 from tactemu.truth import Truth
-from tactemu.wire.faults import KINDS
+from tactemu.wire.faults import FAULTS
 from tactemu.wire.wire import Wire
 
 USB = Serial(baud=115_200, usb=True)
@@ -39,5 +39,5 @@ def stream(spec, faults, count=2000, seed=0, period=MS):
             wire.receive(due)
             wire.flush(due)
             seen += [(due, got) for got in wire.transport.driver.read()]
-    assert truth.injected == Counter({kind: n for kind, n in wire.counters.items() if kind in KINDS})
+    assert truth.injected == Counter({kind: n for kind, n in wire.counters.items() if kind in FAULTS})
     return sent, seen, truth.injected

@@ -13,8 +13,8 @@ from tactemu.base.frame_text import text
 from tactemu.transports.memory import MemoryTransport
 from tactemu.transports.transport import DROPPED, RAISED, Closed, Opened
 from tactemu.truth import Truth, read_log
-from tactemu.wire.faults import KINDS, Fault
-from tactemu.wire.faults.frames import CORRUPTIONS
+from tactemu.wire.faults import FAULTS, possible_faults
+from tactemu.wire.faults.fault import Corruption
 from tactemu.wire.line_models import line_model_for
 from tactemu.wire.wire import ReceivedData, Wire
 from tests.wire.fault_rig import CAN, MS, UDP, USB, data_of, frame, stream
@@ -91,7 +91,7 @@ SPOILERS = ["drop", "flip", "truncate", "length", "checksum", "duplicate", "garb
 
 @pytest.mark.parametrize(
     ("kind", "spec"),
-    [(kind, spec) for kind in SPOILERS for spec in (USB, CAN, UDP) if line_model_for(spec).kind in KINDS[kind].wires],
+    [(kind, spec) for kind in SPOILERS for spec in (USB, CAN, UDP) if kind in possible_faults(line_model_for(spec))],
     ids=str,
 )
 def test_a_fault_corrupts_as_many_as_it_counts_and_leaves_the_others_alone(kind, spec):
@@ -306,17 +306,20 @@ def test_flipped_bits_are_spread_evenly():
     assert np.abs(rng_bits - 250).max() < 5 * np.sqrt(250), "uniform within five standard deviations"
 
 
-@given(
-    st.binary(min_size=1, max_size=64), st.sampled_from(sorted(CORRUPTIONS)), st.integers(1, 600), st.integers(0, 999)
-)
-def test_any_frame_can_be_corrupted(data, kind, amount, seed):
+CORRUPTIONS = [fault for fault in FAULTS.values() if issubclass(fault, Corruption)]
+COUNTS = ("bits", "cut", "more", "width", "size")
+
+
+@given(st.binary(min_size=1, max_size=64), st.sampled_from(CORRUPTIONS), st.integers(1, 600), st.integers(0, 999))
+def test_any_frame_can_be_corrupted(data, kind, count, seed):
     """Corrupt frames into frames: bytes, or a CAN frame of a valid length."""
-    fault = Fault(kind=kind, amount=amount, by_ns=5)
-    for wire, spoiled in (("serial", data), ("can", CanFrame(arbitration_id=1, data=data[:8]))):
-        if wire not in KINDS[kind].wires:
+    values = dict.fromkeys(kind.options().keys() & COUNTS, count) | dict.fromkeys(kind.options().keys() & {"by_ns"}, 5)
+    fault = kind(**values | ({"data": b"\x01"} if kind.word == "replace" else {}))
+    for spec, spoiled in ((USB, data), (CAN, CanFrame(arbitration_id=1, data=data[:8]))):
+        if kind.word not in possible_faults(line_model_for(spec)):
             continue
-        for each, delay in CORRUPTIONS[kind](spoiled, fault, np.random.default_rng(seed)) or []:
-            assert delay % fault.by_ns == 0 and isinstance(each, type(spoiled))
+        for each, delay in fault.corrupt(spoiled, np.random.default_rng(seed)) or []:
+            assert delay % 5 == 0 and isinstance(each, type(spoiled))
             if isinstance(each, CanFrame):
                 assert len(each.data) <= 8
 

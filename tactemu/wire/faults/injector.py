@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import Counter, deque
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from typing import ClassVar, Protocol
 
@@ -11,9 +11,10 @@ import numpy as np
 from firmware_protocols import CanFrame, WireFrame
 from firmware_protocols.frames import payload
 from tactemu.base.random_streams import generator
-from tactemu.wire.faults.fault import Fault, parse
-from tactemu.wire.faults.frames import CORRUPTIONS, Parts
-from tactemu.wire.faults.link import LatencyChip, Traffic
+from tactemu.wire.faults.fault import Fault, FrameFault, Key, Memory, Outage, Parts, Traffic
+from tactemu.wire.faults.link import BusNode, Latency, LatencyChip
+from tactemu.wire.faults.registry import check_fits
+from tactemu.wire.faults.text import parse
 from tactemu.wire.line_models import LineModel
 
 
@@ -35,44 +36,28 @@ class Note(Protocol):
         ...
 
 
-Key = tuple[str, str]
-"""Source and direction of a frame; a fault holds frames back separately for each."""
-
 Held = tuple[WireFrame, str, str]
 """A frame that a fault holds back, with its source and direction."""
 
-_MAX_EARLIER_FRAMES = 16
-"""Number of earlier frames among which a stray one is chosen."""
 
+class ActiveFault:
+    """A fault of frames that is on: which frames it has hit, and what it remembers."""
 
-class FrameFault:
-    """An active fault of single frames: its random stream, and the frames that it holds back."""
-
-    def __init__(self, fault: Fault, rng: np.random.Generator):
+    def __init__(self, fault: FrameFault, rng: np.random.Generator):
         self.fault = fault
-        self.rng = rng
+        self._memory = Memory(rng)
         self._spent = False
         self._matched = 0
-        self._held: dict[Key, tuple[WireFrame, int]] = {}
-        """The frame that is held back by key, with the number of frames that go before it."""
-        self._earlier: dict[Key, deque[WireFrame]] = {}
 
     def apply(self, frame: WireFrame, key: Key, t_ns: int) -> tuple[Parts, bool]:
         """Return what becomes of the frame, and whether a fault was injected."""
-        hit = self._hits(frame, t_ns)
-        kind = self.fault.kind
-        if kind in ("reorder", "merge"):
-            return self._hold(frame, key, hit)
-        if kind == "stray":
-            return self._stray(frame, key, hit)
-        changed = CORRUPTIONS[kind](frame, self.fault, self.rng) if hit else None
-        return ([(frame, 0)], False) if changed is None else (changed, True)
+        return self.fault.apply(frame, key, self._hits(frame, t_ns), self._memory)
 
     def release(self) -> list[Held]:
         """Return the frames that are held back, and hold none, because the fault is over or the port was closed."""
-        held = [(frame, source, direction) for (source, direction), (frame, _) in self._held.items()]
-        self._held.clear()
-        self._earlier.clear()
+        held = [(frame, source, direction) for (source, direction), (frame, _) in self._memory.held.items()]
+        self._memory.held.clear()
+        self._memory.earlier.clear()
         return held
 
     def _hits(self, frame: WireFrame, t_ns: int) -> bool:
@@ -89,7 +74,7 @@ class FrameFault:
         self._matched += 1
         if fault.frames and not self._is_numbered():
             return False
-        if self._matched % fault.every or (fault.probability < 1 and self.rng.random() >= fault.probability):
+        if self._matched % fault.every or (fault.probability < 1 and self._memory.rng.random() >= fault.probability):
             return False
         self._spent |= fault.once
         return True
@@ -103,29 +88,6 @@ class FrameFault:
         number = self._matched
         self._spent = number >= max(last for _, last in self.fault.frames)
         return any(first <= number <= last for first, last in self.fault.frames)
-
-    def _hold(self, frame: WireFrame, key: Key, hit: bool) -> tuple[Parts, bool]:
-        held, left = self._held.pop(key, (None, 0))
-        if held is None and hit:
-            self._held[key] = frame, self.fault.amount or 1
-            return [], False
-        if held is None:
-            return [(frame, 0)], False
-        if left > 1:
-            self._held[key] = held, left - 1
-            return [(frame, 0)], False
-        if self.fault.kind == "reorder":
-            return [(frame, 0), (held, 0)], True
-        return [(payload(held) + payload(frame), 0)], True
-
-    def _stray(self, frame: WireFrame, key: Key, hit: bool) -> tuple[Parts, bool]:
-        earlier = self._earlier.setdefault(key, deque(maxlen=_MAX_EARLIER_FRAMES))
-        parts: Parts = [(frame, 0)]
-        strays = hit and bool(earlier)
-        if strays:
-            parts.append((earlier[int(self.rng.integers(len(earlier)))], 0))
-        earlier.append(frame)
-        return parts, strays
 
 
 class Injector:
@@ -146,12 +108,12 @@ class Injector:
     def __init__(self, faults: Iterable[Fault | str], line_model: LineModel, seed: int, note: Note):
         self.line_model, self.seed, self.note = line_model, seed, note
         self.faults: list[Fault] = []
-        self.traffic: list[Traffic] = []
+        self.traffic: list[BusNode] = []
         self.chip: LatencyChip | None = None
-        self.closing: Fault | None = None
-        """The fault that closes the connection after the next flush."""
-        self._frames: list[FrameFault] = []
-        self._outages: list[Fault] = []
+        self.close_code: int | None = None
+        """The code with which a fault closes the connection after the next flush."""
+        self._frames: list[ActiveFault] = []
+        self._outages: list[Outage] = []
         self._copies: Counter[str] = Counter()
         for fault in faults:
             self.add(fault)
@@ -159,19 +121,20 @@ class Injector:
     def add(self, fault: Fault | str) -> Fault:
         """Switch a fault on, also while the wire runs."""
         fault = parse(fault) if isinstance(fault, str) else fault
-        fault.check_fits(self.line_model.kind)
+        check_fits(fault, self.line_model)
         name = f"fault/{fault}"
         self._copies[name] += 1
         rng = generator(self.seed, name if self._copies[name] == 1 else f"{name}/{self._copies[name]}")
         self.faults.append(fault)
-        if fault.kind in ("unplug", "busoff", "halfopen"):
-            self._outages.append(fault)
-        elif fault.kind == "latency":
-            self.chip = LatencyChip(fault)
-        elif fault.kind in ("babble", "load"):
-            self.traffic.append(Traffic(fault, self.line_model, rng))
-        else:
-            self._frames.append(FrameFault(fault, rng))
+        match fault:
+            case FrameFault():
+                self._frames.append(ActiveFault(fault, rng))
+            case Outage():
+                self._outages.append(fault)
+            case Traffic():
+                self.traffic.append(BusNode(fault, self.line_model, rng))
+            case Latency():
+                self.chip = LatencyChip(fault)
         return fault
 
     def remove(self, fault: Fault) -> list[Held]:
@@ -211,16 +174,16 @@ class Injector:
                 after, injected = active.apply(before, (source, direction), t_ns)
                 changed += [(each, held_ns + more_ns) for each, more_ns in after]
                 if injected:
-                    if active.fault.kind == "close":
-                        self.closing = active.fault
+                    if active.fault.close_code is not None:
+                        self.close_code = active.fault.close_code
                     detail = f"{active.fault} [{direction}, frame {active.matched}]"
                     became = [each for each, _ in after]
                     number = active.matched
-                    self.note(t_ns, source, active.fault.kind, detail, before=before, after=became, frame=number)
+                    self.note(t_ns, source, active.fault.word, detail, before=before, after=became, frame=number)
             parts = changed
         return parts
 
-    def outage(self, now_ns: int) -> Fault | None:
+    def outage(self, now_ns: int) -> Outage | None:
         """Return the fault that has the link down at ``now_ns``, or None."""
         return next((fault for fault in self._outages if fault.covers(now_ns)), None)
 

@@ -1,24 +1,70 @@
-"""Faults of the link: the USB-serial chip between line and driver, and other nodes on a CAN bus."""
+"""Faults of the port and the bus: outages, the USB-serial chip before the driver, and other nodes on a CAN bus."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
 from firmware_protocols import CanFrame
-from tactemu.wire.faults.fault import Fault
-from tactemu.wire.line import MAX_CATCH_UP_NS
-from tactemu.wire.line_models import LineModel
+from tactemu.wire.faults.fault import LinkFault, Outage, Traffic
+from tactemu.wire.faults.options import PortName, duration
+from tactemu.wire.line import MAX_CATCH_UP_NS, LineModel
 
 USB_PAYLOAD_BYTES = 62
 """Payload of one USB packet of the common chip [byte]: 64 less two of status."""
 
 
+@dataclass(frozen=True, kw_only=True)
+class Unplug(Outage):
+    """A port that goes away, and comes back, ``as NAME`` under another name."""
+
+    word = "unplug"
+    about = "the port goes away, and comes back"
+    removes_port = True
+    name: PortName = ""
+
+    @property
+    def new_name(self) -> str:
+        """The name under which the port comes back."""
+        return self.name
+
+
+class HalfOpen(Outage):
+    """A connection whose other end is dead."""
+
+    word = "halfopen"
+    about = "the connection stays, but the other end is dead"
+    every_line = False
+    is_half_open = True
+
+
+class BusOff(Outage):
+    """A node that leaves the bus."""
+
+    word = "busoff"
+    about = "the node leaves the bus, and recovers"
+    every_line = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class Latency(LinkFault):
+    """The chip of a USB-serial adapter, with its latency timer."""
+
+    word = "latency"
+    about = "a USB-serial chip hands over 62 bytes, or what it has when its timer fires"
+    every_line = False
+    keeps_frame = True
+    by_ns: Annotated[int, duration("by", alone=r"\d[^%]*")] = 16_000_000
+    """The period of the timer [ns]."""
+
+
 class LatencyChip:
     """A USB-serial chip: it passes on packets of 62 bytes, and fewer when its timer fires. A packet restarts it."""
 
-    def __init__(self, fault: Fault):
+    def __init__(self, fault: Latency):
         self.fault = fault
-        self.timer_ns = fault.by_ns
         self._held = b""
         self._last_ns = 0
 
@@ -28,11 +74,11 @@ class LatencyChip:
 
     def next_ns(self) -> int | None:
         """Return when the timer fires with bytes to pass on, or None."""
-        return self._last_ns + self.timer_ns if self._held else None
+        return self._last_ns + self.fault.by_ns if self._held else None
 
     def take(self, now_ns: int) -> bytes:
         """Return the bytes that the driver receives now; call at :meth:`next_ns` and whenever bytes were added."""
-        ticks = (now_ns - self._last_ns) // self.timer_ns
+        ticks = (now_ns - self._last_ns) // self.fault.by_ns
         size = len(self._held) if ticks > 0 else len(self._held) // USB_PAYLOAD_BYTES * USB_PAYLOAD_BYTES
         if size and not ticks:
             self._last_ns = now_ns
@@ -42,7 +88,7 @@ class LatencyChip:
     def tick(self, now_ns: int) -> None:
         """Advance the timer of an idle line; call before :meth:`put`."""
         if not self._held:
-            self._last_ns += (now_ns - self._last_ns) // self.timer_ns * self.timer_ns
+            self._last_ns += (now_ns - self._last_ns) // self.fault.by_ns * self.fault.by_ns
 
     def drain(self) -> bytes:
         """Return the bytes that are held, and hold none."""
@@ -50,14 +96,43 @@ class LatencyChip:
         return data
 
 
-class Traffic:
-    """Another node of the bus, whose frames take a share of it (``load``), or all of it (``babble``)."""
+class Babble(Traffic):
+    """A node that fills the bus with frames of the highest priority."""
 
-    def __init__(self, fault: Fault, line_model: LineModel, rng: np.random.Generator):
+    word = "babble"
+    about = "another node fills the bus with the highest priority"
+    every_line = False
+
+    def frame(self, rng: np.random.Generator) -> CanFrame:
+        """Return a frame of zeros."""
+        return _frame(self.arbitration_id or 0, bytes(8))
+
+
+class Load(Traffic):
+    """A node whose frames, with identifiers 0x600 to 0x6FF or that of ``id=``, take a share of the bus."""
+
+    word = "load"
+    about = "other traffic takes a share of the bus"
+    every_line = False
+
+    def frame(self, rng: np.random.Generator) -> CanFrame:
+        """Return a frame of random data."""
+        data, own = rng.bytes(8), self.arbitration_id
+        return _frame(int(rng.integers(0x600, 0x700)) if own is None else own, data)
+
+
+def _frame(identifier: int, data: bytes) -> CanFrame:
+    return CanFrame(arbitration_id=identifier, is_extended_id=identifier > 0x7FF, data=data)
+
+
+class BusNode:
+    """Another node of the bus, which sends the frames of a :class:`Traffic`."""
+
+    def __init__(self, fault: Traffic, line_model: LineModel, rng: np.random.Generator):
         self.fault = fault
-        self.source = f"({fault.kind})"
+        self.source = f"({fault.word})"
         self._line_model, self._rng = line_model, rng
-        self._next_ns = fault.start_ns
+        self._next_ns = fault.start_ns or 0
         self._spacing_ns = 1
         self._missed_ns = 0
 
@@ -75,7 +150,7 @@ class Traffic:
     def next_ns(self) -> int | None:
         """Return when the node sends next, or None if the fault is over."""
         over = self.fault.stop_ns is not None and self._next_ns >= self.fault.stop_ns
-        return self._next_ns if self.fault.probability and not over else None
+        return self._next_ns if self.fault.share and not over else None
 
     def take(self, now_ns: int) -> tuple[int, CanFrame] | None:
         """Return the next frame and the time at which it is ready, or None if that is after ``now_ns``."""
@@ -85,16 +160,7 @@ class Traffic:
         due = self.next_ns()
         if due is None or due > now_ns:
             return None
-        frame = self._frame()
-        self._spacing_ns = round(self._line_model.traffic_ns(frame) / self.fault.probability)
+        frame = self.fault.frame(self._rng)
+        self._spacing_ns = round(self._line_model.traffic_ns(frame) / self.fault.share)
         self._next_ns += self._spacing_ns
         return due, frame
-
-    def _frame(self) -> CanFrame:
-        identifier = self.fault.arbitration_id
-        if self.fault.kind == "babble":
-            identifier, data = identifier or 0, bytes(8)
-        else:
-            data = self._rng.bytes(8)
-            identifier = int(self._rng.integers(0x600, 0x700)) if identifier is None else identifier
-        return CanFrame(arbitration_id=identifier, is_extended_id=identifier > 0x7FF, data=data)

@@ -17,9 +17,9 @@ LINE_MODELS: dict[type[Connector], str] = {
     Dds: "tactemu.wire.line_models.dds:DdsLine",
     Rs485: "tactemu.wire.line_models.rs485:Rs485Line",
     Serial: "tactemu.wire.line_models.serial:SerialLine",
-    Tcp: "tactemu.wire.line_models.tcp:TcpLine",
-    Udp: "tactemu.wire.line_models.udp:UdpLine",
-    WebSocket: "tactemu.wire.line_models.websocket:WebSocketLine",
+    Tcp: "tactemu.wire.line_models.network:TcpLine",
+    Udp: "tactemu.wire.line_models.network:UdpLine",
+    WebSocket: "tactemu.wire.line_models.network:WebSocketLine",
 }
 
 
@@ -32,8 +32,19 @@ def line_model_for(connector: Connector, *, pacing: Pacing = True) -> LineModel:
     if type(connector) not in LINE_MODELS:
         known = ", ".join(each.__name__ for each in LINE_MODELS)
         raise DeviceError(f"a {type(connector).__name__} connector has no line model (there are: {known})")
-    module, _, attribute = LINE_MODELS[type(connector)].partition(":")
-    return getattr(importlib.import_module(module), attribute)(connector, pacing=pacing)
+    return line_model_class(type(connector))(connector, pacing=pacing)
 
 
-__all__ = ["LINE_MODELS", "LineModel", "line_model_for"]
+def line_model_class(connector: type[Connector]) -> type[LineModel]:
+    """Return the class of the line model of a class of connectors."""
+    module, _, attribute = LINE_MODELS[connector].partition(":")
+    return getattr(importlib.import_module(module), attribute)
+
+
+def kinds_with(fault: str) -> list[str]:
+    """Return the kinds of line that name a fault in their ``faults``."""
+    models = map(line_model_class, LINE_MODELS)
+    return sorted({model.kind for model in models if fault in model.faults})
+
+
+__all__ = ["LINE_MODELS", "LineModel", "kinds_with", "line_model_class", "line_model_for"]

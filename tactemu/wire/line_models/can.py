@@ -24,6 +24,9 @@ class CanLine(LineModel):
 
     kind = "can"
     schemes = ("can", "slcan", "socketcand")
+    faults = ("error", "busoff", "babble", "load")
+    likely_faults = ("truncate", "reorder", "stray", "error", "busoff", "load")
+    has_identifiers = True
     is_shared = True
     is_half_duplex = True
     is_byte_stream = False

@@ -18,6 +18,8 @@ class SerialLine(LineModel):
 
     kind = "serial"
     schemes = ("pty", "rfc2217", "tcp", "serial")
+    faults = ("garbage", "split", "chunk", "merge", "latency", "halfopen")
+    likely_faults = ("flip", "truncate", "lose", "garbage", "chunk", "split", "merge", "silence", "unplug")
 
     def __init__(self, connector: Any, *, pacing: Pacing = True):
         super().__init__(connector, pacing=pacing)
