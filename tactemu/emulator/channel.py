@@ -215,9 +215,9 @@ class Channel:
         for port, wire in self.wires.items():
             wire.attach(self.name, self.device.connector(port))
 
-    def after_restore(self) -> None:
-        """Keep the restored settings of the wires: the connectors need no second attachment."""
-        self._ports = self.device.ports
+    def prepare_restore(self, state: Mapping[str, Any]) -> Callable[[], None]:
+        """Return a callable that keeps the restored settings of the wires: the connectors need no second attachment."""
+        return lambda: vars(self).update(_ports=self.device.ports)
 
     def due(self, now_ns: int) -> list[tuple[int, str]]:
         """Return the streams whose next reading is due, with its time."""

@@ -53,10 +53,6 @@ class Steered(Motion):
         self.back: np.ndarray | None = None
         """The world position to which the body is lifted after a press [m]."""
 
-    def extra_state(self) -> dict[str, Motion]:
-        """Return its own motion, which may have a state."""
-        return {"own": self._own}
-
     @property
     def is_steered(self) -> bool:
         """True while the body does not follow its own motion."""

@@ -109,6 +109,8 @@ class Simulation(PoseInput):
         self._bound = None
         self._in_graph = False
         self.posers = list(posers)
+        self.movers = [body.motion for body in self._moving] + [getattr(each, "__self__", None) for each in posers]
+        """The objects that move the bodies, which may be parts with a state of their own."""
         """Functions that pose bodies; each step calls them with its time [s], after the motions."""
         self._move(0.0)
         self._planners = list(planners)
@@ -288,11 +290,6 @@ class Simulation(PoseInput):
         self.close()
 
     # -- saving -----------------------------------------------------------------------------------------------------
-
-    def extra_state(self) -> dict[str, Any]:
-        """Return the objects that move the bodies and may have a state of their own, by name."""
-        posers = {f"posers[{k}]": getattr(pose, "__self__", None) for k, pose in enumerate(self.posers)}
-        return {f"motion of {body.name}": body.motion for body in self._moving} | posers
 
     def state(self) -> dict[str, Any]:
         """Return the state that lasts from step to step, arrays copied to the host."""

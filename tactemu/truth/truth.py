@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar, Protocol
 
@@ -265,9 +265,9 @@ class Truth:
         self._taps = tuple(each for each in self._taps if each is not tap)
         self._has_sinks = bool(self._writers or self._taps)
 
-    def after_restore(self) -> None:
-        """Drop all entries from memory after a state was restored; counters continue from the state."""
-        self._memory.forget()
+    def prepare_restore(self, state: Mapping[str, Any]) -> Callable[[], None]:
+        """Return a callable that drops all entries from memory; counters continue from the state."""
+        return self._memory.forget
 
     def close(self, summary: Sequence[Mapping[str, Any]] = ()) -> None:
         """Finish the file, with a summary of each device if there is one. Safe to call twice."""

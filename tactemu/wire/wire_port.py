@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from firmware_protocols import Connector, WireFrame
@@ -133,8 +133,11 @@ class WirePort:
             self._is_plugged = plugged
         self.transport.hold(self._down is not None and self._down.is_half_open)
 
-    def after_restore(self) -> None:
-        """Bring the port into its restored state; a driver has to open it again."""
+    def prepare_restore(self, state: Mapping[str, object]) -> Callable[[], None]:
+        """Return a callable that brings the port into its restored state; a driver has to open it again."""
+        return self._resume
+
+    def _resume(self) -> None:
         if self._is_open:
             self._plug()
         unplugged = self._down is not None and self._down.removes_port

@@ -3,15 +3,18 @@
 A *part* is an object that exists before a state is restored and stays the same object: the loop, a channel, a wire.
 Its class lists in ``TRANSIENT_FIELDS`` the attributes that are no state (those that are made anew and equal, those of
 the outside); all others are its state, so that an attribute that is added to a class later is saved, too. Attributes
-that lead to parts are its structure. All others must hold plain data or objects of the modules in :data:`VALUES`.
+that lead to parts are its structure, also those in ``TRANSIENT_FIELDS``. All others must hold plain data or objects of
+the modules in :data:`VALUES`, which may have ``__getstate__`` and ``__setstate__`` as for pickle.
 
-A part may have methods in place of this rule:
+Two more hooks, if a part needs them:
 
-* ``extra_state()`` returns further parts, by name, to which no attribute leads;
-* ``state()`` and ``prepare_restore(state)`` replace the attributes; the second checks the state, changes nothing and
-  returns a callable that restores it;
-* ``other_state()`` returns values that its state may have at other times, beside the present ones;
-* ``after_restore()`` is called when all parts have their state.
+* ``state()`` returns its state in place of the attributes; ``other_state()`` beside it returns examples of arrays that
+  may at times hold numbers which are not finite;
+* ``prepare_restore(state)`` checks the state, changes nothing, and returns a callable that is called when all parts
+  have their attributes. Of a part with ``state()``, the callable restores it.
+
+Copies are made without these hooks: ``Simulation.clone()`` and ``Sensor.clone()`` return another of the same scene at
+its start; ``Assembled.fork()`` returns another emulator (``reassemble()``) with the state of the first.
 """
 
 from __future__ import annotations
@@ -52,8 +55,7 @@ def parts_of(root: Any) -> dict[str, Any]:
             seen.add(id(value))
             found[name] = value
             if not isinstance(value, Device):
-                more = value.extra_state() if hasattr(value, "extra_state") else {}
-                for key, each in (_attributes(value) | more).items():
+                for key, each in (_attributes(value) | vars(value)).items():
                     look(each, f"{name}.{key}".lstrip("."))
 
     look(root, "")
@@ -81,14 +83,11 @@ def prepare_restore(parts: Mapping[str, Any], state: Mapping[str, Any], t_ns: in
     """
     _check_names("the emulator", "part", parts, state)
     reader, leaves = _Reader(_belongs, parts), LeafCheck(t_ns)
-    takes = [_prepare_restore(part, name, state[name], reader, leaves) for name, part in parts.items()]
+    steps = [_prepare_restore(part, name, state[name], reader, leaves) for name, part in parts.items()]
 
     def take() -> None:
-        for each in takes:
-            each()
-        for part in parts.values():
-            if hasattr(part, "after_restore"):
-                part.after_restore()
+        for step in [first for first, _ in steps] + [then for _, then in steps]:
+            step()
 
     return take
 
@@ -103,23 +102,31 @@ def _written(part: Any, name: str, writer: _Writer) -> dict[str, Any]:
     return {key: writer.write(value, f"{name}.{key}".lstrip(".")) for key, value in attributes.items()}
 
 
-def _prepare_restore(part: Any, name: str, state: Any, reader: _Reader, leaves: LeafCheck) -> Callable[[], None]:
+def _prepare_restore(
+    part: Any, name: str, state: Any, reader: _Reader, leaves: LeafCheck
+) -> tuple[Callable[[], None], Callable[[], None]]:
+    """Return a callable that sets the attributes of a part, and one for when all parts have theirs."""
     where = name or "the loop"
     if not isinstance(state, dict):
         raise StateError(f"{where}: expected a table, got {type(state).__name__}")
     try:
         if isinstance(part, Device):
-            return partial(plain.set_attributes, part, _device_attributes(part, where, state, leaves))
+            return partial(plain.set_attributes, part, _device_attributes(part, where, state, leaves)), _nothing
         here = part.state() if hasattr(part, "state") else _own(part)
         _check_names(where, "attribute", here, state)
         attributes = {key: reader.read(value) for key, value in state.items()}
         more = [part.other_state()] if hasattr(part, "other_state") else []
         leaves.attributes(type(part), attributes, [here, *more], name)
-        return part.prepare_restore(attributes) if hasattr(part, "state") else partial(vars(part).update, attributes)
+        then = part.prepare_restore(attributes) if hasattr(part, "prepare_restore") else _nothing
+        return _nothing if hasattr(part, "state") else partial(vars(part).update, attributes), then
     except StateError:
         raise
     except (TactemuError, ValueError, TypeError, LookupError, AttributeError, OverflowError) as error:
         raise StateError(f"{where}: {error}") from None
+
+
+def _nothing() -> None:
+    pass
 
 
 def _device_attributes(device: Device, where: str, state: Mapping[str, Any], leaves: LeafCheck) -> dict[str, Any]:
