@@ -10,8 +10,6 @@ from __future__ import annotations
 
 import functools
 import importlib
-import io
-import json
 import sys
 from collections import Counter, defaultdict, deque
 from collections.abc import Callable, Mapping
@@ -70,69 +68,6 @@ def set_attributes(device: Any, attributes: dict[str, Any]) -> None:
 
 def _known(device: Any) -> dict[str, Any]:
     return {"self": device, "layout": getattr(device, "layout", None)}
-
-
-def to_bytes(state: dict[str, Any]) -> bytes:
-    """Return a :func:`snapshot` as the bytes of an ``.npz`` file: its arrays, and everything else as JSON."""
-    text, arrays = to_text(state)
-    file = io.BytesIO()
-    np.savez(file, tree=np.frombuffer(text.encode(), np.uint8), **arrays)  # type: ignore[arg-type]
-    return file.getvalue()
-
-
-def from_bytes(data: bytes) -> dict[str, Any]:
-    """Return the snapshot in the bytes of :func:`to_bytes`.
-
-    Raises:
-        ValueError: the bytes are no such file.
-    """
-    with np.load(io.BytesIO(data), allow_pickle=False) as file:
-        return from_text(file["tree"].tobytes(), file)
-
-
-def to_text(state: dict[str, Any]) -> tuple[str, dict[str, np.ndarray]]:
-    """Return a :func:`snapshot` as JSON, and its arrays by their names in the JSON."""
-    arrays: dict[str, np.ndarray] = {}
-    return json.dumps(_without_arrays(state, arrays)), arrays
-
-
-def from_text(text: str | bytes, arrays: Mapping[str, np.ndarray]) -> dict[str, Any]:
-    """Return the snapshot in the JSON and the arrays of :func:`to_text`.
-
-    Raises:
-        ValueError: the text is no such JSON.
-    """
-    try:
-        state = _with_arrays(json.loads(text), arrays)
-    except (KeyError, TypeError, ValueError, RecursionError) as error:
-        raise ValueError(f"not the text of a state: {type(error).__name__} {error}") from None
-    if not isinstance(state, dict):
-        raise ValueError(f"not the text of a state: a {type(state).__name__}")
-    return state
-
-
-def _without_arrays(value: Any, arrays: dict[str, np.ndarray]) -> Any:
-    if isinstance(value, np.ndarray):
-        arrays[name := f"a{len(arrays)}"] = value
-        return {"array": name}
-    if isinstance(value, bytes):
-        return {"bytes": value.hex()}
-    if isinstance(value, list):
-        return [_without_arrays(each, arrays) for each in value]
-    if isinstance(value, dict):
-        return {"dict": [[key, _without_arrays(each, arrays)] for key, each in value.items()]}
-    return value
-
-
-def _with_arrays(value: Any, arrays: Mapping[str, np.ndarray]) -> Any:
-    if isinstance(value, list):
-        return [_with_arrays(each, arrays) for each in value]
-    if not isinstance(value, dict):
-        return value
-    ((kind, held),) = value.items()
-    if kind == "array":
-        return arrays[held]
-    return bytes.fromhex(held) if kind == "bytes" else {key: _with_arrays(each, arrays) for key, each in held}
 
 
 def _belongs(module: str, device: Any) -> bool:

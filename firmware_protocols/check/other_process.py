@@ -8,12 +8,12 @@ import subprocess
 import sys
 from collections.abc import Iterator
 
-from firmware_protocols import registry
-from firmware_protocols import state as plain
+from firmware_protocols import registry, state_file
 from firmware_protocols.calls import AuthorError, source_line
 from firmware_protocols.check.host import STEP_NS, Host, Subject, exercise
 from firmware_protocols.check.report import Fault
 from firmware_protocols.frames import text_of
+from firmware_protocols.state import NotPlain
 
 PROCESS_TIMEOUT_S = 30
 """The time after which the other process must have ended."""
@@ -29,7 +29,7 @@ class OtherProcess:
         for request, port in subject.requests()[:1]:
             if isinstance(request, bytes):
                 self.host.send(request[: len(request) // 2], port)
-        saved = plain.to_bytes(self.host.device.snapshot())
+        saved = state_file.to_bytes(self.host.device.snapshot())
         header = {"target": subject.target, "options": dict(subject.options), "t_ns": self.host.t_ns}
         paths = os.pathsep.join(path or os.getcwd() for path in sys.path)
         self.process = subprocess.Popen(
@@ -62,20 +62,20 @@ def start(subject: Subject) -> tuple[OtherProcess | None, list[Fault]]:
         return OtherProcess(subject), []
     except AuthorError as error:
         return None, [Fault.of("restart", error)]
-    except plain.NotPlain as error:
+    except NotPlain as error:
         return None, [Fault("restart", str(error), *source_line(subject.cls, "__init__"))]
 
 
 def main() -> None:
     """Restore the device in a snapshot from stdin, use it, and print its frames as JSON.
 
-    Stdin is a line of JSON (target, options, time), then the bytes of :func:`firmware_protocols.state.to_bytes`.
+    Stdin is a line of JSON (target, options, time), then the bytes of :func:`firmware_protocols.state_file.to_bytes`.
     """
     head, _, saved = sys.stdin.buffer.read().partition(b"\n")
     header = json.loads(head)
     subject = Subject(header["target"], registry.device_class(header["target"]), header["options"])
     host = Host(subject.build())
-    host.device.restore(plain.from_bytes(saved))
+    host.device.restore(state_file.read(saved)[0])
     host.t_ns = header["t_ns"]
     sys.stdout.write(json.dumps(_continued(host, subject)))
 

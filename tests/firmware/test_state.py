@@ -7,7 +7,8 @@ import pytest
 
 import firmware_protocols as fp
 from firmware_protocols.framing import Packets
-from firmware_protocols.state import NotPlain, from_bytes, to_bytes
+from firmware_protocols.state import NotPlain
+from firmware_protocols.state_file import read, to_bytes
 from firmware_protocols.tables import Frame
 from tactemu.base.errors import StateError
 from tactemu.emulator.saving.leaves import LeafCheck
@@ -68,7 +69,7 @@ def test_bytes_hold_the_whole_state():
     value = {"text": "é", "bytes": b"\x00\xff", "none": None, "huge": 1 << 80, 3: [1.5, float("inf")], "flags": (True,)}
     device = Keeps(kept=[value, np.arange(6).reshape(2, 3), np.float32(1.5), deque([1], maxlen=2)])
     other = Keeps(kept=None)
-    other.restore(from_bytes(to_bytes(device.snapshot())))
+    other.restore(read(to_bytes(device.snapshot()))[0])
     plain, array, number, recent = other.kept
     assert plain == value and np.array_equal(array, device.kept[1]) and array.dtype == device.kept[1].dtype
     assert number == 1.5 and type(number) is np.float32 and recent == device.kept[3] and recent.maxlen == 2

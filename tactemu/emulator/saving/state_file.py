@@ -1,22 +1,15 @@
-"""The file of a state: an uncompressed ``.npz`` of NumPy with its header, its tree of plain data as JSON, and arrays.
+"""The file of an emulator's state: its tree and arrays (:mod:`firmware_protocols.state_file`), and a header.
 
-Nothing in it is ever unpickled. Its content is not trusted: nothing is larger in memory than the file, and a file that
-is much larger than a state of this run can be is refused before it is read.
+A state of another run is refused, and so is a file that is much larger than a state of this run can be.
 """
 
 from __future__ import annotations
 
-import io
-import json
-import math
-import zipfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from firmware_protocols import state as plain
+from firmware_protocols import state_file as plain
 from tactemu.base.errors import StateError
 from tactemu.base.files import writing
 from tactemu.version import __version__
@@ -25,13 +18,8 @@ FORMAT = 1
 MAX_TIME_NS = 10 * 366 * 86_400_000_000_000
 """Latest time of a state, ten years: times of a run that begins there still fit 64 bits."""
 _HEADER = "header"
-_TREE = "tree"
-_MAX_TEXT_BYTES = 16 << 20
-"""Maximum size of the JSON texts; a hand of a thousand taxels has half a megabyte."""
 _MAX_EXTRA_BYTES = 64 << 20
 """Maximum size of the state of devices, queues and the like, beside the simulation."""
-_ARRAY_KINDS = "biufcV"
-"""Kinds of NumPy types that an array may have: numbers, and records of them."""
 
 
 def header(recipe: Mapping[str, Any], t_ns: int) -> dict[str, Any]:
@@ -95,12 +83,9 @@ def write(path: str | Path, head: Mapping[str, Any], state: dict[str, Any]) -> i
         StateError: the file cannot be written.
     """
     path = Path(path)
-    text, arrays = plain.to_text(state)
-    texts = {_HEADER: json.dumps(head), _TREE: text}
-    members = {name: np.frombuffer(each.encode(), np.uint8) for name, each in texts.items()} | arrays
     try:
         with writing(path) as file:
-            np.savez(file, **members)  # type: ignore[arg-type]
+            plain.write(file, state, **{_HEADER: head})
         return path.stat().st_size
     except OSError as error:
         raise StateError(f"{path}: cannot write the state: {error.strerror}") from None
@@ -128,62 +113,8 @@ def read(path: str | Path, recipe: Mapping[str, Any], own_bytes: int) -> tuple[d
     except OSError as error:
         raise StateError(f"{path}: cannot read the state: {error.strerror}") from None
     try:
-        members = _members(data)
-        head = json.loads(_text(members, _HEADER))
-        check_header(head, recipe, str(path))
-        arrays = _SingleUseArrays(
-            {name: _array(name, each) for name, each in members.items() if name not in (_HEADER, _TREE)}
-        )
-        return head, plain.from_text(_text(members, _TREE), arrays)
-    except (ValueError, KeyError, RecursionError, zipfile.BadZipFile, NotImplementedError, EOFError) as error:
+        state, head = plain.read(data, _HEADER)
+    except ValueError as error:
         raise StateError(f"{path}: no state, or a damaged one: {error!s:.200}") from None
-
-
-class _SingleUseArrays(dict[str, np.ndarray]):
-    """Arrays that can be read once each: a tree that names one twice was not written by tactemu."""
-
-    def __getitem__(self, name: str) -> np.ndarray:
-        return self.pop(name)
-
-
-def _members(data: bytes) -> dict[str, memoryview]:
-    """Return the members of the file, by name, without further copies.
-
-    Raises:
-        ValueError, BadZipFile: it is no zip file, or its members are compressed.
-    """
-    found, total = {}, 0
-    with zipfile.ZipFile(io.BytesIO(data)) as file:
-        for info in file.infolist():
-            total += info.file_size
-            if info.compress_type != zipfile.ZIP_STORED or total > len(data) or info.flag_bits & 1:
-                raise ValueError(f"{info.filename!r:.40} is compressed; the members of a state are not")
-            found[info.filename.removesuffix(".npy")] = memoryview(file.read(info))
-    return found
-
-
-def _array(name: str, member: memoryview) -> np.ndarray:
-    """Return the array of a member, whose shape must fit its bytes.
-
-    Raises:
-        ValueError: it is no array of numbers.
-    """
-    file = io.BytesIO(member[:4096])
-    version = np.lib.format.read_magic(file)
-    readers = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
-    shape, by_columns, dtype = readers[version](file, max_header_size=4000)
-    numbers = member[file.tell() :]
-    if dtype.kind not in _ARRAY_KINDS or dtype.hasobject:
-        raise ValueError(f"{name}: an array of {dtype}; states have numbers")
-    if min(shape, default=0) < 0 or math.prod(shape) * dtype.itemsize != len(numbers):
-        raise ValueError(f"{name}: an array {shape!s:.60} of {dtype} has other than {len(numbers)} bytes")
-    return np.frombuffer(numbers, dtype).reshape(shape, order="F" if by_columns else "C")
-
-
-def _text(members: Mapping[str, memoryview], name: str) -> bytes:
-    array = _array(name, members[name])
-    if array.dtype != np.uint8 or array.nbytes > _MAX_TEXT_BYTES:
-        raise ValueError(
-            f"{name}: expected at most {_MAX_TEXT_BYTES} bytes of text, got {array.nbytes} of {array.dtype}"
-        )
-    return array.tobytes()
+    check_header(head, recipe, str(path))
+    return head, state

@@ -11,7 +11,6 @@ import pytest
 
 import tactemu
 from tactemu.base.errors import StateError, TactemuError
-from tactemu.emulator.saving import state_file
 from tests.emulator.saving import story
 from tests.fuzz import TIMES
 
@@ -196,7 +195,7 @@ def test_a_file_that_cannot_be_written_leaves_the_old_one(emulator, tmp_path, mo
     def full(*_, **__):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(state_file.np, "savez", full)
+    monkeypatch.setattr(np, "savez", full)
     with pytest.raises(StateError, match="No space left"):
         emulator.save(path)
     assert path.read_bytes() == old and list(tmp_path.iterdir()) == [path]
