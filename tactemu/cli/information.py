@@ -1,4 +1,4 @@
-"""Commands that print information: devices, check, check-host, faults and licences."""
+"""Commands that print information: devices, check, check-host and faults."""
 
 from __future__ import annotations
 
@@ -117,18 +117,3 @@ def faults() -> None:
     print("     [at T [for T] | from T] [to T]")
     print("Times are 3s, 16ms or 200us of emulation time; N% is per frame, or the share of the bus (load, babble).")
     print("Frames are counted from 1, bytes from 0 or, negative, from the end, bits from the lowest, 0.")
-
-
-@commands.command()
-def licences(json: Annotated[bool, typer.Option("--json", help="Machine-readable.")] = False) -> None:
-    """List the licences of tactemu and its dependencies.
-
-    Each line has the package, its version, its licence, and the package that needs it.
-
-    \b
-      tactemu licences
-      tactemu licences --json
-    """
-    from tactemu.cli.licences import print_licences
-
-    print_licences(json=json)

@@ -1,4 +1,8 @@
-"""Processes of a driver: how they are found, their resource usage, and their end, also outside its session."""
+"""Processes of a driver: how they are found, their resource usage, and their end, also outside its session.
+
+psutil lacks the wait for a processor, and takes 8 ms to find a process's descendants (0.4 ms here), beside the driver
+that is measured.
+"""
 
 from __future__ import annotations
 

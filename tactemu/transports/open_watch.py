@@ -1,4 +1,7 @@
-"""A watch for openings and closings of a file, by Linux inotify."""
+"""A watch for openings and closings of a file, by Linux inotify.
+
+A library for it would save ten lines, and every installation would need it.
+"""
 
 from __future__ import annotations
 

@@ -159,9 +159,6 @@ def test_from_the_wheel_a_device_runs_and_is_judged(installed, tmp_path):
     assert lines[0]["event"] == "ready" and summary["samples"] > 10
     check = run(installed / "tactemu", "check", "anyskin", "--fuzz", "50", cwd=tmp_path)
     assert check.returncode == 0, check.stdout
-    licences = json.loads(run(installed / "tactemu", "licences", "--json", cwd=tmp_path).stdout)
-    needed = {row["package"].lower() for row in licences if row["needed_by"] == "tactemu"}
-    assert needed == {re.match(r"[\w-]+", line)[0].lower() for line in PROJECT["dependencies"]}
 
 
 @pytest.mark.nightly
