@@ -66,6 +66,8 @@ def pytest_collection_modifyitems(config, items):
         reasons["vcan"] = "real Linux CAN: scripts/vcan-run -- python -m pytest -m vcan"
     if "KERNEL_GUEST" not in os.environ:
         reasons["guest"] = "serial ports of a real kernel: scripts/kernel-guest -n -- python -m pytest -m guest"
+    if "kernel" not in config.option.markexpr:
+        reasons["kernel"] = "a guest with a kernel of its own: python -m pytest -m kernel"
     if "idle" not in config.option.markexpr:
         reasons["idle"] = "an idle machine: python -m pytest -m idle"
     if "nightly" not in config.option.markexpr:

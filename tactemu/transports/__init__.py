@@ -22,6 +22,7 @@ TRANSPORTS: dict[str, str] = {
     "socketcand": "tactemu.transports.socketcand:SocketcandTransport",
     "tcp": "tactemu.transports.tcp:TcpTransport",
     "udp": "tactemu.transports.udp:UdpTransport",
+    "usbip": "tactemu.transports.usbip:UsbIpTransport",
     "ws": "tactemu.transports.ws:WebSocketTransport",
 }
 

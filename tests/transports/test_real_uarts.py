@@ -1,7 +1,6 @@
 """``serial:`` on UARTs of a real kernel, read by unmodified drivers; run in ``scripts/kernel-guest -n``."""
 
 import struct
-import threading
 import time
 
 import numpy as np
@@ -9,16 +8,13 @@ import pytest
 import serial
 
 import firmware_protocols as fp
-from firmware_protocols.check.readings import reading_of
 from tactemu import transports
 from tactemu.base.errors import TransportError
-from tactemu.emulator.channel import Channel
-from tactemu.emulator.emulator import Emulator
-from tactemu.emulator.sampling import SampleClock
 from tactemu.transports.transport import Closed, Opened, Received
 from tactemu.truth import Truth
 from tactemu.wire.wire import Wire
 from tests.drivers.rig import run_driver
+from tests.transports.played import Played
 
 pytestmark = [pytest.mark.guest, pytest.mark.timeout(120)]
 NEAR, FAR = "/dev/ttyS1", "/dev/ttyS2"
@@ -31,45 +27,6 @@ def empty_cable():
     with serial.Serial(NEAR, 115_200, timeout=0.2) as near, serial.Serial(FAR, 115_200, timeout=0.2) as far:
         while near.read(10_000) or far.read(10_000):
             pass
-
-
-class RandomPushes:
-    """A source of readings that needs no physics: another random push on every taxel at each sample."""
-
-    imperfections = None
-
-    def __init__(self, device):
-        self._device, self._random = device, np.random.default_rng(1)
-        self._reading, self._at_ns = None, -1
-
-    def sense(self, sense, t_ns, ground_truth=False):
-        if t_ns != self._at_ns:
-            push = self._random.uniform(0.0, 3.0, len(self._device.layout))
-            self._reading, self._at_ns = reading_of(self._device, push, ""), t_ns
-        return np.asarray(self._reading[sense.key])
-
-
-class Played:
-    """A device on a port, run in a thread, without a scene."""
-
-    def __init__(self, name, port, **options):
-        self.device = fp.create(name, **options)
-        self.truth = Truth()
-        self.wire = Wire(transports.create(port), self.device.ports[0], truth=self.truth)
-        clock = SampleClock(period_ns=self.device.period_ns)
-        channel = Channel(name, self.device, RandomPushes(self.device), {self.device.ports[0].name: self.wire}, clock)
-        self.emulator = Emulator(None, [channel], truth=self.truth)
-        self._thread = threading.Thread(target=self.emulator.run)
-
-    def __enter__(self):
-        self.emulator.open()
-        self._thread.start()
-        return self
-
-    def __exit__(self, *_):
-        self.emulator.stop()
-        self._thread.join()
-        self.emulator.close()
 
 
 def opened(connector=None, path=NEAR):
@@ -90,7 +47,7 @@ def received(port, count, seconds=5.0):
 def test_every_reading_of_anyskins_own_driver_is_a_sample():
     with Played("anyskin", f"serial:{NEAR}") as played:
         got = run_driver("anyskin", "anyskin_read.py", "anyskin", FAR, 100, seconds=60)
-    samples = {np.ravel(sample.counts).astype(float).tobytes() for sample in played.truth.samples}
+    samples = played.samples()
     readings = [np.array(reading).tobytes() for reading in got["readings"]]
     assert sum(reading in samples for reading in readings) == len(readings) == 100
     assert not played.wire.counters["dropped_readings"]

@@ -17,7 +17,7 @@ class SerialLine(LineModel):
     """A serial line; each direction is a line by itself."""
 
     kind = "serial"
-    schemes = ("pty", "rfc2217", "tcp", "serial")
+    schemes = ("pty", "rfc2217", "tcp", "serial", "usbip")
     faults = ("garbage", "split", "chunk", "merge", "latency", "halfopen")
     likely_faults = ("flip", "truncate", "lose", "garbage", "chunk", "split", "merge", "silence", "unplug")
 

@@ -1,0 +1,160 @@
+"""A USB/IP server: lists devices and gives each to one host; several ports of one process may share it.
+
+USB/IP knows no passwords: whoever reaches the port can attach the devices. It listens on loopback unless asked.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import socket
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from tactemu.transports import inet
+from tactemu.transports.forks import close_in_children
+from tactemu.transports.usb import usbip_protocol as protocol
+from tactemu.transports.usb.chip import Chip
+
+MAX_GREETINGS = 16
+"""Maximum number of clients that have connected and not asked for anything yet; further ones are closed."""
+
+
+@dataclass(eq=False)
+class Export:
+    """A device that a server offers."""
+
+    busid: str
+    number: int
+    chip: Chip
+    take: Callable[[socket.socket], None]
+    """Takes over the connection of the host that attaches the device."""
+    is_free: Callable[[], bool]
+    """Returns True if a host may attach it: it is plugged in, and no host has it."""
+
+    def about(self) -> bytes:
+        """Return what a list says of it."""
+        own = self.chip.descriptors()
+        return protocol.about(self.busid, self.number, own.device(), len(own.interfaces))
+
+    def interfaces(self) -> bytes:
+        """Return the class codes of its interfaces."""
+        return b"".join(bytes((*each.code, 0)) for each in self.chip.descriptors().interfaces)
+
+
+@dataclass(eq=False)
+class UsbIpServer:
+    """A server of all devices on one address.
+
+    Raises:
+        TransportError: the address is not of this machine, or the port is taken.
+    """
+
+    host: str
+    port: int
+    exports: dict[str, Export] = field(default_factory=dict)
+
+    def __post_init__(self):
+        try:
+            family, where = inet.resolve(self.host, self.port, socket.SOCK_STREAM)
+            self._socket = socket.create_server(where, family=family, backlog=MAX_GREETINGS)
+        except OSError as error:
+            raise inet.cannot_listen("usbip", self.host, self.port, error) from None
+        self._socket.setblocking(False)
+        self.port = self._socket.getsockname()[1]
+        self._greetings: list[socket.socket] = []
+        """Connections that have not asked for a list or a device yet."""
+        self.is_open = True
+        close_in_children(self)
+        inet.warn_if_reachable(f"usbip:{inet.join(self.host, self.port)}", where[0])
+
+    def add(self, chip: Chip, take: Callable[[socket.socket], None], is_free: Callable[[], bool]) -> Export:
+        """Offer a device, on the first free port of the hub."""
+        number = next(n for n in range(1, 128) if f"1-{n}" not in self.exports)
+        export = Export(f"1-{number}", number + 1, chip, take, is_free)
+        self.exports[export.busid] = export
+        return export
+
+    def remove(self, export: Export) -> None:
+        """Withdraw a device; the server closes with the last one."""
+        self.exports.pop(export.busid, None)
+        if not self.exports:
+            self.close()
+
+    def close(self) -> None:
+        """Stop listening. Safe to call twice."""
+        self.is_open = False
+        for each in (*self._greetings, self._socket):
+            each.close()
+        self._greetings.clear()
+
+    def filenos(self) -> list[int]:
+        """Return the listening socket and the connections that have not asked yet."""
+        return [each.fileno() for each in (self._socket, *self._greetings)] if self.is_open else []
+
+    def serve(self) -> None:
+        """Accept connections and answer their first requests. Never blocks."""
+        with contextlib.suppress(OSError):
+            while self.is_open:
+                client, _ = self._socket.accept()
+                client.setblocking(False)
+                client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+                self._greetings.append(client)
+                if len(self._greetings) > MAX_GREETINGS:
+                    self._greetings.pop(0).close()
+        for client in list(self._greetings):
+            try:
+                is_done = self._greet(client)
+            except OSError:
+                is_done = True
+                client.close()
+            if is_done:
+                self._greetings.remove(client)
+
+    def _greet(self, client: socket.socket) -> bool:
+        """Answer the first request of a connection; return False if it has not come whole."""
+        try:
+            head = client.recv(protocol.OP.size + protocol.BUSID_BYTES, socket.MSG_PEEK)
+        except BlockingIOError:
+            return False
+        if 0 < len(head) < protocol.OP.size:
+            return False
+        version, code, _ = protocol.OP.unpack_from(head) if head else (0, 0, 0)
+        if code == protocol.OP_REQ_IMPORT and len(head) < protocol.OP.size + protocol.BUSID_BYTES:
+            return False
+        if version >> 8 == protocol.VERSION >> 8 and code == protocol.OP_REQ_IMPORT:
+            client.recv(len(head))
+            return self._import(client, head[protocol.OP.size :].rstrip(b"\0").decode(errors="replace"))
+        if version >> 8 == protocol.VERSION >> 8 and code == protocol.OP_REQ_DEVLIST:
+            client.recv(protocol.OP.size)
+            devices = b"".join(export.about() + export.interfaces() for export in self.exports.values())
+            count = len(self.exports).to_bytes(4, "big")
+            client.sendall(protocol.OP.pack(protocol.VERSION, protocol.OP_REP_DEVLIST, 0) + count + devices)
+        client.close()
+        return True
+
+    def _import(self, client: socket.socket, busid: str) -> bool:
+        export = self.exports.get(busid)
+        is_given = export is not None and export.is_free()
+        client.sendall(
+            protocol.OP.pack(protocol.VERSION, protocol.OP_REP_IMPORT, 0 if is_given else 1)
+            + (export.about() if is_given and export else b"")
+        )
+        if is_given and export:
+            export.take(client)
+        return is_given or client.close() is None
+
+
+_servers: dict[tuple[str, int], UsbIpServer] = {}
+
+
+def shared_server(host: str, port: int) -> UsbIpServer:
+    """Return this process's server on an address; port 0 makes a new one on a free port.
+
+    Raises:
+        TransportError: it cannot listen there.
+    """
+    server = _servers.get((host, port)) if port else None
+    if server is None or not server.is_open:
+        server = UsbIpServer(host, port)
+        _servers[host, server.port] = server
+    return server

@@ -1,0 +1,173 @@
+"""``usbip:HOST:PORT``: the sensor as a USB device, which any machine that speaks USB/IP attaches.
+
+``usbip attach -r HOST -b 1-1`` makes it a true USB device of that machine: the machine's own driver binds to it, udev
+names it, libusb sees it. The connector says what is soldered on (``Serial(usb=USB(...))``): a board with USB of its own
+(CDC-ACM), or an FTDI, CP210x or CH340 chip; ``usbip:ftdi@PORT`` takes another. Several devices on one address are ports
+of one hub: 1-1, 1-2 ... ``usbip:`` alone listens on port 3240 of the loopback interface.
+"""
+
+from __future__ import annotations
+
+import socket
+from collections import deque
+
+from firmware_protocols import USB, Connector, Serial, WireFrame
+from tactemu.base.errors import TransportError, nearest
+from tactemu.transports import inet
+from tactemu.transports.transport import (
+    DROPPED,
+    MAX_CHUNK_BYTES,
+    Closed,
+    Event,
+    LinesChanged,
+    Noted,
+    Opened,
+    Received,
+    SerialSetting,
+    Transport,
+)  # fmt: skip
+from tactemu.transports.usb.chip import Chip
+from tactemu.transports.usb.link import HostLink
+from tactemu.transports.usb.serial_chips import CHIPS, chip_of
+from tactemu.transports.usb.usbip_server import Export, UsbIpServer, shared_server
+
+USUAL_PORT = 3240
+MAX_TO_HOST_BYTES = 4096
+"""Maximum number of bytes that wait for the host; a frame that finds no room is dropped whole."""
+
+
+class UsbIpTransport(Transport):
+    """A USB device with a serial port, attached by one host at a time.
+
+    Raises:
+        TransportError: the address cannot be parsed, or there is no such chip.
+    """
+
+    scheme = "usbip"
+
+    def __init__(self, location: str = ""):
+        chip, at, where = location.rpartition("@")
+        if at and chip not in CHIPS:
+            known = ", ".join(CHIPS)
+            raise TransportError(
+                f"port 'usbip:{location}': unknown chip {chip!r}{nearest(chip, CHIPS)}; expected {known}"
+            )
+        self._chip_name = chip
+        self._host, self._port = inet.parse(self.scheme, where or str(USUAL_PORT))
+        self.address = f"usbip:{location}"
+        self._chip: Chip = CHIPS[chip or "cdc"]()
+        self._server: UsbIpServer | None = None
+        self._export: Export | None = None
+        self._link: HostLink | None = None
+        self._has_reader = False
+        self._events: deque[Event] = deque()
+
+    def set_connector(self, connector: Connector) -> None:
+        """Take the chip and its identity from the device.
+
+        Raises:
+            TransportError: the device has no serial port.
+        """
+        if not isinstance(connector, Serial):
+            raise TransportError(f"port '{self.address}': the device has no serial port")
+        own = chip_of(connector.usb)
+        kind = CHIPS[self._chip_name] if self._chip_name else own
+        usb = connector.usb
+        self._chip = kind(usb if kind is own and isinstance(usb, USB) else None)  # another chip has its maker's ids
+
+    # -- life ------------------------------------------------------------------------------------------------------
+
+    def open(self) -> None:
+        """Listen, and offer the device.
+
+        Raises:
+            TransportError: the address is not of this machine, or the port is taken by another process.
+        """
+        if self._server is not None:
+            return
+        self._server = shared_server(self._host, self._port)
+        self._export = self._server.add(self._chip, self._attach, lambda: self._link is None)
+        host = inet.join(self._server.host, self._server.port).rpartition(":")[0]
+        self.address = f"usbip --tcp-port {self._server.port} attach -r {host} -b {self._export.busid}"
+
+    def close(self) -> None:
+        """Pull the cable: the host's node goes. Safe to call twice."""
+        self._drop_link()
+        if self._server is not None and self._export is not None:
+            self._server.remove(self._export)
+        self._server = self._export = None
+        self._events.clear()
+
+    def _attach(self, connection: socket.socket) -> None:
+        self._link = HostLink(connection, self._chip)
+        self._events.append(Noted("attached by a host"))
+
+    def _drop_link(self) -> None:
+        if self._link is not None:
+            self._link.close()
+            self._link = None
+        self._has_reader = False
+
+    def filenos(self, reading: bool = True) -> list[int]:
+        """Return the sockets of the server and of the host."""
+        own = [self._link.fileno()] if self._link is not None else []
+        return [*(self._server.filenos() if self._server is not None else ()), *own]
+
+    # -- events ----------------------------------------------------------------------------------------------------
+
+    def poll(self, reading: bool = True) -> list[Event]:
+        """Return hosts that come and go, a driver that opens and closes the port, its settings and its bytes."""
+        if self._server is None:
+            return []
+        self._server.serve()
+        link = self._link
+        if link is not None:
+            link.receive()
+            self._note_reader(link.has_reader)
+            self._events += self._chip.events
+            self._chip.events.clear()
+            room = MAX_CHUNK_BYTES if reading else 0
+            while room > 0 and (data := link.take()) is not None:
+                self._events += [Received(data)] if data else []
+                room -= len(data)
+            link.pump()
+            link.send()
+            if not link.is_alive:
+                self._note_reader(False)
+                self._drop_link()
+                self._events.append(Noted("detached by the host"))
+        events = list(self._events)
+        self._events.clear()
+        return events
+
+    def _note_reader(self, has_reader: bool) -> None:
+        if has_reader == self._has_reader:
+            return
+        self._has_reader = has_reader
+        if has_reader:
+            self._events.append(Opened())
+        else:
+            self._events += (Closed(), DROPPED) if self._chip.lines != DROPPED else (Closed(),)
+            self._chip.lines = LinesChanged(False, False)
+
+    # -- bytes out -------------------------------------------------------------------------------------------------
+
+    def write(self, frame: WireFrame) -> bool:
+        """Write one frame; ``False`` where no driver has the port open, or does not read."""
+        if not isinstance(frame, bytes):
+            raise TransportError(f"a serial port cannot carry the CAN frame {frame}")
+        if self._link is None or not self._has_reader or self._link.to_host_bytes + len(frame) > MAX_TO_HOST_BYTES:
+            return False
+        self._link.put(frame)
+        self._link.send()
+        return True
+
+    @property
+    def has_reader(self) -> bool:
+        """True while a driver has the port open."""
+        return self._has_reader
+
+    @property
+    def setting(self) -> SerialSetting | None:
+        """The setting that the driver has given the chip; unknown until then."""
+        return self._chip.setting if self._chip.setting.baud else None

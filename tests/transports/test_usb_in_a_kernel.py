@@ -1,0 +1,66 @@
+"""``usbip:`` attached to Debian's own kernel, whose drivers and unmodified sensor drivers read it: ``-m kernel``."""
+
+import json
+import subprocess
+import sys
+from contextlib import ExitStack
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.transports.played import Played
+
+ROOT = Path(__file__).parents[2]
+pytestmark = [pytest.mark.kernel, pytest.mark.timeout(600)]
+NODES = {"cdc": "ttyACM0", "ftdi": "ttyUSB0", "cp210x": "ttyUSB1", "ch341": "ttyUSB2"}
+READINGS = 60
+
+
+@pytest.fixture(scope="module")
+def told():
+    """What the guest's programs say, and the devices that they read."""
+    with ExitStack() as stack:
+        first = stack.enter_context(Played("anyskin", "usbip:cdc@0"))
+        number = first.wire.transport.address.split("--tcp-port ")[1].split()[0]
+        others = [stack.enter_context(Played("anyskin", f"usbip:{chip}@{number}")) for chip in list(NODES)[1:]]
+        modules = "vhci-hcd cdc-acm ftdi_sio cp210x ch341"
+        program = [sys.executable, str(ROOT / "tests/transports/usb_guest.py"), number, str(READINGS), *NODES.values()]
+        done = subprocess.run(
+            [ROOT / "scripts/kernel-guest", "-m", "1G", "-t", "500", "-M", modules, "--", *program],
+            capture_output=True, text=True, check=False, cwd=ROOT,
+        )  # fmt: skip
+        if done.returncode == 125:
+            pytest.skip(done.stderr.strip().splitlines()[-1])
+        assert done.returncode == 0, done.stderr[-3000:] + done.stdout[-3000:]
+        lines = [json.loads(line) for line in done.stdout.splitlines() if line.startswith("{")]
+        yield {line.pop("node"): line for line in lines if "node" in line}, dict(zip(NODES.values(), [first, *others]))
+
+
+@pytest.mark.parametrize("node", NODES.values())
+def test_every_reading_of_anyskins_driver_is_a_sample(told, node):
+    said, played = told
+    samples = played[node].samples()
+    readings = [np.array(reading).tobytes() for reading in said[node]["readings"]]
+    assert sum(reading in samples for reading in readings) == len(readings) == READINGS
+
+
+@pytest.mark.parametrize("node", list(NODES.values())[1:])  # the first is attached anew, with the speed of a new node
+def test_the_chip_has_the_speed_that_the_driver_set(told, node):
+    _, played = told
+    made = {"ttyUSB0": 115_385, "ttyUSB1": 115_200, "ttyUSB2": 115_385}
+    assert played[node].wire.transport.setting.baud == made[node]
+
+
+def test_the_kernel_lists_the_ids_of_maker_and_chips(told):
+    said, _ = told
+    ids = {node: (said[node]["vid"], said[node]["pid"]) for node in NODES.values()}
+    assert ids == {
+        "ttyACM0": ("239a", "80cb"), "ttyUSB0": ("0403", "6001"),
+        "ttyUSB1": ("10c4", "ea60"), "ttyUSB2": ("1a86", "7523"),
+    }  # fmt: skip
+
+
+def test_a_device_that_is_unplugged_is_attached_again(told):
+    said, _ = told
+    assert said["unplugged"] == {"error": True, "is_back": True}

@@ -1,0 +1,53 @@
+"""The guest's part of ``test_usb_in_a_kernel.py``: ``usb_guest.py PORT COUNT NODE...``. Prints a JSON object a line."""
+
+import json
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import serial
+
+ROOT = Path(__file__).parents[2]
+port, count, *nodes = sys.argv[1:]
+host = os.environ["KERNEL_GUEST_HOST"]
+
+
+def wait(condition, seconds=30.0):
+    deadline = time.monotonic() + seconds
+    while not (met := condition()) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    return bool(met)
+
+
+def identity(node):
+    """Return the ids of the USB device under a node."""
+    at = Path("/sys/class/tty", node, "device").resolve()
+    while not (at / "idVendor").exists():
+        at = at.parent
+    return {"vid": (at / "idVendor").read_text().strip(), "pid": (at / "idProduct").read_text().strip()}
+
+
+keeper = subprocess.Popen([sys.executable, "-m", "tactemu", "attach", f"{host}:{port}"], cwd=ROOT)
+try:
+    for node in nodes:
+        assert wait(lambda node=node: os.path.exists(f"/dev/{node}"), 60), f"no {node}"
+    for node in nodes:
+        command = [sys.executable, ROOT / "tests/drivers/scripts/anyskin_read.py", "anyskin", f"/dev/{node}", count]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
+        readings = json.loads(done.stdout.splitlines()[-1])["readings"]
+        print(json.dumps({"node": node, "readings": readings, **identity(node)}), flush=True)
+    # The kernel's side of a pulled cable: a driver's read fails, and the keeper attaches the device again.
+    with serial.Serial(f"/dev/{nodes[0]}", 115_200, timeout=1) as driver:
+        driver.read(10)
+        Path("/sys/devices/platform/vhci_hcd.0/detach").write_text("0")
+        try:
+            error = not wait(lambda: driver.read(100) is None, 10)
+        except (serial.SerialException, OSError):
+            error = True
+    is_back = wait(lambda: os.path.exists(f"/dev/{nodes[0]}"))
+    print(json.dumps({"node": "unplugged", "error": error, "is_back": is_back}), flush=True)
+finally:
+    keeper.terminate()
+    keeper.wait()
