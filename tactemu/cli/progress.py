@@ -21,10 +21,23 @@ Item = TypeVar("Item")
 
 def show_progress(items: Iterable[Item], title: str, total: int) -> Iterator[Item]:
     """Iterate with a bar on stderr that shows progress and the estimated remaining time."""
+    with _bar(Console(stderr=True)) as progress:
+        yield from progress.track(items, description=title, total=total)
+
+
+def show_sum(counts: Iterable[int], title: str, total: int) -> None:
+    """Add up counts, with a bar on a terminal that shows their sum and the estimated remaining time."""
+    console = Console(stderr=True)
+    with _bar(console, disable=not console.is_terminal) as progress:
+        task = progress.add_task(title, total=total)
+        for count in counts:
+            progress.advance(task, count)
+
+
+def _bar(console: Console, *, disable: bool = False) -> Progress:
     columns = (TextColumn("{task.description:>8}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     left = (TextColumn("left"), TimeRemainingColumn())
-    with Progress(*columns, *left, console=Console(stderr=True), transient=True) as progress:
-        yield from progress.track(items, description=title, total=total)
+    return Progress(*columns, *left, console=console, transient=True, disable=disable)
 
 
 def show_count(items: Iterable[Item]) -> Iterator[Item]:

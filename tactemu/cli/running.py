@@ -24,7 +24,7 @@ from tactemu.cli.parameters import (
     WebHost,
     WebPort,
 )
-from tactemu.cli.words import network_ports_of, nodes_of, options_of, ports_of, rate_of
+from tactemu.cli.words import network_ports_of, options_of, ports_of, rate_of
 
 if TYPE_CHECKING:
     from tactemu.view.page.opening import PageListener
@@ -271,7 +271,7 @@ def execute(
                 device_options=options_of(options or ()), faults=fault or (), measured=measured, by_hand=False,
                 truth=truth, keep=truth_keep, name=name, default_name=True, fresh_ports=True, usual_network=True,
             )  # fmt: skip
-            view = {"nodes": nodes_of(node or ()), "way": way, "expose": expose or ()}
+            view = {"nodes": ports_of(node or (), "node") or "", "way": way, "expose": expose or ()}
             status = run_driver(command, Session(target, run_options), view, quiet=quiet)
     except TactemuError as error:
         typer.echo(f"tactemu: {error}", err=True)

@@ -120,32 +120,15 @@ def _make_dataset(spec: DatasetSpec, folder: Path, cluster: str | None) -> int:
     Raises:
         TactemuError: the request is invalid, or the folder cannot be written.
     """
-    from rich.console import Console
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        Progress,
-        TextColumn,
-        TimeElapsedColumn,
-        TimeRemainingColumn,
-    )
-
+    from tactemu.cli.progress import show_sum
     from tactemu.cli.signals import ended_by_signals, interrupt
     from tactemu.datasets.generation import begin, make
 
     try:
         estimate = begin(spec, folder)
         typer.echo(f"{folder}: {estimate}, and the wire of {spec.bytes_envs} environments")
-        columns = (TextColumn("shards"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-        left = (TextColumn("left"), TimeRemainingColumn())
-        console = Console(stderr=True)
-        with (
-            ended_by_signals(interrupt),
-            Progress(*columns, *left, console=console, transient=True, disable=not console.is_terminal) as progress,
-        ):
-            task = progress.add_task("", total=estimate.shards)
-            for more in make(spec, folder, cluster):
-                progress.advance(task, more)
+        with ended_by_signals(interrupt):
+            show_sum(make(spec, folder, cluster), "shards", estimate.shards)
     except KeyboardInterrupt:
         typer.echo("stopped; the same command continues from here", err=True)
         return INTERRUPTED

@@ -44,8 +44,9 @@ def rate_of(words: Sequence[str]) -> float | dict[str, float] | None:
     return rates.get("", rates or None)
 
 
-def ports_of(words: Sequence[str]) -> str | dict[str, str] | None:
-    """Return ``["pty:/tmp/skin"]`` as one port, ``["thumb=pty:/tmp/a", "palm=pty:/tmp/b"]`` by skin or connector.
+def ports_of(words: Sequence[str], thing: str = "port") -> str | dict[str, str] | None:
+    """Return ``["pty:/tmp/skin"]`` as one port, ``["thumb=pty:/tmp/a", "palm=pty:/tmp/b"]`` by skin or connector; with
+    ``thing`` node, the words are nodes.
 
     Raises:
         TransportError: one of several ports has no skin, or a skin has two.
@@ -56,9 +57,11 @@ def ports_of(words: Sequence[str]) -> str | dict[str, str] | None:
     for word in words:
         owner, given, port = word.partition("=")
         if not given or not _OWNER.match(word):
-            raise TransportError(f"--port {word}: with several ports, name the skin of each: --port SKIN={word}")
+            raise TransportError(
+                f"--{thing} {word}: with several {thing}s, name the skin of each: --{thing} SKIN={word}"
+            )
         if owner in ports:
-            raise TransportError(f"--port {word}: {owner!r} has a port already, {ports[owner]}")
+            raise TransportError(f"--{thing} {word}: {owner!r} has a {thing} already, {ports[owner]}")
         ports[owner] = port
     return ports or None
 
@@ -76,23 +79,6 @@ def network_ports_of(words: Sequence[str]) -> str | dict[str, str] | None:
                 f"--port {port}: only tcp:, udp:, ws: and dds: are possible; name a serial port or CAN bus with --node"
             )
     return ports
-
-
-def nodes_of(words: Sequence[str]) -> str | dict[str, str]:
-    """Return ``["ttyUSB0"]`` as one name, ``["thumb=ttyUSB0", "palm=ttyUSB1"]`` by skin or ``SKIN/CONNECTOR``.
-
-    Raises:
-        TransportError: one of several nodes has no skin.
-    """
-    if len(words) == 1 and "=" not in words[0]:
-        return words[0]
-    nodes = {}
-    for word in words:
-        owner, given, node = word.partition("=")
-        if not given:
-            raise TransportError(f"--node {word}: with several nodes, name the skin of each: --node SKIN={word}")
-        nodes[owner] = node
-    return nodes
 
 
 def pairs_of(option: str, text: str | None) -> dict[str, str] | None:

@@ -165,12 +165,14 @@ class Scene:
         Raises:
             SceneError: an option of a sensor is wrong, a mesh cannot be used, or the device does not exist.
         """
-        from tactemu.sensors.simulation import Simulation
+        from tactemu.sensors.simulation import BuildOptions, Simulation
 
+        options = BuildOptions(
+            n_envs=n_envs, device=device, seed=seed, dtype=dtype, first_env=first_env, threads=threads
+        )
         simulation = Simulation(
-            self.bodies, self.sensors, dt=self.dt, n_envs=n_envs, device=device, seed=seed, dtype=dtype,
-            first_env=first_env, threads=threads, posers=self.posers, planners=self.planners, like=like,
-        )  # fmt: skip
+            self.bodies, self.sensors, options, dt=self.dt, posers=self.posers, planners=self.planners, like=like
+        )
         self._outdate("the scene was built again, and its sensors now read the new simulation")
         self._built = simulation
         return simulation

@@ -6,7 +6,7 @@
 import functools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import warp as wp
@@ -93,6 +93,16 @@ def convert_kernel(types: tuple, scalar_last: bool, at_com: bool, at_points: boo
     return convert_poses
 
 
+class VelocityPoints(NamedTuple):
+    """The arguments of :meth:`Simulation.bind_poses` for the points that move with the velocities."""
+
+    at: Any
+    """``velocity_at``."""
+    columns: Sequence[int] | np.ndarray | None
+    """``velocity_at_index``."""
+    com: Any
+
+
 @dataclass(kw_only=True)
 class BoundPoses:
     """The checked arguments of :meth:`Simulation.bind_poses`."""
@@ -141,9 +151,7 @@ def make_bound_poses(
     poses: Any,
     parts: Mapping[str, Any],
     order: str,
-    velocity_at: Any,
-    velocity_at_index: Sequence[int] | np.ndarray | None,
-    com: Any,
+    points: VelocityPoints,
     index: Mapping[Any, int] | None,
     offsets: Mapping[Any, tuple[Any, Any]] | None,
 ) -> BoundPoses:
@@ -154,7 +162,7 @@ def make_bound_poses(
     """
     given = {name: value for name, value in parts.items() if value is not None}
     if poses is not None:
-        if given or order != "wxyz" or not (isinstance(velocity_at, str) and velocity_at == "origin"):
+        if given or order != "wxyz" or not (isinstance(points.at, str) and points.at == "origin"):
             raise SceneError(
                 "bind_poses: one array of poses has position, quaternion (w, x, y, z), velocity of the origin and "
                 "angular velocity, 13 numbers; give other layouts as position=, quaternion=, ..."
@@ -172,14 +180,14 @@ def make_bound_poses(
         counts = ", ".join(f"{name} {n}" for name, n in widths.items())
         raise SceneError(f"bind_poses: the arrays must be of the same number of bodies, got {counts}")
     n = next(iter(widths.values()))
-    at, places = _places(velocity_at, com, arrays, None if velocity_at_index is not None else n, context)
+    at, places = _places(points.at, points.com, arrays, None if points.columns is not None else n, context)
     chosen, columns = _chosen(bodies, index, n)
     return BoundPoses(
         bodies=chosen,
         columns=columns,
         arrays=arrays,
         places=places,
-        place_columns=_place_columns(velocity_at_index, columns, n, places),
+        place_columns=_place_columns(points.columns, columns, n, places),
         offsets=_offsets(bodies, chosen, offsets, arrays),
         order=order,
         at=at,

@@ -12,7 +12,7 @@ from tactemu.base.errors import SceneError
 from tactemu.geometry.bodies import Body, find_body
 from tactemu.geometry.motion import Pose
 from tactemu.plan.plan import Context, Plan, Stage
-from tactemu.sensors.bound_poses import BoundPoses, make_bound_poses
+from tactemu.sensors.bound_poses import BoundPoses, VelocityPoints, make_bound_poses
 from tactemu.sensors.world import World
 
 
@@ -117,9 +117,11 @@ class PoseInput:
             "linear_velocity": linear_velocity,
             "angular_velocity": angular_velocity,
         }
-        options = {"order": order, "velocity_at": velocity_at, "velocity_at_index": velocity_at_index, "com": com}
-        options |= {"index": index, "offsets": offsets}
-        bound = make_bound_poses(self.bodies, self.context, poses=poses, parts=parts, **options)
+        points = VelocityPoints(velocity_at, velocity_at_index, com)
+        bound = make_bound_poses(
+            self.bodies, self.context, poses=poses, parts=parts, order=order, points=points, index=index,
+            offsets=offsets,
+        )  # fmt: skip
         stage = bound.stage(self.context, self.world.device_array)
         self.plan.insert(stage, before="relative poses")
         self._bound = bound, stage

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -42,6 +43,29 @@ def _middle(points: np.ndarray) -> np.ndarray:
     return 0.5 * (points.min(0) + points.max(0)) if len(points) else np.zeros(3)
 
 
+@dataclass(frozen=True, kw_only=True)
+class BuildOptions:
+    """The options of :meth:`tactemu.Scene.build`, which describes them."""
+
+    n_envs: int | None
+    device: Any = "cpu"
+    seed: int = 0
+    dtype: str = "float32"
+    first_env: int = 0
+    threads: int | None = None
+
+    def __post_init__(self):
+        n_envs, first_env = self.n_envs, self.first_env
+        if n_envs is not None and (isinstance(n_envs, bool) or int(n_envs) != n_envs or n_envs < 1):
+            raise SceneError(f"build: n_envs must be None or a whole number >= 1, got {n_envs!r}")
+        if isinstance(first_env, bool) or int(first_env) != first_env or not 0 <= first_env < MAX_LAUNCH_THREADS:
+            raise SceneError(
+                f"build: first_env must be a whole number from 0 to {MAX_LAUNCH_THREADS - 1}, got {first_env!r}"
+            )
+        if self.dtype not in _REAL:
+            raise SceneError(f"build: dtype must be one of {', '.join(_REAL)}, got {self.dtype!r}")
+
+
 class Simulation(PoseInput):
     """The simulation that :meth:`tactemu.Scene.build` returns. Time is counted in integer nanoseconds and steps in
     int64.
@@ -56,43 +80,30 @@ class Simulation(PoseInput):
         self,
         bodies: Sequence[Body],
         sensors: Sequence[Sensor],
+        options: BuildOptions,
         *,
         dt: float,
-        n_envs: int | None,
-        device,
-        seed: int,
-        dtype: str,
-        first_env: int = 0,
-        threads: int | None = None,
         posers: Sequence[Callable[[Simulation, float], None]] = (),
         planners: Sequence[Callable[[Simulation], None]] = (),
         like: Simulation | None = None,
     ):
-        if n_envs is not None and (isinstance(n_envs, bool) or int(n_envs) != n_envs or n_envs < 1):
-            raise SceneError(f"build: n_envs must be None or a whole number >= 1, got {n_envs!r}")
-        if isinstance(first_env, bool) or int(first_env) != first_env or not 0 <= first_env < MAX_LAUNCH_THREADS:
-            raise SceneError(
-                f"build: first_env must be a whole number from 0 to {MAX_LAUNCH_THREADS - 1}, got {first_env!r}"
-            )
-        if dtype not in _REAL:
-            raise SceneError(f"build: dtype must be one of {', '.join(_REAL)}, got {dtype!r}")
         self.bodies, self.sensors = tuple(bodies), tuple(sensors)
         self.dt = dt
         """Length of a step unless you pass another to :meth:`step` [s]."""
-        self.batched = n_envs is not None
+        self.batched = options.n_envs is not None
         """Do readings have an environment axis?"""
-        self.n_envs = 1 if n_envs is None else int(n_envs)
-        self.device = _device(device)
+        self.n_envs = 1 if options.n_envs is None else int(options.n_envs)
+        self.device = _device(options.device)
         self.time_ns = 0
         self.step_count = 0
-        self._threads_wanted = threads
-        n_threads, why = thread_count(threads, self.device, self.n_envs, self.sensors)
+        self._options = options
+        n_threads, why = thread_count(options.threads, self.device, self.n_envs, self.sensors)
         self.context = Context(
             device=self.device,
             n_envs=self.n_envs,
-            real=_REAL[dtype],
-            seed=int(seed),
-            first_env=int(first_env),
+            real=_REAL[options.dtype],
+            seed=int(options.seed),
+            first_env=int(options.first_env),
             constants={} if like is None else like.context.constants,
             threads=n_threads,
         )
@@ -267,13 +278,8 @@ class Simulation(PoseInput):
         return Simulation(
             self.bodies,
             [sensor.clone() for sensor in self.sensors],
+            replace(self._options, device=self.device),
             dt=self.dt,
-            n_envs=self.n_envs if self.batched else None,
-            device=self.device,
-            seed=self.context.seed,
-            dtype=self.context.real.__name__,
-            first_env=self.context.first_env,
-            threads=self._threads_wanted,
             posers=self.posers,
             planners=self._planners,
             like=self,

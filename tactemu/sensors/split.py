@@ -11,7 +11,7 @@ import numpy as np
 from tactemu.base.errors import SceneError
 from tactemu.geometry.bodies import Body
 from tactemu.sensors.sensor import Sensor
-from tactemu.sensors.simulation import Simulation
+from tactemu.sensors.simulation import BuildOptions, Simulation
 
 POSE = ("position", "quaternion", "linear_velocity", "angular_velocity")
 
@@ -26,7 +26,7 @@ class SplitSimulation:
 
     def __init__(
         self, bodies: Sequence[Body], sensors: Sequence[Sensor], devices: Sequence[Any], *, n_envs: int, first_env: int,
-        **options: Any,
+        seed: int, dtype: str, **options: Any,
     ):  # fmt: skip
         if not devices or n_envs is None or n_envs < len(devices):
             raise SceneError(
@@ -38,7 +38,12 @@ class SplitSimulation:
         """Part k simulates environments ``starts[k]`` to ``starts[k + 1]``."""
         self._handles = [_handles(sensors) for _ in devices]
         self.parts = tuple(
-            Simulation(bodies, handles, n_envs=b - a, first_env=first_env + a, device=device, **options)
+            Simulation(
+                bodies,
+                handles,
+                BuildOptions(n_envs=b - a, first_env=first_env + a, device=device, seed=seed, dtype=dtype),
+                **options,
+            )
             for device, handles, (a, b) in zip(devices, self._handles, pairwise(self.starts))
         )
         """The simulation on each device."""

@@ -15,7 +15,7 @@ from tactemu.base.errors import SceneError
 from tactemu.geometry.shapes.active_groups import active_groups
 from tactemu.plan.launches import in_turn
 from tactemu.plan.plan import Context
-from tactemu.sensors.elastomer.dilation_kernels import DilationOptions, radial_weight
+from tactemu.sensors.elastomer.dilation_kernels import DilationArrays, DilationOptions, radial_weight
 
 CHUNK = 64
 """Number of taxels that one thread searches for pressed ones."""
@@ -143,12 +143,9 @@ def direct_dilation(
     host_positions: np.ndarray,
     areas: np.ndarray,
     scale: float,
-    depth: wp.array,
-    power: wp.array,
+    arrays: DilationArrays,
     positions: wp.array,
     normals: wp.array,
-    is_sensing: wp.array,
-    motion: wp.array,
 ) -> Callable[[], None]:
     """Record the sums.
 
@@ -156,12 +153,9 @@ def direct_dilation(
         host_positions: positions of the taxels [m], shape ``(n_taxels, 3)``.
         areas: weight of each taxel, shape ``(n_taxels,)``: areas [m^2], or ones.
         scale: factor on the motion (``dilate_scale``).
-        depth: depth of each taxel [m], shape ``(n_envs, n_taxels)``.
-        power: ``depth ** normal_exponent``, same shape.
+        arrays: the input and the output.
         positions: ``host_positions`` on the device.
         normals: unit normals on the device.
-        is_sensing: false for fillers.
-        motion: the output: motion of the markers, vec3, shape ``(n_envs, n_taxels)``.
     """
     real, device, n_envs = context.real, context.device, context.n_envs
     n = len(host_positions)
@@ -173,12 +167,12 @@ def direct_dilation(
     table = wp.array(np.zeros(0) if weight.table is None else weight.table, dtype=real, device=device)
     list_pressed, sum_pressed = _kernels(real, not device.is_cpu)
     groups, list_chunks = active_groups(context, n_pressed)
-    first = context.record(list_pressed, (n_envs, n_chunks), [depth], [n_pressed, pressed])
+    first = context.record(list_pressed, (n_envs, n_chunks), [arrays.depth], [n_pressed, pressed])
     weights = [options.lambda_d, weight.gaussian, weight.far, weight.eps, table, weight.table_step]
     on_device = wp.array(areas, dtype=real, device=device)
     inputs = [
-        depth,
-        power,
+        arrays.depth,
+        arrays.power,
         n_pressed,
         pressed,
         groups.n_active,
@@ -186,9 +180,9 @@ def direct_dilation(
         positions,
         normals,
         on_device,
-        is_sensing,
+        arrays.is_sensing,
         scale,
         *weights,
     ]
-    second = context.record(sum_pressed, (n_envs, n), inputs, [motion])
+    second = context.record(sum_pressed, (n_envs, n), inputs, [arrays.motion])
     return in_turn(first, list_chunks, second)

@@ -16,6 +16,7 @@ from tactemu.geometry.vector_io import vector_readers, vector_writer
 from tactemu.plan.launches import in_turn
 from tactemu.plan.plan import Context
 from tactemu.sensors.elastomer.dilation_kernels import (
+    DilationArrays,
     DilationOptions,
     blend,
     gaussian_peak,
@@ -167,22 +168,16 @@ def grid_dilation(
     options: DilationOptions,
     *,
     scale: float,
-    depth: wp.array,
-    power: wp.array,
+    arrays: DilationArrays,
     box: wp.array,
-    is_sensing: wp.array,
-    motion: wp.array,
 ) -> Callable[[], None]:
     """Record the two passes.
 
     Args:
         scale: factor on the motion (``dilate_scale``).
-        depth: depth of each taxel [m], shape ``(n_envs, n_taxels)``; 0 where not pressed.
-        power: ``depth ** normal_exponent``, same shape.
+        arrays: the input and the output.
         box: first and last row, first and last column in contact, int32, shape ``(n_envs, 4)``; first > last without
             contact.
-        is_sensing: false for fillers, bool, shape ``(n_taxels,)``.
-        motion: the output: motion of the markers, link frame, vec3, shape ``(n_envs, n_taxels)``.
     """
     real = context.real
     (row_u, col_u), (row_v, col_v), (row_n, col_n) = plane_terms(grid, options, _TOLERANCE[real])
@@ -198,18 +193,17 @@ def grid_dilation(
     passes = _simd if context.device.is_cpu else _two_passes
     axes = [vec3(*(scale * axis)) for axis in (grid.u, grid.v, grid.normal)]
     as_grid = (context.n_envs, grid.rows, grid.cols)
-    contact = [depth.reshape(as_grid), power.reshape(as_grid), box]
-    return passes(
-        context, grid, *terms, n_terms, contact, axes, is_sensing.reshape(as_grid[1:]), motion.reshape(as_grid)
-    )
+    contact = [arrays.depth.reshape(as_grid), arrays.power.reshape(as_grid), box]
+    is_sensing, motion = arrays.is_sensing.reshape(as_grid[1:]), arrays.motion.reshape(as_grid)
+    return passes(context, grid, terms, n_terms, contact, [*axes, is_sensing], motion)
 
 
-def _two_passes(context, grid, rows, cols, n_terms: int, contact: list, axes: list, is_sensing, motion):
+def _two_passes(context, grid, terms: tuple, n_terms: int, contact: list, plane: list, motion):
     """Record the passes on a GPU: a thread for each block of rows and column."""
     real, device = context.real, context.device
     block = wp.types.vector(WIDTH, real)
-    row_blocks = wp.array(overlapping_blocks(rows, WIDTH), dtype=block, device=device)
-    col_terms = wp.array(cols, dtype=real, device=device)
+    row_blocks = wp.array(overlapping_blocks(terms[0], WIDTH), dtype=block, device=device)
+    col_terms = wp.array(terms[1], dtype=real, device=device)
     n_blocks = -(-grid.rows // WIDTH)
     partial = context.zeros((context.n_envs, 2 * n_terms + 1, n_blocks, grid.cols), block)
     sum_rows, sum_columns = _kernels(real)
@@ -217,18 +211,16 @@ def _two_passes(context, grid, rows, cols, n_terms: int, contact: list, axes: li
     second = context.record(
         sum_columns,
         (context.n_envs, n_blocks, grid.cols),
-        [partial, contact[2], col_terms, n_terms, *axes, is_sensing],
+        [partial, contact[2], col_terms, n_terms, *plane],
         [motion],
     )
     return in_turn(first, second)
 
 
-def _simd(context, grid, rows, cols, n_terms: int, contact: list, axes: list, is_sensing, motion):
+def _simd(context, grid, terms: tuple, n_terms: int, contact: list, plane: list, motion):
     """Record the passes on a CPU: both passes of an environment in one thread."""
-    tables = [
-        wp.array(np.pad(part, ((0, 0), (0, WIDTH))), dtype=context.real, device=context.device) for part in (rows, cols)
-    ]
+    tables = [wp.array(np.pad(part, ((0, 0), (0, WIDTH))), dtype=context.real, device=context.device) for part in terms]
     size = scratch_numbers(grid.rows, grid.cols, 2 * n_terms + 1)
     scratch = wp.zeros((context.threads, size), dtype=context.real, device=context.device)
-    inputs = [*contact, *tables, n_terms, *axes, is_sensing, scratch]
+    inputs = [*contact, *tables, n_terms, *plane, scratch]
     return context.record_blocks(dilation_kernel(context.real), context.threads, inputs, [motion], 1)

@@ -20,8 +20,23 @@ from __future__ import annotations
 import functools
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
+import warp as wp
+
+
+class DilationArrays(NamedTuple):
+    """The arrays of a dilation on the device."""
+
+    depth: wp.array
+    """Depth of each taxel [m], shape ``(n_envs, n_taxels)``; 0 where not pressed."""
+    power: wp.array
+    """``depth ** normal_exponent``, same shape."""
+    is_sensing: wp.array
+    """False for fillers, bool, shape ``(n_taxels,)``."""
+    motion: wp.array
+    """The output: motion of the markers, link frame, vec3, shape ``(n_envs, n_taxels)``."""
 
 
 @dataclass(frozen=True, kw_only=True)

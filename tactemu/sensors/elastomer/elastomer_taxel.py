@@ -31,7 +31,7 @@ from tactemu.plan.plan import Stage
 from tactemu.sensors.elastomer.anchors import shear_anchors
 from tactemu.sensors.elastomer.dilation_direct import direct_dilation, free_areas
 from tactemu.sensors.elastomer.dilation_grid import grid_dilation
-from tactemu.sensors.elastomer.dilation_kernels import DilationOptions
+from tactemu.sensors.elastomer.dilation_kernels import DilationArrays, DilationOptions
 from tactemu.sensors.elastomer.shear import Drag, direct_shear_motion, grid_shear_motion, tabulated_shear_motion
 from tactemu.sensors.point_cloud import cluster
 from tactemu.sensors.points.surface_points import FEWER_POINTS, surface_points
@@ -151,13 +151,8 @@ class _Parts:
             area_weighted=model.area_weighted,
         )
         depth, find = taxel_depth(site, model.normal_exponent)
-        shared = {
-            "scale": model.dilate_scale,
-            "depth": depth.depth,
-            "power": depth.power,
-            "is_sensing": self.is_sensing,
-            "motion": self.motion,
-        }
+        arrays = DilationArrays(depth.depth, depth.power, self.is_sensing, self.motion)
+        shared = {"scale": model.dilate_scale, "arrays": arrays}
         if self.grid is not None:
             spread = grid_dilation(site.context, self.grid, options, box=depth.box, **shared)
             how = "two separable passes over the contact"

@@ -18,7 +18,7 @@ import json
 import os
 import platform
 import zlib
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from statistics import median
@@ -101,16 +101,12 @@ def run_trade(
     cases = all_cases(quick)
     truths = Truths(skin, 8 if quick else 16, folder / "truth")
     vouchers = checks(128 if quick else 256)
-    report(f"truth: {truths.name}")
-    for check in vouchers:
-        report(f"  {check.what}: {check.error:+.1e}")
+    report("\n".join([f"truth: {truths.name}", *(f"  {check.what}: {check.error:+.1e}" for check in vouchers)]))
     done = Results(folder / "results.jsonl", _digest(truths, device), fresh)
     needed = list(dict.fromkeys([*cases, CALIBRATION, CALIBRATION_OF_SHEAR]))
     for case in progress(needed, "truth", len(needed)):
         truths.of(case)
-    jobs = [(setting, case) for setting in settings for case in needed if not done.has(setting, case)]
-    for setting, case in progress(jobs, "settings", len(jobs)):
-        done.add(setting, case, _play(skin, setting, case, device))
+    _play_missing(done, skin, [(setting, case) for setting in settings for case in needed], device, progress)
     costs = measure_costs(skin, settings, device, progress)
     found = {
         "machine": {"processor": platform.processor() or platform.machine(), "cores": os.cpu_count(), "device": device},
@@ -128,6 +124,15 @@ def run_trade(
     report(write_table(found, folder / "trade.md"))
     _draw(found, folder / "trade.svg", report)
     return found
+
+
+def _play_missing(
+    done: Results, skin: TestSkin, jobs: Sequence[tuple[Setting, Case]], device: str, progress: Callable
+) -> None:
+    """Observe each case with each setting that has no observation yet."""
+    missing = [job for job in jobs if not done.has(*job)]
+    for setting, case in progress(missing, "settings", len(missing)):
+        done.add(setting, case, _play(skin, setting, case, device))
 
 
 def _digest(truths: Truths, device: str) -> str:
