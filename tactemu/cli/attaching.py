@@ -23,6 +23,7 @@ def attach(
     \b
     Examples:
       tactemu run robotiq_tsf85 --port usbip:
+      tactemu attach --list
       sudo tactemu attach
       sudo tactemu attach 192.168.7.2 1-1
     """

@@ -17,7 +17,7 @@ from tests.cli.command import ROOT, environment, here
 COMMANDS = [name for name, command in get_command(app).commands.items() if not hasattr(command, "commands")]
 LIGHT = {
     # what is asked most often: what of ours and others' it must not wait for
-    "--help": ("typer", "numpy", "warp", "trimesh", "can", "firmware_protocols"),
+    "--help": ("typer", "numpy", "warp", "trimesh", "can", "firmware_protocols.device"),
     "devices": ("typer", "numpy", "warp", "trimesh", "can", "rich", "firmware_protocols.device"),
 }
 
