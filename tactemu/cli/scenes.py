@@ -180,9 +180,9 @@ def fit_recordings(
     """
     from tactemu.cli.progress import show_progress
     from tactemu.fit.fitting import run_fit
+    from tactemu.fit.recording import read
 
-    units = pairs_of("--unit", ",".join(unit) if unit else None)
-    run_fit(
-        recordings, device=device, out=out, report=report or out.with_suffix(".html"),
-        columns=pairs_of("--columns", columns), units=units, rate_hz=rate, say=typer.echo, progress=show_progress,
-    )  # fmt: skip
+    roles, units = pairs_of("--columns", columns), pairs_of("--unit", ",".join(unit) if unit else None)
+    recorded = [read(path, roles, units, rate) for path in recordings]
+    page = report or out.with_suffix(".html")
+    run_fit(recorded, device=device, out=out, report=page, say=typer.echo, progress=show_progress)

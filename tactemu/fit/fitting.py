@@ -150,14 +150,11 @@ def _score(known: Recorded, other: Recorded, name: str, *, before: bool = False)
 
 
 def run_fit(
-    recordings: Sequence[Path],
+    recordings: Sequence[Recorded],
     *,
     device: str,
     out: Path,
     report: Path | None = None,
-    columns: dict[str, str] | None = None,
-    units: dict[str, str] | None = None,
-    rate_hz: float | None = None,
     say: Callable[[str], object] = print,
     progress: Callable | None = None,
 ) -> Findings:
@@ -166,19 +163,17 @@ def run_fit(
     Raises:
         TactemuError: a recording cannot be used, or a file cannot be written.
     """
-    from tactemu.fit.recording import read
     from tactemu.fit.writing import device_for, scene_text
     from tactemu.scene.file import device_class, parse
 
     kind = device_class(device)
-    read_ones = [read(path, columns, units, rate_hz) for path in recordings]
-    found, scored = fit(read_ones, progress, device_for(kind, read_ones[0]))
-    text = scene_text(device, kind, read_ones, found)
+    found, scored = fit(recordings, progress, device_for(kind, recordings[0]))
+    text = scene_text(device, kind, recordings, found)
     parse(text, source=str(out))  # checks that the scene file is valid
     try:
         out.write_text(text, encoding="utf-8")
         if report is not None:
-            report.write_text(page(device, read_ones, found, scored), encoding="utf-8")
+            report.write_text(page(device, recordings, found, scored), encoding="utf-8")
     except OSError as error:
         raise TactemuError(f"{error.filename}: cannot be written: {error.strerror}") from None
     for estimate in found.estimates.values():

@@ -45,8 +45,11 @@ def serve(target: str | Path, port: str | Mapping[str, str] | None = None, **opt
         options: the options of the run, which :class:`~tactemu.session.options.RunOptions` describes.
 
     Raises:
+        TypeError: there is no such option.
         TactemuError: when it starts, if an argument is wrong or something in the scene is not available.
     """
+    if unknown := sorted(options.keys() - ServeOptions.__annotations__.keys()):
+        raise TypeError(f"serve() got an unexpected keyword argument {unknown[0]!r}")
     if (clock := options.get("clock", "real")) not in SERVE_CLOCKS:
         raise SceneError(f"clock: expected one of {', '.join(SERVE_CLOCKS)}, got {clock!r}")
     return Served(Session(str(target), RunOptions(port=port, fresh_ports=True, **options)))

@@ -39,14 +39,14 @@ class Session:
     def __init__(self, target: str | LoadedScene, options: RunOptions):
         self.target = target if isinstance(target, str) else target.source
         self.options = options
-        self.clock = CLOCKS[options.clock]()
         self.before_opening: Callable[[Emulator], object] = lambda emulator: None
         """A function that is called when everything is built and no port is open yet."""
         self.beside: Callable[[Server | None], AbstractContextManager[object]] = lambda server: nullcontext()
         """A context, such as a live page, that is entered with the control socket before the ports are opened."""
         self.origin: tuple[Assembled, Mapping[str, Any]] | None = None
         """The emulator from which this one is forked, and its state."""
-        self._loaded = None if isinstance(target, str) else target
+        self._given = None if isinstance(target, str) else target
+        self._loaded: LoadedScene | None = None
         self._assembled: Assembled | None = None
         self._control: Control | None = None
         self._undo = ExitStack()
@@ -57,6 +57,7 @@ class Session:
         Raises:
             TactemuError: the target is no device or scene, or there is no such body.
         """
+        self._loaded = self._given
         if self._loaded is None:
             own = load(self.target, self.options.device_options)
             by_hand = self.options.by_hand and not self.target.endswith(".toml")
@@ -64,7 +65,7 @@ class Session:
         return self._loaded
 
     def build(self) -> Session:
-        """Build everything; no port is open yet.
+        """Build everything, from the scene that :meth:`load` has returned or anew; no port is open yet.
 
         Raises:
             TactemuError: an option is wrong, or something in the scene is not available; nothing is left behind.
@@ -75,7 +76,7 @@ class Session:
 
             enable_realtime_priority()
         start_quietly()
-        loaded = self.load()
+        loaded, self._loaded = self._loaded or self.load(), None
         with ExitStack() as undo:
             truth = truth_of(loaded, options.truth, options.keep)
             undo.callback(truth.close)
@@ -91,10 +92,11 @@ class Session:
         return self
 
     def _assemble(self, loaded: LoadedScene, truth: Truth) -> Assembled:
+        clock = CLOCKS[self.options.clock]()
         if self.origin is None:
-            return assemble(loaded, self.options, clock=self.clock, truth=truth)
+            return assemble(loaded, self.options, clock=clock, truth=truth)
         origin, state = self.origin
-        return origin.fork(port=self.options.port, clock=self.clock, truth=truth, state=state)
+        return origin.fork(port=self.options.port, clock=clock, truth=truth, state=state)
 
     def open(self) -> Session:
         """Open the control socket, what goes with it, and the ports.
@@ -106,7 +108,7 @@ class Session:
         try:
             server: Server | None = None
             if options.name is not None or options.default_name:
-                yields = not self.clock.virtual
+                yields = not self.emulator.clock.virtual
                 socket = control_socket(self.control, self.target, options.name, yield_to_loop=yields)
                 server = self._undo.enter_context(socket)
             self._undo.enter_context(self.beside(server))

@@ -57,8 +57,8 @@ def test_two_days_of_a_real_skin_give_a_scene_that_loads_and_predict_one_another
     out, page = tmp_path / "skin.toml", tmp_path / "skin.html"
     said = []
     found = fitting.run_fit(
-        [EFLESH / "normal_1.csv.gz", EFLESH / "normal_2.csv.gz"], device="anyskin", out=out, report=page,
-        columns=COLUMNS, units=UNITS, say=said.append,
+        [read(EFLESH / name, COLUMNS, UNITS) for name in ("normal_1.csv.gz", "normal_2.csv.gz")],
+        device="anyskin", out=out, report=page, say=said.append,
     )  # fmt: skip
     assert found.value("resolution x") == pytest.approx(2.4e-6)  # as measured by hand
     assert found.value("resolution z") == pytest.approx(3.872e-6)
@@ -83,7 +83,7 @@ def test_a_fitted_scene_runs(tmp_path):
     path = tmp_path / "skin.npz"
     np.savez(path, t=recording.t, force=recording.truth["force"], field=recording.readings[:, :6])
     out = tmp_path / "skin.toml"
-    fitting.run_fit([path], device="anyskin", out=out, say=lambda _: None)
+    fitting.run_fit([read(path)], device="anyskin", out=out, say=lambda _: None)
     made = assemble(parse(out.read_text().replace('device = "anyskin"', 'device = "anyskin"\nport = "memory:"')),
                     clock=VirtualClock())  # fmt: skip
     with made.emulator as emulator:

@@ -10,7 +10,7 @@ from tactemu.fit import fitting
 from tactemu.fit.estimates import Findings
 from tactemu.fit.magnets import axes_of, find_magnets
 from tactemu.fit.places import find_places
-from tactemu.fit.recording import Recorded
+from tactemu.fit.recording import Recorded, read
 from tactemu.scene.file import parse
 from tactemu.transducers.laws import dipole_field
 from tests.fit.synthetic import with_gaps
@@ -113,7 +113,7 @@ def test_a_scene_has_the_magnets_that_were_found(tmp_path):
     recording, truth, _ = pressed_magnets(3)
     path, out = tmp_path / "skin.npz", tmp_path / "skin.toml"
     np.savez(path, t=recording.t, field=recording.readings, **recording.truth)
-    fitting.run_fit([path], device="anyskin", out=out, say=lambda _: None)
+    fitting.run_fit([read(path)], device="anyskin", out=out, say=lambda _: None)
     (table,) = parse(out.read_text()).tables.skin[0].transducer
     assert table["chip_depth"] == pytest.approx(truth["magnet height"], rel=0.05)
     assert len(table["magnets"]) == len(table["moments"]) == 5

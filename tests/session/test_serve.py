@@ -246,3 +246,22 @@ def test_a_scene_files_seed_is_the_seed(tmp_path):
     for wish, expected in ((None, 7), (3, 3)):
         with serve(tmp_path / "scene.toml", "memory:", seed=wish) as dev:
             assert dev.simulation.context.seed == expected
+
+
+def test_an_unknown_option_is_refused_as_python_does():
+    for name in ("rate", "seconds", "fresh_ports"):
+        with pytest.raises(TypeError, match=f"unexpected keyword argument '{name}'"):
+            serve("anyskin", **{name: 1})
+
+
+def test_a_device_that_was_stopped_begins_anew():
+    device = serve("anyskin", "memory:", clock="lockstep", seed=1)
+    felt = []
+    for _ in range(2):
+        with device:
+            device.press(1e-3)
+            device.step(seconds=0.5)
+            felt.append(device.sample())
+    first, second = felt
+    assert first.ideal.any() and first.t_ns == second.t_ns
+    np.testing.assert_array_equal(first.measured, second.measured)
