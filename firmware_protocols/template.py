@@ -50,7 +50,7 @@ class VendorModel(Device):
     name = "template"  # yours: the name in the registry, lower case with underscores
     title = "Template, a 4x4 pad"
     kind = "fingertip"  # the heading in lists of devices: or hand, glove, force-torque sensor, skin
-    # Or Rs485, Can, Tcp, Udp, WebSocket, Dds; give each a name if there are several.
+    # Or another connector, such as Rs485, Can or Tcp; give each a name if there are several.
     ports = (Serial(baud=115200, usb=True),)
     senses = ("force",)  # the measured quantities: force, pressure, depth, displacement, touch, temperature ...
     rate_hz = 100.0

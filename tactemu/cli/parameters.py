@@ -33,8 +33,8 @@ Ports = Annotated[
     typer.Option(
         "--port",
         metavar="PORT",
-        help="Port for the driver: pty:PATH, can:INTERFACE:CHANNEL, HOST:PORT after tcp:, rfc2217:, udp: or ws:, "
-        "dds:DOMAIN or memory:. With several skins give SKIN=PORT for each; repeatable.",
+        help="Port for the driver, such as pty:PATH, tcp:HOST:PORT or can:INTERFACE:CHANNEL. With several skins give "
+        "SKIN=PORT for each; repeatable.",
     ),
 ]
 Rates = Annotated[

@@ -72,12 +72,13 @@ def network_ports_of(words: Sequence[str]) -> str | dict[str, str] | None:
     Raises:
         TransportError: a port is not on the network; such a device has a node.
     """
+    from tactemu.wire.line_models import network_schemes
+
     ports = ports_of(words)
     for port in ports.values() if isinstance(ports, dict) else filter(None, [ports]):
-        if port.partition(":")[0] not in ("tcp", "udp", "ws", "dds"):
-            raise TransportError(
-                f"--port {port}: only tcp:, udp:, ws: and dds: are possible; name a serial port or CAN bus with --node"
-            )
+        if port.partition(":")[0] not in network_schemes():
+            can = ", ".join(f"{scheme}:" for scheme in network_schemes())
+            raise TransportError(f"--port {port}: only {can} are possible; name a serial port or CAN bus with --node")
     return ports
 
 

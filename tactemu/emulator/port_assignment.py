@@ -125,8 +125,8 @@ def _shared(assignments: list[PortAssignment]) -> list[PortAssignment]:
         line_model = line_model_for(first.connector)
         if not line_model.is_shared:
             raise SceneError(
-                f"skins {each.skin!r} and {first.skin!r} cannot share {each.address}; only a CAN bus and an RS-485 "
-                "line are shared. Give each skin a `port` of its own in the scene file"
+                f"skins {each.skin!r} and {first.skin!r} cannot share {each.address}; {line_model.describe()} has "
+                "one device. Give each skin a `port` of its own in the scene file"
             )
         if not line_model.agrees(each.connector):
             raise TransportError(

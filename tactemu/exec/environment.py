@@ -30,6 +30,7 @@ from tactemu.exec.uart import CHIPS
 from tactemu.session.serving import Served
 from tactemu.transports import Transport
 from tactemu.transports.socketcan import SocketCanTransport
+from tactemu.transports.tcp import TcpTransport
 from tactemu.wire.wire import Wire
 
 _NODE = re.compile(rf"(?:/dev/)?(ttyUSB|ttyACM|can|{'|'.join(CHIPS)})(\d{{1,3}})")
@@ -204,7 +205,7 @@ class ExecEnvironment:
             TransportError: with a CAN bus the view has its own network, and the port is not forwarded.
         """
         for title, port in self._on_network.items() if self._buses else ():
-            number = urlsplit(port.address).port if port.scheme in ("tcp", "ws") else None
+            number = urlsplit(port.address).port if isinstance(port, TcpTransport) else None
             if number is None or number not in self._expose:
                 fix = f"; forward it with --expose tcp:{number}" if number else "; use `tactemu run` for it"
                 raise TransportError(

@@ -275,7 +275,7 @@ class SkinTable(Table):
     port: str | None = Field(
         default=None,
         min_length=1,
-        description="pty:PATH, can:INTERFACE:CHANNEL, tcp:HOST:PORT, udp:HOST:PORT, ws:HOST:PORT, memory: ...",
+        description="port for the driver, such as pty:PATH, tcp:HOST:PORT, can:INTERFACE:CHANNEL or memory:",
     )
     ports: dict[str, str] = Field(default={}, description="ports of a device with several connectors, by their names")
     rate_hz: Rates | None = Field(

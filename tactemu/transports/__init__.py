@@ -11,9 +11,10 @@ from tactemu.base.errors import TransportError, TransportUnavailable, nearest
 from tactemu.transports.transport import Transport
 
 TRANSPORTS: dict[str, str] = {
-    # scheme: "module:Class", imported only when asked for; Class(rest_of_the_address)
+    # scheme: "module:Class [extra]", imported only when asked for; Class(rest_of_the_address); the extra of tactemu to
+    # install for an optional library
     "can": "tactemu.transports.can:CanTransport",
-    "dds": "tactemu.transports.dds:DdsTransport",
+    "dds": "tactemu.transports.dds:DdsTransport [dds]",
     "memory": "tactemu.transports.memory:MemoryTransport",
     "pty": "tactemu.transports.pty:PtyTransport",
     "rfc2217": "tactemu.transports.rfc2217:Rfc2217Transport",
@@ -23,13 +24,11 @@ TRANSPORTS: dict[str, str] = {
     "tcp": "tactemu.transports.tcp:TcpTransport",
     "udp": "tactemu.transports.udp:UdpTransport",
     "usbip": "tactemu.transports.usbip:UsbIpTransport",
-    "ws": "tactemu.transports.ws:WebSocketTransport",
+    "ws": "tactemu.transports.ws:WebSocketTransport [websocket]",
 }
 
 INTERFACE_TRANSPORTS = {"can:socketcan": "tactemu.transports.socketcan:SocketCanTransport"}
 """Transports of single interfaces, in place of that of their scheme."""
-EXTRAS = {"dds": "dds", "ws": "websocket"}
-"""The extra to install for each scheme that needs an optional library."""
 
 __all__ = ["TRANSPORTS", "Transport", "create"]
 
@@ -49,15 +48,13 @@ def create(port: str) -> Transport:
             f"port {port!r}: unknown scheme {scheme!r}{nearest(scheme, TRANSPORTS)}; expected one of "
             f"{', '.join(sorted(TRANSPORTS))}"
         )
-    module, _, attribute = INTERFACE_TRANSPORTS.get(
-        port[: port.find(":", len(scheme) + 1)], TRANSPORTS[scheme]
-    ).partition(":")
+    interface = port[: port.find(":", len(scheme) + 1)]
+    target, _, extra = INTERFACE_TRANSPORTS.get(interface, TRANSPORTS[scheme]).partition(" ")
+    module, _, attribute = target.partition(":")
     try:
         transport = getattr(importlib.import_module(module), attribute)
     except ModuleNotFoundError as error:
-        if scheme not in EXTRAS:
+        if not extra:
             raise
-        raise TransportUnavailable(
-            f"port {port!r} needs {error.name}: pip install 'tactemu[{EXTRAS[scheme]}]'"
-        ) from error
+        raise TransportUnavailable(f"port {port!r} needs {error.name}: pip install 'tactemu{extra}'") from error
     return transport(location)

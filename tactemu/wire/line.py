@@ -10,12 +10,14 @@ from __future__ import annotations
 import heapq
 import itertools
 import os
+import tempfile
 from abc import ABC, abstractmethod
 from bisect import bisect_right
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import accumulate
+from pathlib import Path
 from typing import Any, ClassVar, Literal
 
 from firmware_protocols import CanFrame, Connector, WireFrame
@@ -64,8 +66,15 @@ class Pending:
         return self.frame[self.gone] if isinstance(self.frame, CanFrames) else self.frame
 
 
+LINE_MODELS: dict[type[Connector], type[LineModel]] = {}
+"""The line model of each class of connectors, which names it: ``class CanLine(LineModel, connector=Can)``."""
+
+
 class LineModel(ABC):
-    """A kind of line, for one connector."""
+    """A kind of line, for one connector.
+
+    A subclass names the class of connectors whose line it models, and is then found in :data:`LINE_MODELS`.
+    """
 
     kind: ClassVar[str]
     """The name of this kind of wire in messages and lists, such as ``serial``."""
@@ -86,6 +95,10 @@ class LineModel(ABC):
     """True where the driver's frames travel on the same line as those of the devices."""
     is_byte_stream: ClassVar[bool] = True
     """True where frames stay in order: those after a frame that a fault holds back wait for it."""
+
+    def __init_subclass__(cls, connector: type[Connector] | None = None):
+        if connector is not None:
+            LINE_MODELS[connector] = cls
 
     def __init__(self, connector: Any, *, pacing: Pacing = True):
         self.connector = connector
@@ -164,13 +177,14 @@ class LineModel(ABC):
     def describe(self) -> str:
         """Return the line in words: ``serial 115200 8N1``, ``CAN 1 Mbit/s`` ..."""
 
-    @abstractmethod
     def usual_port(self, name: str) -> str:
-        """Return the port of a device called ``name`` where none is given."""
+        """Return the port of a device called ``name`` where none is given; here a path in ``$TMPDIR``, or ``/tmp``."""
+        return f"{self.schemes[0]}:{Path(tempfile.gettempdir()) / f'tactemu-{name}'}"
 
-    @abstractmethod
     def fresh_port(self, name: str) -> str:
-        """Return a port that no other run has, for tests that run side by side."""
+        """Return a port that no other run has, for tests that run side by side: a path named after this process."""
+        pid, number = self.fresh_number()
+        return self.usual_port(f"{pid}-{number}-{name}")
 
     @staticmethod
     def fresh_number() -> tuple[int, int]:

@@ -99,7 +99,7 @@ def test_devices_of_other_speeds_do_not_share_a_bus(tmp_path):
 
 
 def test_a_serial_port_is_not_shared():
-    with pytest.raises(SceneError, match="cannot share pty:/tmp/one; only a CAN bus and an RS-485 line are shared"):
+    with pytest.raises(SceneError, match="cannot share pty:/tmp/one; USB serial 115200 8N1 has one device"):
         assemble(
             parse(BODIES + skin("anyskin", 'name = "a"') + skin("anyskin", 'name = "b"')),
             AssemblyOptions(port="pty:/tmp/one"),

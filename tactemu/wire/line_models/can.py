@@ -6,7 +6,7 @@ import os
 from collections.abc import Iterable
 from typing import Any
 
-from firmware_protocols import CanFrame, WireFrame
+from firmware_protocols import Can, CanFrame, WireFrame
 from firmware_protocols.can_frames import CanFrames
 from tactemu.transports.transport import CanFilter
 from tactemu.wire.can_bits import frame_ns, priority
@@ -19,7 +19,7 @@ GROUPS = 254**2
 """Number of multicast groups, 239.74.1.1 to 239.74.254.254, among which :meth:`CanLine.fresh_port` chooses."""
 
 
-class CanLine(LineModel):
+class CanLine(LineModel, connector=Can):
     """Every node offers its own frames in order; the driver is one of the nodes."""
 
     kind = "can"

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from firmware_protocols import WireFrame
+from firmware_protocols import Dds, WireFrame
 from tactemu.wire.line import LineModel
 
 DOMAINS = 200
 """Number of domains, from 1 on, among which tests are spread; above about 230 there are no ports left."""
 
 
-class DdsLine(LineModel):
+class DdsLine(LineModel, connector=Dds):
     """The device writes one topic and may read another; a sample that is held back is overtaken."""
 
     kind = "dds"

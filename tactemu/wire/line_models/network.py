@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from firmware_protocols import WireFrame
+from firmware_protocols import Tcp, Udp, WebSocket, WireFrame
 from tactemu.wire.line import LineModel
 
 
@@ -32,7 +32,7 @@ class NetworkLine(LineModel):
         return f"{self.schemes[0]}:127.0.0.1:0"
 
 
-class TcpLine(NetworkLine):
+class TcpLine(NetworkLine, connector=Tcp):
     """A connection to a TCP server with the device's own framing: bytes in order."""
 
     kind = "tcp"
@@ -42,7 +42,7 @@ class TcpLine(NetworkLine):
     likely_faults = ("truncate", "lose", "garbage", "chunk", "split", "merge", "silence", "unplug", "halfopen")
 
 
-class UdpLine(NetworkLine):
+class UdpLine(NetworkLine, connector=Udp):
     """A UDP socket: datagrams, each by itself; one that is held back is overtaken."""
 
     kind = "udp"
@@ -52,7 +52,7 @@ class UdpLine(NetworkLine):
     is_byte_stream = False
 
 
-class WebSocketLine(NetworkLine):
+class WebSocketLine(NetworkLine, connector=WebSocket):
     """A connection to a WebSocket server: messages in order."""
 
     kind = "websocket"

@@ -9,7 +9,7 @@ from tactemu.wire.line import DRIVER
 from tactemu.wire.line_models.serial import SerialLine
 
 
-class Rs485Line(SerialLine):
+class Rs485Line(SerialLine, connector=Rs485):
     """One line for the bytes of the driver and of every device.
 
     Devices may have different baud rates; a device with other settings than the sender receives noise.

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import tempfile
-from pathlib import Path
 from typing import Any
 
-from firmware_protocols import WireFrame
+from firmware_protocols import Serial, WireFrame
 from firmware_protocols.frames import payload
 from tactemu.transports.transport import SerialSetting
 from tactemu.wire.line import LineModel, Pacing
 from tactemu.wire.uart import agree, as_received
 
 
-class SerialLine(LineModel):
+class SerialLine(LineModel, connector=Serial):
     """A serial line; each direction is a line by itself."""
 
     kind = "serial"
@@ -53,12 +51,3 @@ class SerialLine(LineModel):
         """Return the line in words: ``serial 115200 8N1`` or ``USB serial 115200 8N1``."""
         c = self.connector
         return f"{'USB serial' if c.is_cdc else 'serial'} {c.baud} {c.bytesize}{c.parity}{c.stopbits}"
-
-    def usual_port(self, name: str) -> str:
-        """Return a pseudo-terminal under a name in ``$TMPDIR``, by default ``/tmp``."""
-        return f"pty:{Path(tempfile.gettempdir()) / f'tactemu-{name}'}"
-
-    def fresh_port(self, name: str) -> str:
-        """Return a pseudo-terminal named after this process."""
-        pid, number = self.fresh_number()
-        return f"pty:{Path(tempfile.gettempdir()) / f'tactemu-{pid}-{number}-{name}'}"
