@@ -12,6 +12,7 @@ from firmware_protocols.connectors import USB as USB
 from firmware_protocols.connectors import Can as Can
 from firmware_protocols.connectors import Connector as Connector
 from firmware_protocols.connectors import Dds as Dds
+from firmware_protocols.connectors import I2c as I2c
 from firmware_protocols.connectors import Rs485 as Rs485
 from firmware_protocols.connectors import Serial as Serial
 from firmware_protocols.connectors import Tcp as Tcp

@@ -124,3 +124,24 @@ class Dds(Connector):
     reads: Topic | None = None
     idl: str
     domain: int = 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class I2c(Connector):
+    """A target on an I2C bus, which answers to one or several addresses. Several devices may share the bus.
+
+    A frame to the device begins, as on the bus, with the byte of its address and the R/W bit. Behind it stand the bytes
+    that the controller writes, or for a read the number of bytes, 16 bits, high byte first. The device sends as many.
+    A controller that reads on in one transaction repeats the read with a larger number; the bus drops what it has.
+    """
+
+    is_framed = True
+    addresses: tuple[int, ...]
+    """The addresses of seven bits."""
+    clock_hz: int = 100_000
+    """The clock of the controller."""
+
+    @staticmethod
+    def read_size(frame: bytes) -> int:
+        """Return the number of bytes that a frame asks for; 0 if it is a write."""
+        return int.from_bytes(frame[1:3], "big") if frame[:1] and frame[0] & 1 else 0

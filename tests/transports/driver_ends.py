@@ -13,6 +13,7 @@ import websocket
 
 from firmware_protocols import CanFrame, Dds, Topic
 from tactemu import transports
+from tactemu.transports.transport import CanFilter, Received
 
 FRAME = bytes(range(256)) + b"\r\n\xff\xff"
 
@@ -195,6 +196,29 @@ class DdsEnd:
         del self.reader, self.writer
 
 
+class I2cEnd(PySerialEnd):
+    """A host of an I2CDriver that waits for the bytes of a read."""
+
+    target = 0x04
+    frame, request = bytes(range(60)), bytes([target << 1, 0x01, 0x80, 0x06])
+
+    def __init__(self, port, url):
+        super().__init__(port, url)
+        port.set_filters([CanFilter(self.target, 0x7F)])
+
+    def open(self, seen):
+        with pumping(self.port, seen):
+            self.serial = serial.Serial(self.url, 1_000_000, timeout=2)
+            self.serial.write(b"@" * 65 + bytes([ord("s"), self.target << 1 | 1, 0x80 + len(self.frame) - 1]))
+            assert self.serial.read(1) == b"1", "the target acknowledges"
+            end = time.monotonic() + 2
+            while not any(isinstance(event, Received) for event in seen) and time.monotonic() < end:
+                time.sleep(0.002)
+
+    def write(self, data):
+        self.serial.write(bytes([ord("s"), data[0], 0xC0 + len(data) - 2]) + data[1:] + b"p")
+
+
 def create(address):
     """Return a port that has the connector it needs."""
     port = transports.create(address)
@@ -204,6 +228,7 @@ def create(address):
 
 DRIVERS = {
     "memory": [("memory:", MemoryEnd)],
+    "i2cdriver": [("i2cdriver:{tmp}/i2c", I2cEnd)],
     "pty": [("pty:", PySerialEnd), ("pty:{tmp}/tty", PySerialEnd)],
     "tcp": [("tcp:0", PySerialEnd), ("tcp:[::1]:0", PySerialEnd)],
     "ws": [("ws:0", WebSocketEnd), ("ws:[::1]:0", WebSocketEnd)],
