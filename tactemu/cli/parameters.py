@@ -7,6 +7,8 @@ from typing import Annotated
 
 import typer
 
+from tactemu.base import formats
+
 
 def _targets(incomplete: str) -> list[str]:
     """Return the completions of a target: devices, and scene files in this folder."""
@@ -77,7 +79,9 @@ Measured = Annotated[
 TruthFile = Annotated[
     Path | None,
     typer.Option(
-        "--truth", metavar="FILE", help="Write a log of readings, frames and faults: .mcap, or .jsonl for JSON lines."
+        "--truth",
+        metavar="FILE",
+        help=f"Write a log of readings, frames and faults: {formats.names(formats.LOGS, dot='.')}.",
     ),
 ]
 TruthKeep = Annotated[

@@ -279,6 +279,9 @@ class MujocoEngine:
         size = self._mujoco.mj_stateSize(self.model, spec)
         if values.shape != (size,) or values.dtype != np.float64:
             raise ValueError(f"expected {size} numbers of MuJoCo, got {values.shape} {values.dtype}")
+        arrays = [values, *(np.ravel(pad[name]) for pad in state["pads"] for name in ("along", "pulled", "shift"))]
+        if not np.isfinite(np.concatenate(arrays)).all():
+            raise ValueError("expected finite numbers of MuJoCo and of the skins on its bodies")
         if len(state["pads"]) != len(self.pads):
             raise ValueError(f"expected {len(self.pads)} skins on MuJoCo's bodies, got {len(state['pads'])}")
 

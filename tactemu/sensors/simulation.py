@@ -303,11 +303,6 @@ class Simulation(PoseInput):
         counts = {name: getattr(self, name) for name in _COUNTS}
         return counts | {"memory": tuple(array.numpy().copy() for array in self.context.memory)}
 
-    def other_state(self) -> dict[str, Any]:
-        """Return examples of the numbers that are not finite which the state's arrays may hold."""
-        context = self.context
-        return {"memory": tuple(np.full(int(k in context.infinite), np.nan) for k in range(len(context.memory)))}
-
     def prepare_restore(self, state: dict[str, Any]) -> Callable[[], None]:
         """Return a callable that restores a state of this or another process.
 
@@ -323,6 +318,8 @@ class Simulation(PoseInput):
             if (values.shape, values.dtype) != (here.shape, here.dtype):
                 there = f"{values.shape} {values.dtype}"
                 raise ValueError(f"array {k}: expected {here.shape} {here.dtype}, got {there}")
+            if k not in self.context.infinite and not np.isfinite(values).all():
+                raise ValueError(f"array {k}: expected finite numbers, got {values[~np.isfinite(values)].flat[0]}")
             if array is self.context.step and values.min() < 0:
                 raise ValueError(f"array {k}: expected a number of steps, got {values.min()}")
 

@@ -44,6 +44,8 @@ class LeafCheck:
         self._max_int = t_ns + MAX_AHEAD_NS
         self._seen: set[int] = set()
         self._held: list[Any] = []
+        self._may_be_infinite = False
+        """True within a part with ``state()``, whose ``prepare_restore()`` checks that its arrays are finite."""
 
     def attributes(self, owner: type, found: Mapping[str, Any], here: Sequence[Mapping[str, Any]], where: str) -> None:
         """Check the attributes of one object of the class ``owner`` against those of the objects in its place.
@@ -51,10 +53,13 @@ class LeafCheck:
         Raises:
             StateError: names the leaf, the expected value and the one found.
         """
-        hints = {} if hasattr(owner, "state") else hints_of(owner)  # the keys of its state() are no attributes
+        has_own, outer = hasattr(owner, "state"), self._may_be_infinite
+        self._may_be_infinite = outer or has_own
+        hints = {} if has_own else hints_of(owner)  # the keys of its state() are no attributes
         for name, value in found.items():
             there = [each[name] for each in here if name in each]
             self.value(value, there, hints.get(name, _NO_HINT), f"{where}.{name}".lstrip("."), _is_ours(owner))
+        self._may_be_infinite = outer
 
     def value(self, value: Any, here: Sequence[Any], hint: Any, where: str, ours: bool) -> None:
         """Check one value, and the values in it.
@@ -130,7 +135,8 @@ class LeafCheck:
         numbers = [each for each in map(np.asarray, comparable) if each.dtype.kind in "iufc" and each.size]
         if value.dtype.kind in "fc":
             finite = np.isfinite(value)
-            if not finite.all() and all(np.isfinite(each).all() for each in numbers):
+            may_be_infinite = self._may_be_infinite and value.ndim
+            if not finite.all() and not may_be_infinite and all(np.isfinite(each).all() for each in numbers):
                 raise StateError(f"{where}: expected finite numbers, got {value[~finite].flat[0]}")
             value = np.abs(value[finite])
             low, high = 0, max([LARGEST, *(MAX_GROWTH * _largest(each) for each in numbers)])

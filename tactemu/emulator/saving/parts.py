@@ -8,10 +8,10 @@ the modules in :data:`VALUES`, which may have ``__getstate__`` and ``__setstate_
 
 Two more hooks, if a part needs them:
 
-* ``state()`` returns its state in place of the attributes; ``other_state()`` beside it returns examples of arrays that
-  may at times hold numbers which are not finite;
+* ``state()`` returns its state in place of the attributes;
 * ``prepare_restore(state)`` checks the state, changes nothing, and returns a callable that is called when all parts
-  have their attributes. Of a part with ``state()``, the callable restores it.
+  have their attributes. Of a part with ``state()``, it checks that arrays are finite, and the callable restores the
+  part.
 
 Copies are made without these hooks: ``Simulation.clone()`` and ``Sensor.clone()`` return another of the same scene at
 its start; ``Assembled.fork()`` returns another emulator (``reassemble()``) with the state of the first.
@@ -115,8 +115,7 @@ def _prepare_restore(
         here = part.state() if hasattr(part, "state") else _own(part)
         _check_names(where, "attribute", here, state)
         attributes = {key: reader.read(value) for key, value in state.items()}
-        more = [part.other_state()] if hasattr(part, "other_state") else []
-        leaves.attributes(type(part), attributes, [here, *more], name)
+        leaves.attributes(type(part), attributes, [here], name)
         then = part.prepare_restore(attributes) if hasattr(part, "prepare_restore") else _nothing
         return _nothing if hasattr(part, "state") else partial(vars(part).update, attributes), then
     except StateError:

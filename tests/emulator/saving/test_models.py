@@ -100,6 +100,8 @@ def test_of_a_model_of_ones_own_all_that_its_context_made_is_saved():
         sim.prepare_restore(state | {"memory": state["memory"][:1]})
     with pytest.raises(ValueError, match=r"array 0: expected \(1,\) float64, got \(2,\) float64"):
         sim.prepare_restore(state | {"memory": [np.zeros(2), *state["memory"][1:]]})
+    with pytest.raises(ValueError, match="array 0: expected finite numbers, got nan"):
+        sim.prepare_restore(state | {"memory": [np.full(1, np.nan), *state["memory"][1:]]})
 
 
 def test_a_state_of_another_scene_is_refused_in_words(tmp_path):
