@@ -9,7 +9,7 @@ import warp as wp
 
 from tactemu.imperfections.elementwise import threads
 from tactemu.imperfections.random import draw, unit_f64
-from tactemu.imperfections.ring import entries, entry_before, entry_time, slot
+from tactemu.imperfections.ring import entries, entry_before, share_of_newer, slot
 from tactemu.plan.scalars import natural
 
 ROUNDING = wp.constant(wp.int64(1))
@@ -76,16 +76,7 @@ def select_kernel(jitter: bool, nearest: bool, linear: bool, reorder: bool):
             newer = slot(number, age - 1, times.shape[0])
         chosen[e] = wp.vec3i(write, older, newer)
         if wp.static(linear):
-            part = wp.float64(0.0)
-            if age > 0:
-                after = entry_time(times, now, number, age - 1)
-                # Before a reset nothing is known: readings rise from zero during the first step.
-                before = after - wp.int64(dt_ns)
-                if age < count:
-                    before = entry_time(times, now, number, age)
-                if source > before:
-                    part = wp.float64(source - before) / wp.float64(after - before)
-            share[e] = part
+            share[e] = share_of_newer(times, now, number, count, age, source, wp.int64(dt_ns))
         if e == 0:
             times[write] = now
 

@@ -34,6 +34,23 @@ def entry_time(times: wp.array(dtype=wp.int64), now: wp.int64, step: wp.int64, a
 
 
 @wp.func
+def share_of_newer(
+    times: wp.array(dtype=wp.int64), now: wp.int64, step: wp.int64, count: int, age: int, source: wp.int64, dt: wp.int64
+) -> wp.float64:
+    """Return the share of the entry after ``age``, of ``count``, in a reading interpolated for the time ``source``."""
+    share = wp.float64(0.0)
+    if age > 0:
+        after = entry_time(times, now, step, age - 1)
+        # Before a reset nothing is known: readings rise from zero during the first step.
+        before = after - dt
+        if age < count:
+            before = entry_time(times, now, step, age)
+        if source > before:
+            share = wp.float64(source - before) / wp.float64(after - before)
+    return share
+
+
+@wp.func
 def entries(birth: wp.int64, step: wp.int64, depth: int) -> int:
     """Return the number of entries since the reset after step ``birth``, this step's included."""
     if birth < wp.int64(0):

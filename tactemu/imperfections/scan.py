@@ -11,7 +11,7 @@ from tactemu.base.errors import SceneError
 from tactemu.base.options import numbers
 from tactemu.imperfections.info import ReadingInfo
 from tactemu.imperfections.options import ImperfectionOptions
-from tactemu.imperfections.ring import Ring, entries, entry_before, entry_time, ring_depth, slot
+from tactemu.imperfections.ring import Ring, entries, entry_before, ring_depth, share_of_newer, slot
 from tactemu.plan.plan import Context, Stage
 
 
@@ -39,15 +39,7 @@ def _kernel(real: type):
         guess = int(wp.float64(ages[i]) / dt_ns)
         count = entries(birth[e], number, times.shape[0])
         old = entry_before(times, now, number, count, guess, source)
-        share = real(0.0)
-        if old > 0:
-            after = entry_time(times, now, number, old - 1)
-            # Before a reset nothing is known: the load rises from zero during the first step.
-            before = after - wp.int64(dt_ns)
-            if old < count:
-                before = entry_time(times, now, number, old)
-            if source > before:
-                share = real(wp.float64(source - before) / wp.float64(after - before))
+        share = real(share_of_newer(times, now, number, count, old, source, wp.int64(dt_ns)))
         for c in range(i * n_channels, (i + 1) * n_channels):
             v = x[e, c]
             ring[slot(number, 0, times.shape[0]), e, c] = v

@@ -27,6 +27,7 @@ from collections import deque
 
 from firmware_protocols import WireFrame
 from tactemu.base.errors import TransportError, TransportUnavailable
+from tactemu.transports.byte_port import BytePort
 from tactemu.transports.forks import close_in_children
 from tactemu.transports.open_watch import OpenWatch
 from tactemu.transports.symlink import StableLink
@@ -42,7 +43,6 @@ from tactemu.transports.transport import (
     Received,
     SerialSetting,
     SettingChanged,
-    Transport,
 )
 
 _TCGETS2 = 0x802C542A
@@ -51,7 +51,7 @@ CMSPAR = 0o10000000000
 """A flag of ``termios``: mark parity with ``PARODD``, space parity without. Python has no name for it."""
 
 
-class PtyTransport(Transport):
+class PtyTransport(BytePort):
     """A pseudo terminal. ``pty:PATH`` makes ``PATH`` a link to it; ``pty:`` keeps the kernel's ``/dev/pts/N``."""
 
     scheme = "pty"
@@ -74,8 +74,6 @@ class PtyTransport(Transport):
         self._setting: SerialSetting | None = None
         self._side_events: deque[Event] = deque()
         """Events that the kernel does not report, such as a driver's changes of its modem lines."""
-        self._unsent = b""
-        """The end of a frame that the kernel took only in part; it is written first, so that frames stay complete."""
 
     # -- life ------------------------------------------------------------------------------------------------------
 
@@ -155,7 +153,7 @@ class PtyTransport(Transport):
             events += [Opened()] if self._raised else [Opened(), RAISED]
             self._raised = True
         if self._has_driver:
-            self._finish()
+            self._finish(self._master)
             chunks, all_read = self._read(MAX_CHUNK_BYTES if reading else MAX_LEFTOVER_BYTES if gone else 0)
             events += self._changed_setting()  # read after the bytes: settings made before them apply to them
             while self._side_events:
@@ -228,24 +226,7 @@ class PtyTransport(Transport):
         """Write one frame in one call, or not at all."""
         if not isinstance(frame, bytes):
             raise TransportError(f"a serial port cannot carry the CAN frame {frame}")
-        if not self._has_driver or not self._finish():
-            return False
-        written = self._put(frame)
-        self._unsent = frame[written:] if written else b""
-        return written > 0
-
-    def _finish(self) -> bool:
-        if self._unsent:
-            self._unsent = self._unsent[self._put(self._unsent) :]
-        return not self._unsent
-
-    def _put(self, data: bytes) -> int:
-        try:
-            return os.write(self._master, data)
-        except OSError as error:
-            if error.errno in (errno.EAGAIN, errno.EIO):
-                return 0
-            raise TransportError(f"lost the port {self.address}: {error.strerror}") from None
+        return self._has_driver and self._finish(self._master) and self._put(self._master, frame)
 
     # -- setting -----------------------------------------------------------------------------------------------------
 

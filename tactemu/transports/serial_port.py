@@ -34,6 +34,7 @@ from firmware_protocols import Connector, Serial, WireFrame
 from tactemu.base.errors import TransportError, nearest
 from tactemu.base.timer_fd import PeriodicTimer
 from tactemu.transports import uart_settings
+from tactemu.transports.byte_port import BytePort
 from tactemu.transports.forks import close_in_children
 from tactemu.transports.transport import (
     DROPPED,
@@ -47,7 +48,6 @@ from tactemu.transports.transport import (
     Opened,
     Received,
     SerialSetting,
-    Transport,
 )  # fmt: skip
 from tactemu.transports.uart_settings import MarkedStream, UartErrors
 
@@ -67,7 +67,7 @@ _HINTS = {
 }
 
 
-class SerialPortTransport(Transport):
+class SerialPortTransport(BytePort):
     """The device's end of a real serial line.
 
     Args:
@@ -97,8 +97,6 @@ class SerialPortTransport(Transport):
         self._errors: UartErrors | None = None
         self._echo = b""
         """Own bytes that the adapter has not received back yet."""
-        self._unsent = b""
-        """The end of a frame that the kernel took only in part."""
         self._has_reader = False
         self._is_missing = False
         """True while the adapter is pulled out."""
@@ -222,7 +220,7 @@ class SerialPortTransport(Transport):
             elif self._fd >= 0:
                 self._look()
         if self._fd >= 0:
-            self._finish()
+            self._finish(self._fd)
             if reading:
                 self._read()
         events = list(self._events)
@@ -309,29 +307,15 @@ class SerialPortTransport(Transport):
         """Write one frame; ``False`` where nobody reads, or where it would wait in the kernel for too long."""
         if not isinstance(frame, bytes):
             raise TransportError(f"a serial port cannot carry the CAN frame {frame}")
-        if self._fd < 0 or not self._has_reader or not self._finish() or self._unsent_s() > MAX_UNSENT_S:
+        if self._fd < 0 or not self._has_reader or not self._finish(self._fd) or self._unsent_s() > MAX_UNSENT_S:
             return False
-        written = self._put(frame)
-        self._unsent = frame[written:] if written else b""
-        if written and self._options.get("echo") == "1":
+        is_sent = self._put(self._fd, frame)
+        if is_sent and self._options.get("echo") == "1":
             self._echo += frame
-        return written > 0
+        return is_sent
 
     def _unsent_s(self) -> float:
         return uart_settings.unsent(self._fd) * self._serial.bits_per_byte / self._serial.baud
-
-    def _finish(self) -> bool:
-        if self._unsent:
-            self._unsent = self._unsent[self._put(self._unsent) :]
-        return not self._unsent
-
-    def _put(self, data: bytes) -> int:
-        try:
-            return os.write(self._fd, data)
-        except OSError as error:
-            if error.errno in (errno.EAGAIN, errno.EIO, errno.ENXIO, errno.ENODEV):  # the next read reports it
-                return 0
-            raise TransportError(f"lost the port {self.address}: {error.strerror}") from None
 
     @property
     def has_reader(self) -> bool:

@@ -88,8 +88,35 @@ class Hold(Motion):
         return Pose()
 
 
+class Travel(Motion):
+    """A motion along a line, of which the distance follows a profile over time; not one of a scene file itself.
+
+    A subclass has the fields that the profile needs.
+    """
+
+    distance: float
+    speed: float
+    direction: Vector
+    repeat: int | None
+    delay: float
+
+    @cached_property
+    def _profile(self) -> DistanceProfile:
+        """The distance over time: once, or there and back."""
+        return travel_profile(self.distance, self.speed, self.repeat, self.delay)
+
+    @property
+    def duration(self) -> float:
+        return self._profile.duration
+
+    def pose(self, t_s: float) -> Pose:
+        distance, speed = self._profile.at(t_s)
+        axis = unit_vector(self.direction)
+        return Pose(axis * distance, UNTURNED, axis * speed, ZERO)
+
+
 @dataclass(frozen=True, kw_only=True)
-class Press(Motion):
+class Press(Travel):
     """An approach, a press by ``depth``, a dwell, a return and a pause, ``repeat`` times."""
 
     kind = "press"
@@ -123,25 +150,16 @@ class Press(Motion):
         number(self.kind, "depth", self.depth, at_least=0.0 - self.approach, at_most=MAX_DEPTH_M, unit=LENGTH_UNIT)
 
     @cached_property
-    def _way(self) -> DistanceProfile:
+    def _profile(self) -> DistanceProfile:
         far = self.approach + self.depth
         knots = [(0.0, 0.0), (far / self.speed, far), (self.dwell, far)]
         if self.release:
             knots += [(far / (self.release_speed or self.speed), 0.0), (self.pause, 0.0)]
         return DistanceProfile(knots, self.repeat if self.release else 1, self.delay)
 
-    @property
-    def duration(self) -> float:
-        return self._way.duration
-
-    def pose(self, t_s: float) -> Pose:
-        distance, speed = self._way.at(t_s)
-        axis = unit_vector(self.direction)
-        return Pose(axis * distance, UNTURNED, axis * speed, ZERO)
-
 
 @dataclass(frozen=True, kw_only=True)
-class Slide(Motion):
+class Slide(Travel):
     """A travel along a line without turning; with ``repeat`` other than 1, there and back."""
 
     kind = "slide"
@@ -163,22 +181,9 @@ class Slide(Motion):
         check_direction(self, "direction")
         check_repeat(self)
 
-    @cached_property
-    def _way(self) -> DistanceProfile:
-        return travel_profile(self.distance, self.speed, self.repeat, self.delay)
-
-    @property
-    def duration(self) -> float:
-        return self._way.duration
-
-    def pose(self, t_s: float) -> Pose:
-        distance, speed = self._way.at(t_s)
-        axis = unit_vector(self.direction)
-        return Pose(axis * distance, UNTURNED, axis * speed, ZERO)
-
 
 @dataclass(frozen=True, kw_only=True)
-class Roll(Motion):
+class Roll(Travel):
     """A roll without slipping over a flat surface: a slide, with the rotation that a body of ``radius`` then has."""
 
     kind = "roll"
@@ -206,16 +211,8 @@ class Roll(Motion):
         check_direction(self, "normal")
         check_repeat(self)
 
-    @cached_property
-    def _way(self) -> DistanceProfile:
-        return travel_profile(self.distance, self.speed, self.repeat, self.delay)
-
-    @property
-    def duration(self) -> float:
-        return self._way.duration
-
     def pose(self, t_s: float) -> Pose:
-        distance, speed = self._way.at(t_s)
+        distance, speed = self._profile.at(t_s)
         axis, turn = self._axes
         return Pose(axis * distance, rotation.from_rotation_vector(turn * distance), axis * speed, turn * speed)
 
