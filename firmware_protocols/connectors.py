@@ -131,8 +131,8 @@ class I2c(Connector):
     """A target on an I2C bus, which answers to one or several addresses. Several devices may share the bus.
 
     A frame to the device begins, as on the bus, with the byte of its address and the R/W bit. Behind it stand the bytes
-    that the controller writes, or for a read the number of bytes, 16 bits, high byte first. The device sends as many.
-    A controller that reads on in one transaction repeats the read with a larger number; the bus drops what it has.
+    that the controller writes, or for a read two numbers of 16 bits, high byte first: of the bytes that it has read in
+    this transaction already, and of those that it reads now. The device sends as many.
     """
 
     is_framed = True
@@ -142,6 +142,8 @@ class I2c(Connector):
     """The clock of the controller."""
 
     @staticmethod
-    def read_size(frame: bytes) -> int:
-        """Return the number of bytes that a frame asks for; 0 if it is a write."""
-        return int.from_bytes(frame[1:3], "big") if frame[:1] and frame[0] & 1 else 0
+    def asked(frame: bytes) -> tuple[int, int] | None:
+        """Return the numbers of bytes that were read and that are asked for by a frame; None if it writes."""
+        if len(frame) != 5 or not frame[0] & 1:
+            return None
+        return int.from_bytes(frame[1:3], "big"), int.from_bytes(frame[3:], "big")

@@ -1,4 +1,4 @@
-"""SingleTact: one capacitive pad that measures force, behind its USB board or an Arduino.
+"""SingleTact: one capacitive pad that measures force, behind its USB board or an Arduino, or itself on I2C.
 
 Wire: USB serial, 115200. The board only answers, ``ANSWER`` to ``REQUEST``: operation 01 reads ``count`` bytes of a
 memory, 02 writes ``data`` into it, 04 a calibration, 03 switches pins. Hosts append a 16th byte, 00, to a request to
@@ -16,6 +16,9 @@ the others; one with a wrong sum has no effect. The pad answers to address 4, to
 The board's answer for another address comes after 100 ms, with the old contents of its buffer; answers without data
 have the time of the last read. Hosts move DTR and RTS when they open, to restart an Arduino, and wait for 2 s.
 
+Without a board (``board=none``) the pad is a target on I2C. It reads from the location that ``01 location count`` has
+named, else from 128, and writes ``02 location count data FF``. What else is written to it has no effect.
+
 Try it: ``tactemu run singletact``, then send FF FF FF FF 04 64 01 01 80 06 FF FE FE FE FE.
 """
 
@@ -24,7 +27,7 @@ from __future__ import annotations
 from typing import Annotated, Literal
 
 from firmware_protocols import (
-    MORE, SOUND, USB, Column, Command, Counts, Device, Frame, Option, Packets, Reading, Rollover, Sent, Serial,
+    MORE, SOUND, USB, Column, Command, Counts, Device, Frame, I2c, Option, Packets, Reading, Rollover, Sent, Serial,
     Transmissions, fact_table, points, quantize,
 )  # fmt: skip
 
@@ -79,6 +82,7 @@ REQUEST_BYTES = 15
 MAX_READ_BYTES = 61
 MAX_WRITE_BYTES = 28
 MEMORY_BYTES = 192
+DATA_LOCATION = 128
 WRITABLE_BYTES = 128
 SCALING_BYTES = slice(10, 12)
 UNITY_SCALING = 100
@@ -98,6 +102,7 @@ NET = "SingleTact/NETInterface@30c0e82"
 PYTHON = "philip-long/singletact-python-wrapper@659796f"
 FIRMWARE = "SingleTact/WinAppArduinoInterface@5e9c026"
 ROS2 = "matteogrisenti/SingleTact_ROS2_Package@5296909"
+UNO = "SingleTact/StandaloneArduino@ba3b878"
 PI = "SingleTact/RaspberryPiDemo@f3c2357 pps-singletact.py"
 ALL = "SingleTactDemo.ino, SingleTactLibrary/*.cs, Demo/GUI.cs, pps-singletact.py, both Python drivers (all whole)"
 
@@ -118,10 +123,11 @@ class SingleTact(Device):
         f"{FIRMWARE} SingleTactDemo.ino (the Arduino's firmware; the vendor's own)",
         f"{NET} SingleTactLibrary (the vendor's own)",
         f"{PI} (the data; the vendor's own)",
+        f"{UNO} SingleTactDemo.ino, SingleTactAddressChange.ino (I2C; the vendor's own)",
         f"{PYTHON} singletact_library.py",
         f"{ROS2} SingleTactInterface.py, SingleTactPortDriver.py",
     )
-    judge = f"{PYTHON}, {ROS2}"
+    judge = f"{PYTHON}, {ROS2}, i2cdriver 1.0.6"
     facts = fact_table(f"""
         stated touch: 255 is no force, high byte first @ {PI}:303-305
         stated touch: 512 counts are the full range @ {NET} SingleTact Demo/GUI.cs:241, 281
@@ -145,6 +151,10 @@ class SingleTact(Device):
         stated configuration: 03 and 04 are answered without data @ {FIRMWARE} SingleTactDemo.ino:317-410
         stated configuration: another address: the old buffer @ {FIRMWARE} SingleTactDemo.ino:277-302
         assumed configuration: the USB board does as the Arduino; silence beyond 191 @ {ALL}
+        stated configuration: on I2C, a read without a request begins at 128 @ {PI}:295-300
+        stated configuration: on I2C, a request to read is 01, location, count @ {UNO} SingleTactDemo.ino:57-65
+        stated configuration: on I2C, a write is 02, location, count, data, FF @ {UNO} SingleTactAddressChange.ino:52-61
+        assumed configuration: on I2C, other writes have no effect; nothing waits for the flash @ {ALL}; {UNO} (whole)
         stated configuration: DTR restarts an Arduino, for 2 s; in the model it has no effect @ {NET}
             ArduinoSingleTactDriver.cs:63-67
         stated timing: the clock counts 0.1 ms @ {FIRMWARE} SingleTactDemo.ino:114; {NET} SingleTact.cs:184
@@ -155,7 +165,9 @@ class SingleTact(Device):
     def __init__(
         self,
         *,
-        board: Annotated[Literal["usb", "arduino"], Option("board between the pad and the host")] = "usb",
+        board: Annotated[
+            Literal["usb", "arduino", "none"], Option("board between the pad and the host; none: the pad's own I2C")
+        ] = "usb",
         address: Annotated[int, Option("address of the pad on the board's I2C", low=0, high=0x7F)] = 4,
         counts_per_newton: Annotated[
             float, Option("counts above those at rest, scaling 100", unit="1/N", low=1e-6)
@@ -163,13 +175,17 @@ class SingleTact(Device):
         serial: Annotated[int, Option("serial number of the pad", low=0, high=0xFFFF)] = 1,
         firmware: Annotated[int, Option("version; from 2 on, settings end with a sum", low=0, high=0xFF)] = 1,
     ):
-        self.ports = (Serial(baud=115200, usb=USB(0x2341, USB_PRODUCT_IDS[board])),)
         self.layout = points({"pad": (0.0, 0.0, 0.0)}, pitch=0.008)
         self.counts_per_newton, self.firmware = counts_per_newton, firmware
-        self.head = [HEAD_BYTES[board]] * 4
+        self.board, self.head = board, [HEAD_BYTES.get(board, 0)] * 4
         self.packets = Packets(REQUEST.head, _size, _check, counters=self.counters)
         delivered = SETTINGS.pack(address=address, serial=serial, firmware=firmware, scaling=UNITY_SCALING)
         self.settings = self.flash.get("settings", delivered.ljust(WRITABLE_BYTES, b"\0"))
+        if board == "none":
+            self.ports = (I2c(addresses=tuple({self.settings[0]: 0, BROADCAST: 0})),)
+        else:
+            self.ports = (Serial(baud=115200, usb=USB(0x2341, USB_PRODUCT_IDS[board])),)
+        self.location, self.reads_from = DATA_LOCATION, DATA_LOCATION
         self.buffer = bytes(MAX_READ_BYTES + len(TAIL))
         self.iteration, self.pushed, self.zero, self.felt_ns, self.read_ns = 0, 0.0, 0.0, 0, 0
         self.clock_ticks = 0
@@ -178,6 +194,12 @@ class SingleTact(Device):
     def commands(self) -> tuple[Command, ...]:
         """Requests for the reading and the settings, and writes."""
         origin = f"{PYTHON} singletact_library.py"
+        if self.board == "none":
+            origin = f"{UNO} SingleTactDemo.ino, {PI}:397-405"
+            return tuple(
+                Command(name=name, request=request, reply=reply, origin=origin, safe=name == "reading")
+                for name, request, reply in _I2C_EXAMPLES
+            )
         return tuple(
             Command(
                 name=name,
@@ -198,8 +220,29 @@ class SingleTact(Device):
         return self.counts
 
     def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
-        """Answer requests, which arrive in chunks of any size."""
+        """Answer requests, which arrive in chunks of any size; on I2C, each is a transaction."""
+        if self.board == "none":
+            return self._transact(data, t_ns)
         return [out for packet in self.packets.cut(data, t_ns) for out in self._obey(packet, t_ns)]
+
+    def _transact(self, frame: bytes, t_ns: int) -> Transmissions:
+        if (asked := I2c.asked(frame)) is not None:
+            done, count = asked
+            if not count:
+                return ()
+            if not done:
+                self.reads_from, self.location, self.read_ns = self.location, DATA_LOCATION, t_ns
+            first = self.reads_from + done
+            return [self._memory()[first : first + count].ljust(count, FILLER)]
+        operation, first, count = frame[1:4] if len(frame) >= 4 else (0, 0, 0)
+        data = frame[4 : 4 + count]
+        if operation == READ and first + count <= MEMORY_BYTES:
+            self.location = first
+        elif operation == WRITE and 0 < count == len(data) and first + count <= WRITABLE_BYTES:
+            self._store(first, data)
+        else:
+            self.counters["refused"] += 1
+        return ()
 
     def _obey(self, packet: bytes, t_ns: int) -> Transmissions:
         request = REQUEST.unpack(packet.removesuffix(FILLER))
@@ -264,6 +307,12 @@ def _check(packet: bytes) -> str:
     return SOUND if REQUEST.unpack(packet.removesuffix(FILLER)) else "bad_tail"
 
 
+_I2C_EXAMPLES = (
+    # name, transaction, bytes that are read
+    ("reading", "09 00 00 00 06", "..{6}"),
+    ("read request", "08 01 00 20", None),
+    ("write of the baseline", "08 02 29 02 00 00 FF", None),
+)
 _HEAD = ".. .. .. .. 04 00"
 _EXAMPLES = (
     # name, request behind address and timeout, answer without its tail

@@ -135,7 +135,7 @@ class I2cDriverTransport(PtyTransport):
             self._answer(b"\xff" * count)
             return []
         self._wanted = count
-        return [bytes([self._start]) + (self._handed_out + count).to_bytes(2, "big")]
+        return [bytes([self._start]) + self._handed_out.to_bytes(2, "big") + count.to_bytes(2, "big")]
 
     def _answer(self, data: bytes) -> None:
         if data:
@@ -152,6 +152,5 @@ class I2cDriverTransport(PtyTransport):
         if not self._wanted:
             return False
         count, self._wanted = self._wanted, 0
-        data = frame[self._handed_out :][:count]
         self._handed_out += count
-        return super().write(data.ljust(count, b"\xff"))
+        return super().write(frame[:count].ljust(count, b"\xff"))

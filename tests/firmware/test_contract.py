@@ -70,6 +70,7 @@ VARIANTS = [
     ("rohand", {"touch": "finger", "unit": 3}),
     ("seed_fts3", {"sensors": ("none", "z", "none", "xyz", "xyz")}),
     ("singletact", {"board": "arduino"}),
+    ("singletact", {"board": "none", "address": 9}),
     ("sun_fingertip", {"baud": 500_000}),
     ("synria_60", {"unit": 5}),
     ("unitree_dex3", {"side": "right", "cells": (0, 1, 5), "odd_cells": (11,)}),

@@ -102,3 +102,29 @@ def test_counter_and_clock_roll_over():
     device.preset("iteration", 0xFFFF)
     sample(device)
     assert ask(device, "01018002", (1 << 32) * 100_000) == b"\0\0"
+
+
+def on_bus(device, frame: str) -> bytes:
+    return b"".join(device.receive(bytes.fromhex(frame), 0, ""))
+
+
+def test_on_i2c_a_read_begins_where_the_request_says_else_at_the_data():
+    device = fp.create("singletact", board="none", address=9, serial=0x1234)
+    assert device.ports == (fp.I2c(addresses=(9, 4)),)
+    sample(device, 2.0)
+    assert struct.unpack(">HHH", on_bus(device, "13 0000 0006"))[2] == 255 + 102
+    assert on_bus(device, "12 01 00 05") == b"" and on_bus(device, "13 0000 0003") == b"\x09\0\0"
+    assert on_bus(device, "13 0003 0002") == b"\x12\x34", "the controller reads on in the same transaction"
+    assert struct.unpack(">HHH", on_bus(device, "13 0000 0006"))[0] == 1, "the request is spent"
+    assert on_bus(device, "13 0040 0004") == bytes(4), "behind the memory"
+
+
+def test_on_i2c_a_write_tares_and_what_is_not_understood_is_counted():
+    device = fp.create("singletact", board="none")
+    sample(device, 2.0)
+    assert on_bus(device, "08 02 29 02 00 00 FF") == b""
+    sample(device, 2.0)
+    assert struct.unpack(">HHH", on_bus(device, "09 0000 0006"))[2] == 255
+    for frame in ("08", "08 00", "08 03 00 01 00", "08 02 7f 02 00 00", "08 02 00 03 00", "08 01 bc 05"):
+        on_bus(device, frame)
+    assert device.counters["refused"] == 6

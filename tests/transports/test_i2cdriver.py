@@ -49,7 +49,7 @@ def test_a_write_is_one_frame_whatever_its_pieces(adapter):
 def test_a_read_waits_for_its_bytes_and_so_do_the_commands_after_it(adapter):
     port, ask = adapter
     assert not port.write(b"early"), "nothing was asked for"
-    assert ask(WRITE + b"\xc0\x80" + READ + b"\x85" + b"p") == (b"111", [b"\x08\x80", b"\x09\x00\x06"])
+    assert ask(WRITE + b"\xc0\x80" + READ + b"\x85" + b"p") == (b"111", [b"\x08\x80", b"\x09\0\0\0\x06"])
     assert ask(b"e!") == (b"", []) and port.write(b"abcdefgh") and ask()[0] == b"abcdef!"
     ask(READ + b"\x83")
     assert port.write(b"ab") and ask()[0] == b"ab\xff\xff", "a target that lets go of the bus"
@@ -60,13 +60,13 @@ def test_a_read_waits_for_its_bytes_and_so_do_the_commands_after_it(adapter):
 def test_a_longer_read_goes_on_where_it_was(adapter):
     port, ask = adapter
     memory = bytes(range(100))
-    assert ask(READ + b"a\x40")[1] == [b"\x09\x00\x40"] and port.write(memory[:64])
-    assert ask(b"\xa3")[1] == [b"\x09\x00\x64"] and port.write(memory) and ask()[0] == memory[64:]
+    assert ask(READ + b"a\x40")[1] == [b"\x09\0\0\0\x40"] and port.write(memory[:64])
+    assert ask(b"\xa3")[1] == [b"\x09\0\x40\0\x24"] and port.write(memory[64:]) and ask()[0] == memory[64:]
 
 
 def test_a_register_is_written_and_read(adapter):
     port, ask = adapter
-    assert ask(b"r\x04\x80\x02")[1] == [b"\x08\x80", b"\x09\x00\x02"] and port.write(b"ok") and ask()[0] == b"ok"
+    assert ask(b"r\x04\x80\x02")[1] == [b"\x08\x80", b"\x09\0\0\0\x02"] and port.write(b"ok") and ask()[0] == b"ok"
 
 
 def test_where_no_target_is_nothing_is_acknowledged(adapter):

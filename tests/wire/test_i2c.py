@@ -10,7 +10,7 @@ from tactemu.wire.wire import ReceivedData, Wire
 
 US = 1_000
 PAD, OTHER = I2c(addresses=(4, 0x20)), I2c(addresses=(0x21,))
-ASK, READ = bytes.fromhex("08018006"), bytes.fromhex("090006")
+ASK, READ = bytes.fromhex("08018006"), bytes.fromhex("0900000006")
 
 
 def heard(wire, now):

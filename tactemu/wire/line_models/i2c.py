@@ -31,7 +31,7 @@ class I2cLine(LineModel, connector=I2c):
     def driver_ns(self, frame: WireFrame, setting: Any) -> int:
         """Return the time of a write, or of the address of a read, with its start [ns]."""
         data = payload(frame)
-        return self._clocks_ns(1 + CLOCKS_PER_BYTE * (1 if I2c.read_size(data) else len(data)))
+        return self._clocks_ns(1 + CLOCKS_PER_BYTE * (len(data) if I2c.asked(data) is None else 1))
 
     def _clocks_ns(self, count: int) -> int:
         return round(count * 1e9 / self.connector.clock_hz) if self.pacing else 0
