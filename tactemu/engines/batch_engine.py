@@ -10,18 +10,21 @@ import logging
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self
 
 import numpy as np
 
 from tactemu.base.errors import SceneError, nearest
 from tactemu.plan.clearing import restore_rows
 from tactemu.plan.plan import Stage
+from tactemu.scene.engine_registry import refuse_motors
 
 if TYPE_CHECKING:
     import warp as wp
 
     from tactemu.geometry.bodies import Body
+    from tactemu.scene.engine_registry import JointMotors
+    from tactemu.scene.file import LoadedScene
     from tactemu.scene.scene import Scene
     from tactemu.sensors.sensor import Sensor
     from tactemu.sensors.simulation import Simulation
@@ -121,6 +124,19 @@ class BatchEngine(ABC):
     """The lag of the model behind the clock [s]."""
     scalar_last: ClassVar[bool] = False
     """True if w is the last number of a quaternion among the positions."""
+
+    @classmethod
+    def from_file(cls, scene: Scene, loaded: LoadedScene, motors: Sequence[JointMotors]) -> Self:
+        """Return the engine of a scene file, whose bodies it adds to the scene.
+
+        Raises:
+            SceneError: a skin has joints, or the engine cannot read its model.
+        """
+        table: Any = loaded.tables.engine
+        refuse_motors(table.kind, motors)
+        engine = cls(scene, loaded.folder / table.file, table)
+        engine.starts = loaded.starts
+        return engine
 
     def __init__(self, scene: Scene, file: Path, timestep: float):
         self.file = file

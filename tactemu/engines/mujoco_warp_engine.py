@@ -19,7 +19,6 @@ It needs the extra ``tactemu[mujoco-warp]``.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -28,14 +27,11 @@ import numpy as np
 from tactemu.base.errors import SceneError
 from tactemu.engines.batch_engine import BatchEngine
 from tactemu.engines.mujoco_source import MujocoSource, check_ranges, load_mujoco
-from tactemu.scene.engine_registry import refuse_motors
 from tactemu.scene.engine_tables import MujocoWarpTable
 
 if TYPE_CHECKING:
     import warp as wp
 
-    from tactemu.scene.engine_registry import JointMotors
-    from tactemu.scene.file import LoadedScene
     from tactemu.scene.scene import Scene
     from tactemu.sensors.simulation import Simulation
 
@@ -45,20 +41,6 @@ STATE = (
     "mocap_pos", "mocap_quat", "userdata",
 )  # fmt: skip
 """The arrays on which MuJoCo's integration depends: ``mjSTATE_INTEGRATION``."""
-
-
-def open_engine(scene: Scene, loaded: LoadedScene, motors: Sequence[JointMotors]) -> MujocoWarpEngine:
-    """Open the engine of a scene file: see :data:`tactemu.scene.engine_registry.OPENERS`.
-
-    Raises:
-        SceneError: a skin has joints.
-    """
-    table = loaded.tables.engine
-    assert isinstance(table, MujocoWarpTable)
-    refuse_motors(table.kind, motors)
-    engine = MujocoWarpEngine(scene, loaded.folder / table.file, table)
-    engine.starts = loaded.starts
-    return engine
 
 
 class MujocoWarpEngine(BatchEngine):
@@ -149,3 +131,7 @@ class _Worlds:
         self._with_velocity = simulation.uses_velocity
         self.refresh()
         self._source.bind(simulation, self.data)
+
+
+open_engine = MujocoWarpEngine.from_file
+"""Open the engine of a scene file: see :data:`tactemu.scene.engine_registry.OPENERS`."""

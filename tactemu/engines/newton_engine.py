@@ -17,7 +17,6 @@ For a loop and a solver of your own use :class:`tactemu.NewtonSource`. It needs 
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree
@@ -28,12 +27,9 @@ import warp as wp
 from tactemu.base.errors import SceneError
 from tactemu.engines.batch_engine import BatchEngine
 from tactemu.engines.newton_source import NewtonSource
-from tactemu.scene.engine_registry import refuse_motors
 from tactemu.scene.engine_tables import NewtonTable
 
 if TYPE_CHECKING:
-    from tactemu.scene.engine_registry import JointMotors
-    from tactemu.scene.file import LoadedScene
     from tactemu.scene.scene import Scene
     from tactemu.sensors.simulation import Simulation
 
@@ -41,20 +37,6 @@ TIMESTEP_S = 2e-3
 """The largest time step of a model that gives none."""
 STATE = "time", "act", "history", "qacc_warmstart"
 """The solver's own arrays that are part of the state."""
-
-
-def open_engine(scene: Scene, loaded: LoadedScene, motors: Sequence[JointMotors]) -> NewtonEngine:
-    """Open the engine of a scene file: see :data:`tactemu.scene.engine_registry.OPENERS`.
-
-    Raises:
-        SceneError: a skin has joints.
-    """
-    table = loaded.tables.engine
-    assert isinstance(table, NewtonTable)
-    refuse_motors(table.kind, motors)
-    engine = NewtonEngine(scene, loaded.folder / table.file, table)
-    engine.starts = loaded.starts
-    return engine
 
 
 class NewtonEngine(BatchEngine):
@@ -223,3 +205,7 @@ class _Worlds:
         state = self._state
         self._newton.eval_fk(self._model, state.joint_q, state.joint_qd, state)
         self._source.bind(simulation, state)
+
+
+open_engine = NewtonEngine.from_file
+"""Open the engine of a scene file: see :data:`tactemu.scene.engine_registry.OPENERS`."""

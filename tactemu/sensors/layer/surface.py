@@ -21,7 +21,7 @@ from tactemu.sensors.layer.pressure import windows_type
 from tactemu.sensors.layer.shared_memory import shared_functions, shared_numbers
 from tactemu.sensors.layer.tables import tables_type
 from tactemu.sensors.layer.tangential_compliance import tangential_functions
-from tactemu.sensors.layer.window import BOX_STEP, around, transform_level, transform_size
+from tactemu.sensors.layer.window import BOX_STEP, around, transform_level, transform_size, wipe_function
 
 SHARED_MEMORY_BLOCK = Block(128, 2)
 """Block of threads for solving in shared memory."""
@@ -52,7 +52,7 @@ def surface_kernel(real, lanes: int, with_friction: bool, is_shared: bool):
     )
     forward, inverse, displace = functions.forward, functions.inverse, tangential_compliance.displace
     shared_workspace, window = shared_functions(real, workspace, *SHARED_ARRAYS)
-    grid = wp.array2d(dtype=real)
+    grid, wipe = wp.array2d(dtype=real), wipe_function(real)
 
     @wp.func
     def fetch(source: grid, box: wp.vec4i, window: grid, mine: wp.vec4i):
@@ -70,15 +70,6 @@ def surface_kernel(real, lanes: int, with_friction: bool, is_shared: bool):
         for y in range(mine[0], wp.min(area[2], out.shape[0] - area[0]), mine[1]):
             for x in range(mine[2], wp.min(area[3], out.shape[1] - area[1]), mine[3]):
                 out[area[0] + y, area[1] + x] = window[y, x]
-        block_sync()
-
-    @wp.func
-    def wipe(area: wp.vec4i, out: grid, thread: int):
-        if area[3] > 0:
-            mine = spread(area[3], thread)
-            for y in range(mine[0], wp.min(area[2], out.shape[0] - area[0]), mine[1]):
-                for x in range(mine[2], wp.min(area[3], out.shape[1] - area[1]), mine[3]):
-                    out[area[0] + y, area[1] + x] = real(0.0)
         block_sync()
 
     @wp.func

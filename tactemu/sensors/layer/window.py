@@ -173,19 +173,31 @@ def survey_function(real, lanes: int):
 
 
 @functools.cache
-def publish_function(real):
-    """Return ``publish(window, box, old, out, thread)``, which clears the box ``old`` of a grid and writes the window
-    to ``box``."""
+def wipe_function(real):
+    """Return ``wipe(area, out, thread)``, which clears an area of a grid."""
     grid = wp.array2d(dtype=real)
 
     @wp.func
-    def publish(window: grid, box: wp.vec4i, old: wp.vec4i, out: grid, thread: int):
-        if old[3] > 0:
-            mine = spread(old[3], thread)
-            for y in range(mine[0], wp.min(old[2], out.shape[0] - old[0]), mine[1]):
-                for x in range(mine[2], wp.min(old[3], out.shape[1] - old[1]), mine[3]):
-                    out[old[0] + y, old[1] + x] = real(0.0)
+    def wipe(area: wp.vec4i, out: grid, thread: int):
+        if area[3] > 0:
+            mine = spread(area[3], thread)
+            for y in range(mine[0], wp.min(area[2], out.shape[0] - area[0]), mine[1]):
+                for x in range(mine[2], wp.min(area[3], out.shape[1] - area[1]), mine[3]):
+                    out[area[0] + y, area[1] + x] = real(0.0)
         block_sync()
+
+    return wipe
+
+
+@functools.cache
+def publish_function(real):
+    """Return ``publish(window, box, old, out, thread)``, which clears the box ``old`` of a grid and writes the window
+    to ``box``."""
+    grid, wipe = wp.array2d(dtype=real), wipe_function(real)
+
+    @wp.func
+    def publish(window: grid, box: wp.vec4i, old: wp.vec4i, out: grid, thread: int):
+        wipe(old, out, thread)
         if box[3] > 0:
             mine = spread(box[3], thread)
             for y in range(mine[0], wp.min(box[2], out.shape[0] - box[0]), mine[1]):
