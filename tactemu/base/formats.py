@@ -8,7 +8,7 @@ extra, and because the command line shows its help without NumPy.
 from __future__ import annotations
 
 import importlib
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -110,9 +110,17 @@ RECORDABLE = (*LOGS, *(each for each in CONVERTIBLE if each.holds == CAN_FRAMES)
 """The formats that `tactemu record` writes."""
 
 
-def by_suffix(path: Path) -> Format | None:
-    """Return the format of a file by the last part of its name, or None if there is no such format."""
-    return FORMATS.get(path.suffix[1:])
+def format_of(path: Path, formats: Collection[Format], refusal: str) -> Format:
+    """Return the format of a file among these, by the last part of its name.
+
+    Raises:
+        TactemuError: it has none of them.
+    """
+    form = FORMATS.get(path.suffix[1:])
+    if form is None or form not in formats:
+        many = f"one of {', '.join(each.suffix for each in formats)}"
+        raise TactemuError(f"{path}: {refusal} expected {many if len(formats) > 2 else names(formats, dot='.')}")
+    return form
 
 
 def names(formats: Iterable[Format], last: str = "or", dot: str = "") -> str:

@@ -8,7 +8,7 @@ from typing import Self
 
 from firmware_protocols import CanFrame
 from tactemu.base.errors import TactemuError
-from tactemu.base.formats import LOGS, RECORDABLE, by_suffix, names
+from tactemu.base.formats import LOGS, RECORDABLE, format_of, names
 from tactemu.truth.conversion import Converter
 from tactemu.truth.entries import End, Header, Passage, PortEvent
 from tactemu.truth.memory import size_of_frame
@@ -36,15 +36,12 @@ class Recorder:
         self._can: Converter | None = None
         self._log: LogWriter | None = None
         self._made = self._refused = False
-        form = by_suffix(self.path)
-        if form is None or form not in RECORDABLE:
-            listed = ", ".join(each.suffix for each in RECORDABLE)
-            raise TactemuError(f"{path}: cannot record to {self.path.suffix!r}; expected one of {listed}")
+        self._format = format_of(self.path, RECORDABLE, f"cannot record to {self.path.suffix!r};")
         try:
-            if form in LOGS:
+            if self._format in LOGS:
                 self._log = LogWriter(self.path, report=lambda _: None)  # raised here instead
             else:
-                self._made, self._maker = not self.path.exists(), form.load("converter")
+                self._made = not self.path.exists()
                 self.path.open("ab").close()
         except OSError as error:
             raise self._cannot(error) from None
@@ -61,7 +58,8 @@ class Recorder:
                 self._log.put(PortEvent(0, self.device, self._line), 0)
         else:
             self._made = False
-            self._can = self._maker(self.path)
+            self._can = can = self._format.load("converter")(self.path)
+            can.begin(Header(origin_ns))
 
     def add(self, entry: Passage) -> None:
         """Write one entry.

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from firmware_protocols import CanFrame
 from tactemu.base.errors import TactemuError
-from tactemu.base.formats import LOGS, READABLE, by_suffix
+from tactemu.base.formats import LOGS, READABLE, format_of
 from tactemu.truth.entries import Passage, PortEvent, belongs_to
 from tactemu.truth.log_reader import entries
 
@@ -47,10 +47,7 @@ def load(path: str | Path, skin: str | None = None) -> Recording:
         TactemuError: no such file, another format, or frames in it that no line carries; the message names them.
     """
     path = Path(path)
-    form = by_suffix(path)
-    if form is None or form not in READABLE:
-        listed = ", ".join(each.suffix for each in READABLE)
-        raise TactemuError(f"{path}: unknown format {path.suffix!r}; expected one of {listed}")
+    form = format_of(path, READABLE, f"unknown format {path.suffix!r};")
     if form in LOGS:
         return _load_log(path, skin)
     try:

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 
 from tactemu.base.errors import TactemuError
 from tactemu.base.files import remove_at_end
-from tactemu.base.formats import LOGS, Format, by_suffix, names
+from tactemu.base.formats import LOGS, Format, format_of
 from tactemu.truth.entries import End, Entry, Header
 
 if TYPE_CHECKING:
@@ -54,10 +54,7 @@ def log_format(path: Path) -> Format:
     Raises:
         TactemuError: another suffix.
     """
-    form = by_suffix(path)
-    if form is None or form not in LOGS:
-        raise TactemuError(f"{path}: the suffix decides the format of a log: expected {names(LOGS, dot='.')}")
-    return form
+    return format_of(path, LOGS, "the suffix decides the format of a log:")
 
 
 class LogWriter:

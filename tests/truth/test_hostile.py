@@ -10,7 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from tactemu.base.errors import TactemuError
-from tactemu.base.formats import LOGS, by_suffix
+from tactemu.base.formats import LOGS
 from tactemu.cli.truths import summarise
 from tactemu.emulator.playback import RecordedReadings
 from tactemu.truth import Truth, read_log
@@ -26,7 +26,7 @@ OF_A_RECORDING_ONLY = {"serial_and_can.jsonl", "baud_of_words.jsonl"}
 @pytest.mark.parametrize("path", CORPUS, ids=lambda path: path.name)
 def test_a_hostile_file_is_refused_in_one_sentence(path):
     ways = [load]
-    if by_suffix(path) in LOGS and path.name not in OF_A_RECORDING_ONLY:
+    if path.suffix in [each.suffix for each in LOGS] and path.name not in OF_A_RECORDING_ONLY:
         ways += [read_log, summarise, RecordedReadings]
     for way in ways:
         start = time.process_time()

@@ -61,6 +61,7 @@ def test_a_fault_hits_the_frame_and_the_place_that_it_names(fault, becomes, tmp_
     else:
         (entry,) = injected
         assert entry.detail == f"{fault} [to_driver, frame 2]"
+        assert (entry.fault, entry.frame) == (fault, 2)
         assert (entry.before, list(entry.after)) == (WHOLE.hex(), becomes)
 
 
