@@ -36,44 +36,26 @@ MAX_TO_HOST_BYTES = 4096
 """Maximum number of bytes that wait for the host; a frame that finds no room is dropped whole."""
 
 
-class UsbIpTransport(Transport):
-    """A USB device with a serial port, attached by one host at a time.
+class UsbIpPort(Transport):
+    """A USB device, attached by one host at a time.
+
+    Args:
+        location: ``HOST:PORT`` or ``PORT``; empty: the usual port on the loopback interface.
+        chip: the device.
 
     Raises:
-        TransportError: the address cannot be parsed, or there is no such chip.
+        TransportError: the address cannot be parsed.
     """
 
-    scheme = "usbip"
-
-    def __init__(self, location: str = ""):
-        chip, at, where = location.rpartition("@")
-        if at and chip not in CHIPS:
-            known = ", ".join(CHIPS)
-            raise TransportError(
-                f"port 'usbip:{location}': unknown chip {chip!r}{nearest(chip, CHIPS)}; expected {known}"
-            )
-        self._chip_name = chip
-        self._host, self._port = inet.parse(self.scheme, where or str(USUAL_PORT))
-        self.address = f"usbip:{location}"
-        self._chip: Chip = CHIPS[chip or "cdc"]()
+    def __init__(self, location: str, chip: Chip):
+        self._host, self._port = inet.parse(self.scheme, location or str(USUAL_PORT))
+        self.address = f"{self.scheme}:{location}"
+        self._chip = chip
         self._server: UsbIpServer | None = None
         self._export: Export | None = None
         self._link: HostLink | None = None
         self._has_reader = False
         self._events: deque[Event] = deque()
-
-    def set_connector(self, connector: Connector) -> None:
-        """Take the chip and its identity from the device.
-
-        Raises:
-            TransportError: the device has no serial port.
-        """
-        if not isinstance(connector, Serial):
-            raise TransportError(f"port '{self.address}': the device has no serial port")
-        own = chip_of(connector.usb)
-        kind = CHIPS[self._chip_name] if self._chip_name else own
-        usb = connector.usb
-        self._chip = kind(usb if kind is own and isinstance(usb, USB) else None)  # another chip has its maker's ids
 
     # -- life ------------------------------------------------------------------------------------------------------
 
@@ -128,7 +110,7 @@ class UsbIpTransport(Transport):
             self._chip.events.clear()
             room = MAX_CHUNK_BYTES if reading else 0
             while room > 0 and (data := link.take()) is not None:
-                self._events += [Received(data)] if data else []
+                self._events += self._decode(data)
                 room -= len(data)
             link.pump()
             link.send()
@@ -150,22 +132,68 @@ class UsbIpTransport(Transport):
             self._events += (Closed(), DROPPED) if self._chip.lines != DROPPED else (Closed(),)
             self._chip.lines = LinesChanged(False, False)
 
+    def _decode(self, data: bytes) -> list[Event]:
+        """Return the events that a transfer of the host makes."""
+        return [Received(data)] if data else []
+
     # -- bytes out -------------------------------------------------------------------------------------------------
 
-    def write(self, frame: WireFrame) -> bool:
-        """Write one frame; ``False`` where no driver has the port open, or does not read."""
-        if not isinstance(frame, bytes):
-            raise TransportError(f"a serial port cannot carry the CAN frame {frame}")
-        if self._link is None or not self._has_reader or self._link.to_host_bytes + len(frame) > MAX_TO_HOST_BYTES:
+    def _put(self, data: bytes, most: int) -> bool:
+        """Hand a frame to the host; return False if more than ``most`` bytes would wait for it."""
+        if self._link is None or self._link.to_host_bytes + len(data) > most:
             return False
-        self._link.put(frame)
-        self._link.send()
+        self._reply(data)
         return True
+
+    def _reply(self, data: bytes) -> None:
+        """Hand data to the host, however many wait."""
+        if self._link is not None:
+            self._link.put(data)
+            self._link.send()
 
     @property
     def has_reader(self) -> bool:
         """True while a driver has the port open."""
         return self._has_reader
+
+
+class UsbIpTransport(UsbIpPort):
+    """A USB device with a serial port.
+
+    Raises:
+        TransportError: the address cannot be parsed, or there is no such chip.
+    """
+
+    scheme = "usbip"
+
+    def __init__(self, location: str = ""):
+        chip, at, where = location.rpartition("@")
+        if at and chip not in CHIPS:
+            known = ", ".join(CHIPS)
+            raise TransportError(
+                f"port 'usbip:{location}': unknown chip {chip!r}{nearest(chip, CHIPS)}; expected {known}"
+            )
+        super().__init__(where, CHIPS[chip or "cdc"]())
+        self._chip_name = chip
+
+    def set_connector(self, connector: Connector) -> None:
+        """Take the chip and its identity from the device.
+
+        Raises:
+            TransportError: the device has no serial port.
+        """
+        if not isinstance(connector, Serial):
+            raise TransportError(f"port '{self.address}': the device has no serial port")
+        own = chip_of(connector.usb)
+        kind = CHIPS[self._chip_name] if self._chip_name else own
+        usb = connector.usb
+        self._chip = kind(usb if kind is own and isinstance(usb, USB) else None)  # another chip has its maker's ids
+
+    def write(self, frame: WireFrame) -> bool:
+        """Write one frame; ``False`` where no driver has the port open, or does not read."""
+        if not isinstance(frame, bytes):
+            raise TransportError(f"a serial port cannot carry the CAN frame {frame}")
+        return self._has_reader and self._put(frame, MAX_TO_HOST_BYTES)
 
     @property
     def setting(self) -> SerialSetting | None:

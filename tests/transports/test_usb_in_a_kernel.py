@@ -24,7 +24,8 @@ def told():
         first = stack.enter_context(Played("anyskin", "usbip:cdc@0"))
         number = first.wire.transport.address.split("--tcp-port ")[1].split()[0]
         others = [stack.enter_context(Played("anyskin", f"usbip:{chip}@{number}")) for chip in list(NODES)[1:]]
-        modules = "vhci-hcd cdc-acm ftdi_sio cp210x ch341"
+        hand = stack.enter_context(Played("linker_hand_l6", f"gsusb:{number}"))
+        modules = "vhci-hcd cdc-acm ftdi_sio cp210x ch341 gs_usb can-raw"
         program = [sys.executable, str(ROOT / "tests/transports/usb_guest.py"), number, str(READINGS), *NODES.values()]
         done = subprocess.run(
             [ROOT / "scripts/kernel-guest", "-m", "1G", "-t", "500", "-M", modules, "--", *program],
@@ -34,7 +35,10 @@ def told():
             pytest.skip(done.stderr.strip().splitlines()[-1])
         assert done.returncode == 0, done.stderr[-3000:] + done.stdout[-3000:]
         lines = [json.loads(line) for line in done.stdout.splitlines() if line.startswith("{")]
-        yield {line.pop("node"): line for line in lines if "node" in line}, dict(zip(NODES.values(), [first, *others]))
+        yield (
+            {line.pop("node"): line for line in lines if "node" in line},
+            dict(zip([*NODES.values(), "can0"], [first, *others, hand])),
+        )
 
 
 @pytest.mark.parametrize("node", NODES.values())
@@ -59,6 +63,21 @@ def test_the_kernel_lists_the_ids_of_maker_and_chips(told):
         "ttyACM0": ("239a", "80cb"), "ttyUSB0": ("0403", "6001"),
         "ttyUSB1": ("10c4", "ea60"), "ttyUSB2": ("1a86", "7523"),
     }  # fmt: skip
+
+
+def test_a_hand_on_can_is_read_through_an_adapter(told):
+    said, played = told
+    device, readings = played["can0"].device, np.array(said["can0"]["readings"])
+    samples = [sample.counts for sample in played["can0"].truth.samples]
+    for finger, patch in enumerate(device.layout.patches[:5]):
+        known = {counts[patch.taxels].astype(int).tobytes() for counts in samples}
+        read = [reading.ravel().astype(int).tobytes() for reading in readings[:, finger]]
+        assert len(read) == 20 and all(matrix in known for matrix in read), finger
+
+
+def test_at_another_bit_rate_nobody_acknowledges(told):
+    said, _ = told
+    assert said["can0"]["states"] == ["ERROR-PASSIVE", "ERROR-ACTIVE"]
 
 
 def test_a_device_that_is_unplugged_is_attached_again(told):

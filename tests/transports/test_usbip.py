@@ -55,11 +55,12 @@ class Polled:
         with self._lock:
             return self.port.write(data)
 
-    def wait(self, kind, seconds=5.0):
-        """Return the last event of a kind, once there is one."""
+    def wait(self, kind, seconds=5.0, **fields):
+        """Return the last event of a kind with these fields, once there is one."""
         deadline = time.monotonic() + seconds
         while time.monotonic() < deadline:
-            if found := [event for event in list(self.events) if isinstance(event, kind)]:
+            found = [event for event in list(self.events) if isinstance(event, kind)]
+            if found := [each for each in found if all(getattr(each, key) == fields[key] for key in fields)]:
                 return found[-1]
             time.sleep(0.002)
         raise AssertionError(f"no {kind.__name__} among {self.events}")
@@ -151,7 +152,7 @@ def test_an_ftdi_sends_its_status_before_each_62_bytes():
         thread.join()
         assert got == [b"\x31\x60" + bytes(62) + b"\x31\x60" + bytes(38)]
         handle.control(0x40, 9, 1, 0, b"")
-        assert polled.wait(Noted).what == "latency timer 1 ms"
+        polled.wait(Noted, what="latency timer 1 ms")
         assert handle.control(0xC0, 10, 0, 0, 1) == b"\x01"
 
 
@@ -223,7 +224,7 @@ def test_requests_that_are_no_usbip_end_the_connection():
         handle = polled.client()
         handle.conn.sock.sendall(b"\xff" * 48)
         assert handle.conn.sock.recv(100) == b""
-        assert polled.wait(Noted).what == "detached by the host"
+        polled.wait(Noted, what="detached by the host")
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,7 @@
-"""The guest's part of ``test_usb_in_a_kernel.py``: ``usb_guest.py PORT COUNT NODE...``. Prints a JSON object a line."""
+"""The guest's part of ``test_usb_in_a_kernel.py``: ``usb_guest.py PORT COUNT NODE...``. Prints a JSON object a line.
+
+The last device of the hub is a CAN adapter.
+"""
 
 import json
 import os
@@ -7,6 +10,7 @@ import sys
 import time
 from pathlib import Path
 
+import can
 import serial
 
 ROOT = Path(__file__).parents[2]
@@ -32,12 +36,36 @@ def identity(node):
 keeper = subprocess.Popen([sys.executable, "-m", "tactemu", "attach", f"{host}:{port}"], cwd=ROOT)
 try:
     for node in nodes:
-        assert wait(lambda node=node: os.path.exists(f"/dev/{node}"), 60), f"no {node}"
+        assert wait(lambda node=node: os.path.exists(f"/dev/{node}"), 240), f"no {node}"
     for node in nodes:
         command = [sys.executable, ROOT / "tests/drivers/scripts/anyskin_read.py", "anyskin", f"/dev/{node}", count]
         done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
         readings = json.loads(done.stdout.splitlines()[-1])["readings"]
         print(json.dumps({"node": node, "readings": readings, **identity(node)}), flush=True)
+    # At another bit rate nobody acknowledges; then the rate of the bus.
+    assert wait(lambda: os.path.exists("/sys/class/net/can0"), 60)
+    states = []
+    for bitrate in (500_000, 1_000_000):
+        subprocess.run(["ip", "link", "set", "can0", "up", "type", "can", "bitrate", str(bitrate)], check=True)
+        with can.Bus(interface="socketcan", channel="can0") as bus:
+            for _ in range(40):
+                bus.send(can.Message(arbitration_id=0x123, data=b"?", is_extended_id=False), timeout=1)
+            time.sleep(0.5)
+        shown = subprocess.run(["ip", "-json", "-details", "link", "show", "can0"], capture_output=True, check=True)
+        states.append(json.loads(shown.stdout)[0]["linkinfo"]["info_data"]["state"])
+        if bitrate == 500_000:
+            subprocess.run(["ip", "link", "set", "can0", "down"], check=True)
+    command = [
+        sys.executable,
+        ROOT / "tests/drivers/scripts/linkerbot_read.py",
+        "L6",
+        "left",
+        "can0",
+        "socketcan",
+        "20",
+    ]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
+    print(json.dumps({"node": "can0", "states": states, **json.loads(done.stdout.splitlines()[-1])}), flush=True)
     # The kernel's side of a pulled cable: a driver's read fails, and the keeper attaches the device again.
     with serial.Serial(f"/dev/{nodes[0]}", 115_200, timeout=1) as driver:
         driver.read(10)

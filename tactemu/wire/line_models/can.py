@@ -23,7 +23,7 @@ class CanLine(LineModel, connector=Can):
     """Every node offers its own frames in order; the driver is one of the nodes."""
 
     kind = "can"
-    schemes = ("can", "slcan", "socketcand")
+    schemes = ("can", "slcan", "socketcand", "gsusb")
     faults = ("error", "busoff", "babble", "load")
     likely_faults = ("truncate", "reorder", "stray", "error", "busoff", "load")
     has_identifiers = True
