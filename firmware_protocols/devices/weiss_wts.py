@@ -85,7 +85,17 @@ TEMPERATURE = 0x46
 SYSTEM_INFO = 0x50
 SET_TAG = 0x51
 TAG = 0x52
-READS = ("loop", "matrix", "temperature", "threshold", "gain", "type", "system", "tag")
+READS = (
+    "loop",
+    "matrix",
+    "temperature",
+    "threshold",
+    "gain",
+    "type",
+    "system",
+    "tag",
+    "one frame, after the next scan",
+)
 MAX_PAYLOAD_BYTES = 64
 PAYLOAD_BYTES = {
     **dict.fromkeys((STOP, MATRIX_INFO, THRESHOLD, GAIN, TYPE, TEMPERATURE, SYSTEM_INFO, TAG), (0,)),

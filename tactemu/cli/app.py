@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from tactemu.cli import attaching, explaining, information, judging, logs, new, running, scenes
+from tactemu.cli import attaching, compare, explaining, information, judging, logs, new, running, scenes
 from tactemu.cli.benches import bench
 from tactemu.version import __version__
 
@@ -35,7 +35,7 @@ A simulated tactile skin at the far end of a wire: the bytes and CAN frames of r
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
-for each in (running, judging, information, explaining, new, scenes, logs, attaching):
+for each in (running, judging, compare, information, explaining, new, scenes, logs, attaching):
     app.add_typer(each.commands)
 app.add_typer(bench, name="bench")
 

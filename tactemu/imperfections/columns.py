@@ -6,9 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from firmware_protocols.bounds import LARGEST
 from tactemu.base.errors import SceneError, shown
-from tactemu.base.options import numbers
+from tactemu.base.options import LARGEST, numbers
 from tactemu.imperfections.info import ReadingInfo
 from tactemu.plan.plan import Context
 

@@ -6,6 +6,7 @@ templates that no type checker reads.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from html import escape
 from typing import Any
 
@@ -49,11 +50,15 @@ def html_report(report: Report) -> str:
         _latency(report),
         _skipped(report),
     ]
-    title = escape(f"tactemu judge {report.device}")
+    return html_page(f"tactemu judge {report.device}", parts)
+
+
+def html_page(title: str, parts: Sequence[str]) -> str:
+    """Return a page with the look of all reports."""
     return (
         '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width, initial-scale=1"><link rel="icon" href="data:,">'
-        f"<title>{title}</title><style>{STYLE}</style></head><body>\n" + "\n".join(parts) + "\n</body></html>\n"
+        f"<title>{escape(title)}</title><style>{STYLE}</style></head><body>\n" + "\n".join(parts) + "\n</body></html>\n"
     )
 
 

@@ -1,7 +1,8 @@
 """Skins with parameters measured on real devices, from the files in ``measured/``, one for each device.
 
-A file has keys of a scene's ``[[skin]]``, and its comments name their sources. A skin with ``measured = true`` keeps
-its own keys, also those within its options, clock and device options.
+A file in a folder ``measured`` of the working directory, such as `tactemu compare` writes, comes before the package's
+own. A file has keys of a scene's ``[[skin]]``, and its comments name their sources. A skin with ``measured = true``
+keeps its own keys, also those within its options, clock and device options.
 """
 
 from __future__ import annotations
@@ -14,12 +15,18 @@ from tactemu.base.errors import SceneError, nearest
 from tactemu.scene.schema import SkinTable
 
 MEASURED_FOLDER = Path(__file__).parent / "measured"
-"""The folder of the files."""
+"""The folder of the package's own files."""
+
+
+def _files() -> dict[str, Path]:
+    """Return the files by device."""
+    folders = (MEASURED_FOLDER, Path("measured"))
+    return {path.stem: path for folder in folders for path in folder.glob("*.toml")}
 
 
 def measured_devices() -> list[str]:
     """Return the names of the devices with measured parameters."""
-    return sorted(path.stem for path in MEASURED_FOLDER.glob("*.toml"))
+    return sorted(_files())
 
 
 def measured_defaults(skin: SkinTable) -> SkinTable:
@@ -32,7 +39,7 @@ def measured_defaults(skin: SkinTable) -> SkinTable:
     if skin.device not in known:
         hint = nearest(skin.device, known) or f" (devices: {', '.join(known)})"
         raise SceneError(f"{where}: there are no measured parameters of {skin.device!r}{hint}")
-    found: dict[str, Any] = tomllib.loads((MEASURED_FOLDER / f"{skin.device}.toml").read_text(encoding="utf-8"))
+    found: dict[str, Any] = tomllib.loads(_files()[skin.device].read_text(encoding="utf-8"))
     own = skin.model_dump(by_alias=True, exclude_unset=True)
     needed, given = ([str(table.get("kind")) for table in tables.get("transducer", ())] for tables in (found, own))
     if given and not set(needed) <= set(given):

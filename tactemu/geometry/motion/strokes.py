@@ -6,27 +6,26 @@ import bisect
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Annotated
 
 import numpy as np
 
-from firmware_protocols.bounds import Bounds
 from tactemu.base.errors import SceneError
-from tactemu.base.options import check_declared, number
+from tactemu.base.options import number
 from tactemu.base.units import (
     LENGTH_UNIT,
+    MAX_ANGLE_RAD,
     MAX_DEPTH_M,
-    DepthAfterTravel,
-    Distance,
-    MetresPerSecond,
-    Radians,
-    RadiansPerSecond,
-    Radius,
-    Repeats,
-    Seconds,
+    MAX_RADIUS_M,
+    MAX_TIME_S,
+    MAX_TRAVEL_M,
+    SIZE_RANGE_M,
+    SPEED_RANGE_M_S,
 )
 from tactemu.geometry import rotation
 from tactemu.geometry.motion.pose import UNTURNED, ZERO, Motion, Pose, Vector
+
+MAX_SPIN_RATE_RAD_S = 1e4
+"""The highest rate of a spin."""
 
 
 class DistanceProfile:
@@ -74,12 +73,12 @@ class Hold(Motion):
     """A pause: the body stays where it is."""
 
     kind = "hold"
-    seconds: Seconds = math.inf
+    seconds: float = math.inf
     """Duration [s], for a pause inside a sequence."""
 
     def __post_init__(self):
         if self.seconds != math.inf:
-            number(self.kind, "seconds", self.seconds, Seconds)
+            check_times(self, "seconds")
 
     @property
     def duration(self) -> float:
@@ -121,32 +120,34 @@ class Press(Travel):
     """An approach, a press by ``depth``, a dwell, a return and a pause, ``repeat`` times."""
 
     kind = "press"
-    depth: DepthAfterTravel
+    depth: float
     """Distance beyond the end of the approach [m]."""
-    approach: Distance = 0.0
+    approach: float = 0.0
     """Free travel before the first touch [m]."""
-    speed: MetresPerSecond = 0.01
+    speed: float = 0.01
     """Speed of the approach and the press [m/s]."""
-    dwell: Seconds = 0.5
+    dwell: float = 0.5
     """Time at full depth [s]."""
     release: bool = True
     """Come back after the dwell; ``false`` leaves the body pressed in, for a slide that follows in a sequence."""
-    release_speed: MetresPerSecond | None = None
+    release_speed: float | None = None
     """Speed of the return [m/s]; default: ``speed``."""
-    pause: Seconds = 0.0
+    pause: float = 0.0
     """Time back at the start before the next press [s]."""
-    delay: Seconds = 0.0
+    delay: float = 0.0
     """Time before the first press [s]."""
-    repeat: Repeats | None = 1
+    repeat: int | None = 1
     """Number of presses; ``0`` or ``None``: for ever."""
     direction: Vector = (0.0, 0.0, -1.0)
     """Direction in the world; its length does not matter."""
 
     def __post_init__(self):
-        check_declared(self.kind, self)
+        check_distances(self, "approach")
+        check_times(self, "dwell", "pause", "delay")
+        check_speeds(self, "speed", "release_speed")
         check_direction(self, "direction")
-        deepest = Bounds(unit=LENGTH_UNIT, low=0.0 - self.approach, high=MAX_DEPTH_M)
-        number(self.kind, "depth", self.depth, Annotated[float, deepest])
+        check_repeat(self)
+        number(self.kind, "depth", self.depth, at_least=0.0 - self.approach, at_most=MAX_DEPTH_M, unit=LENGTH_UNIT)
 
     @cached_property
     def _profile(self) -> DistanceProfile:
@@ -162,20 +163,23 @@ class Slide(Travel):
     """A travel along a line without turning; with ``repeat`` other than 1, there and back."""
 
     kind = "slide"
-    distance: Distance
+    distance: float
     """Distance to travel [m]."""
-    speed: MetresPerSecond = 0.02
+    speed: float = 0.02
     """Speed [m/s]."""
     direction: Vector = (1.0, 0.0, 0.0)
     """Direction in the world; its length does not matter."""
-    repeat: Repeats | None = 1
+    repeat: int | None = 1
     """1: travel once and stay; n > 1: n times there and back; ``0`` or ``None``: there and back for ever."""
-    delay: Seconds = 0.0
+    delay: float = 0.0
     """Time before the start [s]."""
 
     def __post_init__(self):
-        check_declared(self.kind, self)
+        check_distances(self, "distance")
+        check_times(self, "delay")
+        check_speeds(self, "speed")
         check_direction(self, "direction")
+        check_repeat(self)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -183,25 +187,29 @@ class Roll(Travel):
     """A roll without slipping over a flat surface: a slide, with the rotation that a body of ``radius`` then has."""
 
     kind = "roll"
-    distance: Distance
+    distance: float
     """Distance to travel [m]."""
-    radius: Radius
+    radius: float
     """Distance of the surface from the body's centre [m]."""
-    speed: MetresPerSecond = 0.02
+    speed: float = 0.02
     """Speed of the body's centre [m/s]."""
     direction: Vector = (1.0, 0.0, 0.0)
     """Direction in the world; its length does not matter."""
     normal: Vector = (0.0, 0.0, 1.0)
     """Normal of the surface, towards the body, in the world."""
-    repeat: Repeats | None = 1
+    repeat: int | None = 1
     """1: travel once and stay; n > 1: n times there and back; ``0`` or ``None``: there and back for ever."""
-    delay: Seconds = 0.0
+    delay: float = 0.0
     """Time before the start [s]."""
 
     def __post_init__(self):
-        check_declared(self.kind, self)
+        check_distances(self, "distance")
+        check_times(self, "delay")
+        check_speeds(self, "speed")
+        number(self.kind, "radius", self.radius, at_least=SIZE_RANGE_M[0], at_most=MAX_RADIUS_M, unit=LENGTH_UNIT)
         check_direction(self, "direction")
         check_direction(self, "normal")
+        check_repeat(self)
 
     def pose(self, t_s: float) -> Pose:
         distance, speed = self._profile.at(t_s)
@@ -223,17 +231,20 @@ class Spin(Motion):
     """A rotation about an axis through the body's origin at a constant rate."""
 
     kind = "spin"
-    rate: RadiansPerSecond
+    rate: float
     """Angular rate [rad/s]; its sign is the sense of rotation."""
     axis: Vector = (0.0, 0.0, 1.0)
     """Direction in the world; its length does not matter."""
-    angle: Radians | None = None
+    angle: float | None = None
     """Angle at which the motion stops [rad]; ``None``: it never stops."""
-    delay: Seconds = 0.0
+    delay: float = 0.0
     """Time before the start [s]."""
 
     def __post_init__(self):
-        check_declared(self.kind, self)
+        check_times(self, "delay")
+        number(self.kind, "rate", self.rate, at_least=-MAX_SPIN_RATE_RAD_S, at_most=MAX_SPIN_RATE_RAD_S, unit="rad/s")
+        if self.angle is not None:
+            number(self.kind, "angle", self.angle, at_least=0, at_most=MAX_ANGLE_RAD, unit="rad")
         check_direction(self, "axis")
 
     @property
@@ -256,3 +267,30 @@ def check_direction(motion: Motion, name: str) -> None:
             f"{motion.kind}.{name}: expected three finite numbers, not all of them near zero, "
             f"got {getattr(motion, name)}"
         )
+
+
+def check_times(motion: Motion, *names: str) -> None:
+    """Raise :class:`SceneError` if a field is no time from 0 to :data:`MAX_TIME_S`; ``None`` is accepted."""
+    for name in names:
+        if getattr(motion, name) is not None:
+            number(motion.kind, name, getattr(motion, name), at_least=0, at_most=MAX_TIME_S, unit="s")
+
+
+def check_distances(motion: Motion, *names: str) -> None:
+    """Raise :class:`SceneError` if a field is no distance from 0 to :data:`MAX_TRAVEL_M`."""
+    for name in names:
+        number(motion.kind, name, getattr(motion, name), at_least=0, at_most=MAX_TRAVEL_M, unit=LENGTH_UNIT)
+
+
+def check_speeds(motion: Motion, *names: str) -> None:
+    """Raise :class:`SceneError` if a field is no speed within :data:`SPEED_RANGE_M_S`; ``None`` is accepted."""
+    for name in names:
+        if getattr(motion, name) is not None:
+            least, most = SPEED_RANGE_M_S
+            number(motion.kind, name, getattr(motion, name), at_least=least, at_most=most, unit="m/s")
+
+
+def check_repeat(motion: Motion, name: str = "repeat") -> None:
+    """Raise :class:`SceneError` if a field is no count; ``None`` is accepted."""
+    if getattr(motion, name) is not None:
+        number(motion.kind, name, getattr(motion, name), at_least=0, at_most=1e9, integer=True)

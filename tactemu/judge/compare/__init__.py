@@ -1,0 +1,1 @@
+"""The comparison of a real sensor with its model: ``tactemu compare``."""
