@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from firmware_protocols import Connector, WireFrame
 from tactemu.transports.transport import Closed, Counted, Event, LinesChanged, Opened, Received, Transport
@@ -200,19 +201,10 @@ class WirePort:
         if isinstance(fault, Latency) and (left_over := self._injector.unmount_chip()):
             self.transport.write(left_over)
 
-    def _note(
-        self,
-        t_ns: int,
-        source: str,
-        kind: str,
-        detail: str,
-        *,
-        before: WireFrame | str = "",
-        after: Sequence[WireFrame] = (),
-        frame: int | None = None,
-    ) -> None:
+    def _note(self, t_ns: int, source: str, kind: str, detail: str, **frames: Any) -> None:
+        """Count and log an injected fault, with the frames as in :meth:`tactemu.truth.Truth.inject`."""
         self.counters[kind] += 1
-        self.truth.inject(t_ns, source, kind, detail, before=before, after=after, frame=frame)
+        self.truth.inject(t_ns, source, kind, detail, **frames)
 
     # -- what arrives, and what is lost ------------------------------------------------------------------------------
 

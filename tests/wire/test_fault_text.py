@@ -85,6 +85,7 @@ def test_words(text, values):
         ("truncate to 3x", "a time such as 3s"),
         ("garbage hex=a", "bytes in hex"),
         ("replace", "by what"),
+        ("latency 0ms", "its timer needs a time"),
         ("unplug as ../tty", "same folder"),
         ("unplug frame 3", "fault of the link"),
     ],
@@ -136,6 +137,12 @@ def test_any_words_give_a_fault_or_an_error_that_names_the_word(text):
 def test_every_port_and_every_fault_is_in_the_tables():
     first_cells = re.findall(r"^\| `([a-z0-9]+)[:`]", PAGE, re.MULTILINE)
     assert set(first_cells) == set(FAULTS) | set(TRANSPORTS)
+
+
+def test_every_line_and_its_ports_are_in_the_table():
+    rows = re.findall(r"^\| `([A-Z]\w+)` \| [^|]+ \| (`.*`) \|$", PAGE, re.MULTILINE)
+    told = {name: re.findall(r"`(\w+):`", ports) for name, ports in rows}
+    assert told == {connector.__name__: [*model.schemes] for connector, model in LINE_MODELS.items()}
 
 
 def test_the_examples_parse():

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
-from typing import ClassVar, Protocol
+from collections.abc import Callable, Iterable
+from typing import ClassVar
 
 import numpy as np
 
@@ -17,25 +17,8 @@ from tactemu.wire.faults.registry import check_fits
 from tactemu.wire.faults.text import parse
 from tactemu.wire.line_models import LineModel
 
-
-class Note(Protocol):
-    """A function that is called once for every injected fault."""
-
-    def __call__(
-        self,
-        t_ns: int,
-        source: str,
-        kind: str,
-        detail: str,
-        *,
-        before: WireFrame | str = "",
-        after: Sequence[WireFrame] = (),
-        frame: int | None = None,
-    ) -> None:
-        """Count and log a fault that turned ``before``, which has the number ``frame``, into the frames ``after``."""
-        ...
-
-
+Note = Callable[..., None]
+"""A function that counts and logs an injected fault, with the arguments of :meth:`tactemu.truth.Truth.inject`."""
 Held = tuple[WireFrame, str, str]
 """A frame that a fault holds back, with its source and direction."""
 

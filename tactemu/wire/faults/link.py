@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -58,6 +59,11 @@ class Latency(LinkFault):
     keeps_frame = True
     by_ns: Annotated[int, duration("by", alone=r"\d[^%]*")] = 16_000_000
     """The period of the timer [ns]."""
+
+    def _errors(self) -> Iterator[tuple[str, str]]:
+        yield from super()._errors()
+        if not self.by_ns:
+            yield "latency", "its timer needs a time, such as 1ms"
 
 
 class LatencyChip:

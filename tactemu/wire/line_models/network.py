@@ -1,17 +1,20 @@
-"""Lines of the machine's network, without a speed: TCP connections, UDP datagrams and WebSocket messages."""
+"""Lines of the machine's network, without a speed: TCP connections, UDP datagrams, WebSocket messages, DDS topics."""
 
 from __future__ import annotations
 
 from typing import ClassVar
 
-from firmware_protocols import Tcp, Udp, WebSocket, WireFrame
+from firmware_protocols import Dds, Tcp, Udp, WebSocket, WireFrame
 from tactemu.wire.line import LineModel
+
+DOMAINS = 200
+"""Number of domains, from 1 on, among which tests are spread; above about 230 there are no ports left."""
 
 
 class NetworkLine(LineModel):
-    """A line to a port with a number; the two directions do not delay each other."""
+    """A line whose time is not modelled, here to a port with a number; the two directions do not delay each other."""
 
-    title: ClassVar[str]
+    title: ClassVar[str] = ""
     """The name of the protocol."""
     is_network = True
 
@@ -60,3 +63,24 @@ class WebSocketLine(NetworkLine, connector=WebSocket):
     schemes = ("ws",)
     faults = ("split", "close", "halfopen")
     likely_faults = ("silence", "unplug", "halfopen")
+
+
+class DdsLine(NetworkLine, connector=Dds):
+    """A DDS domain: the device writes one topic and may read another; a sample that is held back is overtaken."""
+
+    kind = "dds"
+    schemes = ("dds",)
+    is_byte_stream = False
+
+    def describe(self) -> str:
+        """Return the line in words: ``DDS rt/hand/state``."""
+        return f"DDS {self.connector.writes.name}"
+
+    def usual_port(self, name: str) -> str:
+        """Return the device's own domain, on this machine only."""
+        return f"dds:{self.connector.domain}/{self.connector.writes.name}"
+
+    def fresh_port(self, name: str) -> str:
+        """Return a domain that depends on the process and the call; after 200 calls it repeats."""
+        pid, number = self.fresh_number()
+        return f"dds:{(pid * 31 + number) % DOMAINS + 1}/{self.connector.writes.name}"
