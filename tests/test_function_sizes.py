@@ -12,7 +12,8 @@ MAX_PARAMETERS = 8
 MAX_LINES = 60
 FACES = {
     # file::function: the reason why its parameters, or the help in its docstring, are so many
-    "tactemu/cli/judging.py::judge": "each option of the command is a parameter, and its docstring is the help",
+    "tactemu/cli/compare.py::compare": "each option of the command is a parameter, and its docstring is the help",
+    "tactemu/cli/judging.py::judge": "as above",
     "tactemu/cli/judging.py::proxy": "as above",
     "tactemu/cli/logs.py::replay": "as above",
     "tactemu/cli/running.py::execute": "as above",

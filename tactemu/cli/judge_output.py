@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sys
 import time
 from collections.abc import Sequence
@@ -23,13 +24,14 @@ from tactemu.judge.junit_report import junit_report
 from tactemu.judge.outcome import ABOUT, FAILING, Outcome
 from tactemu.judge.processes import age_s
 from tactemu.judge.report import Report, written
+from tactemu.judge.success import as_data, as_text, read_script, success_curve
 from tactemu.judge.trial_runner import Judge, JudgeOptions
 from tactemu.judge.verdicts import judge_record
 
 FAILED = 1
 """The exit code if a trial fails."""
 NOT_JUDGED = 3
-"""The exit code if there was nothing to judge."""
+"""The exit code if there was nothing to judge, or a task never succeeds without a fault."""
 
 
 def kinds_of(words: Sequence[str]) -> tuple[str, ...]:
@@ -59,7 +61,12 @@ def reading_or_program(target: str, command: Sequence[str], reads: str | None) -
             f"name the driver's command after --, as in `tactemu judge {target} -- python driver.py {{port}}`, "
             "or give --reads package.module:function"
         )
-    return reading_command(reads) if reads else [sys.executable if command[0] == "python" else command[0], *command[1:]]
+    return reading_command(reads) if reads else _program(command)
+
+
+def _program(command: Sequence[str]) -> list[str]:
+    """Return a command line in which ``python`` is the one that runs this."""
+    return [sys.executable if command[0] == "python" else command[0], *command[1:]]
 
 
 @dataclass(frozen=True)
@@ -173,3 +180,29 @@ def _write(report: Report, files: ReportFiles) -> None:
         files.cases.mkdir(parents=True, exist_ok=True)
         for case in report.cases:
             smallest_case.write(case, files.cases / f"{case['trial'].replace(' ', '-')}.json")
+
+
+def judge_success(
+    target: str, command: Sequence[str], script: Path, options: JudgeOptions, json_file: Path | None
+) -> int:
+    """Try a task under faults, print the success rate by their strength, and return the exit code.
+
+    Raises:
+        TactemuError: the request is invalid, or cannot be met on this machine.
+    """
+    if not command:
+        raise TactemuError(f"name the task's command after --, as in `tactemu judge {target} --success ... -- COMMAND`")
+    points, interrupted = {}, False
+    with ended_by_signals(interrupt), Console(stderr=True).status("starting") as status:
+        trials = success_curve(target, _program(command), read_script(script), options, status.update)
+        try:
+            for each in trials:
+                points = each
+        except KeyboardInterrupt:
+            interrupted = True
+    print("\n".join(as_text(points)))
+    if json_file is not None:
+        json_file.write_text(json.dumps(as_data(points), indent=2) + "\n", encoding="utf-8")
+    if interrupted:
+        return INTERRUPTED
+    return 0 if points["", 0.0].succeeded else NOT_JUDGED

@@ -102,23 +102,17 @@ def judge(
     Exit code 0 if nothing fails, 1 if something fails, 2 for an error in the command, 3 if there was nothing to judge.
     See docs/judge.md.
     """
-    command, budget_s = context.obj or (), budget_of(budget)
-    if success is not None:
-        from tactemu.cli.success import judge_success
-
-        status = judge_success(
-            target, command, success, ports=port or (), only=only or (), budget_s=budget_s, seed=seed, json_file=json
-        )
-        raise typer.Exit(status)
-    from tactemu.cli.judge_output import ReportFiles, judge_driver, kinds_of, reading_or_program
+    from tactemu.cli.judge_output import ReportFiles, judge_driver, judge_success, kinds_of, reading_or_program
     from tactemu.judge.options import JudgeOptions
 
-    command = reading_or_program(target, command, reads)
     chosen = JudgeOptions(
-        no_contact_s=no_contact, seed=seed or 0, budget_s=budget_s, only=only or (), fail_on=kinds_of(fail_on or ()),
-        columns=columns, record=record, device_options=options_of(options or ()), port=ports_of(port or ()),
-        patience_s=patience,
+        no_contact_s=no_contact, seed=seed or 0, budget_s=budget_of(budget), only=only or (), columns=columns,
+        fail_on=kinds_of(fail_on or ()), record=record, device_options=options_of(options or ()),
+        port=ports_of(port or ()), patience_s=patience,
     )  # fmt: skip
+    if success is not None:
+        raise typer.Exit(judge_success(target, context.obj or (), success, chosen, json))
+    command = reading_or_program(target, context.obj or (), reads)
     files = ReportFiles(html=html, junit=junit, json=json, baseline=baseline, cases=cases, replay=replay)
     raise typer.Exit(judge_driver(target, command, chosen, files))
 

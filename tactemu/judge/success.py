@@ -24,6 +24,7 @@ import numpy as np
 
 from tactemu.base.errors import TactemuError
 from tactemu.judge.driver import Driver, command_of
+from tactemu.judge.options import JudgeOptions
 from tactemu.session.serving import Served, serve
 
 STRENGTHS: Mapping[str, tuple[str, tuple[float, ...]]] = {
@@ -86,11 +87,7 @@ def success_curve(
     target: str,
     command: Sequence[str],
     success: Success,
-    *,
-    only: Sequence[str] = (),
-    port: str | Mapping[str, str] | None = None,
-    seed: int = 0,
-    budget_s: float | None = None,
+    options: JudgeOptions,
     report_progress: Callable[[str], object] = lambda text: None,
 ) -> Iterator[dict[tuple[str, float], Point]]:
     """Try each fault at each strength, round by round, and yield all points after each trial.
@@ -99,15 +96,14 @@ def success_curve(
         target: scene file or device.
         command: of the task; ``{port}`` as for drivers, ``{channel}`` and ``{interface}`` on CAN.
         success: a function that returns True if the task succeeded, given the served emulator.
-        only: kinds of :data:`STRENGTHS`; default: all.
-        port: as for :func:`tactemu.serve`.
-        seed: of the first round; each later round adds 1.
-        budget_s: time after which no further trial begins [s]; the first round is always complete.
+        options: ``only`` has kinds of :data:`STRENGTHS`; ``seed`` is that of the first round, and each later round adds
+            1; after ``budget_s`` no further trial begins, but the first round is always complete; and ``port``.
         report_progress: called with a description of each trial.
 
     Raises:
         TactemuError: there is no such kind, the emulator or the command cannot be started, or the script failed.
     """
+    only, budget_s = options.only, options.budget_s
     for kind in only:
         if kind not in STRENGTHS:
             raise TactemuError(f"--only: no fault is called {kind!r} here; expected {', '.join(STRENGTHS)}")
@@ -117,7 +113,7 @@ def success_curve(
     while k < ROUNDS if budget_s is None else k == 0 or time.monotonic() < began + budget_s:
         for key in keys:
             report_progress(f"round {k + 1}: {title(key[0])} {key[1]:g}" if key[0] else f"round {k + 1}: no fault")
-            points[key] = points[key].after(_tried(target, command, success, key, port, seed + k))
+            points[key] = points[key].after(_tried(target, command, success, key, options.port, options.seed + k))
             yield points
             if budget_s is not None and k and time.monotonic() > began + budget_s:
                 return

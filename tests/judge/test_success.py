@@ -1,12 +1,13 @@
 """Tests of `tactemu judge --success`: the success rate of a task by the strength of a fault."""
 
 import json
-from typing import Any
+from dataclasses import replace
 
 import pytest
 
 from tactemu.base.errors import TactemuError
-from tactemu.cli.success import judge_success
+from tactemu.cli.judge_output import judge_success
+from tactemu.judge.options import JudgeOptions
 from tactemu.judge.success import Point, as_text, read_script
 
 SUCCESS = """
@@ -71,17 +72,10 @@ def test_a_task_that_wants_thirty_sound_packets_in_a_row(tmp_path, monkeypatch, 
     script.write_text(SUCCESS.format(done=str(done)))
     task.write_text(TASK)
     command = ["python", str(task), "{port}", str(done)]
-    options: dict[str, Any] = {
-        "ports": (),
-        "only": ("flip",),
-        "budget_s": 0.1,
-        "seed": 1,
-        "json_file": tmp_path / "curve.json",
-    }
-    assert judge_success("optoforce", command, script, **options) == 0
-    got = {(each["fault"], each["strength"]): each for each in json.loads((tmp_path / "curve.json").read_text())}
+    options, curve = JudgeOptions(only=("flip",), budget_s=0.1, seed=1), tmp_path / "curve.json"
+    assert judge_success("optoforce", command, script, options, curve) == 0
+    got = {(each["fault"], each["strength"]): each for each in json.loads(curve.read_text())}
     assert {key: each["succeeded"] for key, each in got.items()} == {("", 0): 1, ("flip", 1): 1, ("flip", 60): 0}
     assert "frames with a wrong bit" in capsys.readouterr().out
-    dorp: dict[str, Any] = {**options, "only": ("dorp",)}
     with pytest.raises(TactemuError, match="no fault is called 'dorp'"):
-        judge_success("optoforce", command, script, **dorp)
+        judge_success("optoforce", command, script, replace(options, only=("dorp",)), curve)
