@@ -11,7 +11,6 @@ from typing import Any
 
 from firmware_protocols import Command, Connector, Device
 from tactemu.base.errors import TactemuError
-from tactemu.base.formats import READABLE, by_suffix
 from tactemu.emulator.replay import line_note
 from tactemu.judge.compare import presses as pressing
 from tactemu.judge.compare.comparison import Comparison, compare, late_commands, requests_in
@@ -194,8 +193,6 @@ def _of_capture(
         raise TactemuError(
             f"{path}: larger than {4 * MAX_KEPT_BYTES >> 20} MB; compare a part of it, one minute is ample"
         )
-    if by_suffix(path) not in READABLE:
-        raise TactemuError(f"{path}: neither a port nor a capture that can be read")
     recording = load(path)
     entries = recording.entries
     presses = pressing.read(wanted.presses) if wanted.presses is not None else []

@@ -17,7 +17,6 @@ from tactemu import transports
 from tactemu.base.clock import RealClock
 from tactemu.judge.compare.bench import Bench, Readings
 from tactemu.judge.compare.model import port_of
-from tactemu.wire.line_models import line_model_for
 
 SPECIMEN = Readings(7, baseline_n=0.2, gain=1.2, noise_n=0.05)
 """A specimen with its own rest, gain and noise."""
@@ -169,7 +168,7 @@ def serve(name: str, address: str, presses: str = "") -> None:
     make = PLANTS[name].make if name in PLANTS else lambda: fp.create(name)
     device = make()
     transport = transports.create(address)
-    connector = next(each for each in device.ports if transport.scheme in line_model_for(each).schemes)
+    connector = port_of(device, "", address)
     pressed = {int(k): (float(a), float(b)) for k, a, b in (each.split(":") for each in presses.split(",") if each)}
     readings = replace(SPECIMEN, pressed=pressed)
     with Bench(device, connector, readings, transport=transport, clock=RealClock(), skew_ppm=120.0) as bench:
