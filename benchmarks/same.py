@@ -30,7 +30,7 @@ VARIANTS = ((), ("--measured",), ("--fault", "drop 10%"), ("--fault", "flip 10%"
 DIGEST_LENGTH = 64
 """Hexadecimal digits of a SHA-256; another answer of the probe is a refusal."""
 PROBE = """
-import contextlib, hashlib, io, json, sys
+import contextlib, hashlib, io, json, re, sys
 from pathlib import Path
 import numpy as np
 import tactemu as tt
@@ -43,7 +43,8 @@ def run(name, words, folder):
             app([*words, "--truth", str(log)], standalone_mode=False)
         except SystemExit as ended:
             if ended.code: return f"exit code {ended.code}"
-    return hashlib.sha256(log.read_bytes()).hexdigest()
+    # The base logs a fault's frame number only in the text of the fault.
+    return hashlib.sha256(re.sub(rb'(?<=\\]"),"frame":\\d+', b"", log.read_bytes())).hexdigest()
 
 def read(model, options):
     line = np.linspace(-0.008, 0.008, 12)

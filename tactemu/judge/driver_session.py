@@ -111,10 +111,10 @@ class DriverSession:
             return "floods: it prints more than 8 MB in 5 s that is no reading"
         if driver.exit is not None:
             return f"exits with status {driver.exit} before it is judged{words}"
-        opened = any(event.what == "opened" for event in self.rig.recorder.events)
         if driver.notes:
             return f"prints nothing that holds numbers within {self.options.start_s:g} s{words}"
-        return f"prints nothing within {self.options.start_s:g} s{'' if opened else ', and does not open the port'}"
+        silent = "" if self.rig.recorder.was_opened else ", and does not open the port"
+        return f"prints nothing within {self.options.start_s:g} s{silent}"
 
     def _recovers(self, since: int, seconds: float, tracker: RowTracker | None = None) -> bool:
         """Return True once ten consecutive right rows have come for samples after ``since``, False after a timeout.

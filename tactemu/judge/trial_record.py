@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -160,9 +160,7 @@ _LIST_OF: dict[type, str] = {
 }  # fmt: skip
 """The attribute of each type of entry."""
 _LISTS = tuple(_LIST_OF.values())
-_HEAD = (
-    "name", "trial", "known", "columns", "on", "off", "end", "exit", "late_ms", "unread", "trouble",
-)  # fmt: skip
+_HEAD = tuple(each.name for each in fields(TrialRecord) if each.name not in _LISTS)
 
 
 def _line_of(entry: Any) -> dict[str, Any]:
@@ -214,7 +212,8 @@ class Recorder:
         self.samples: list[Sample] = []
         self.frames: list[Passage] = []
         self.injected_faults: list[Injection] = []
-        self.events: list[PortEvent] = []
+        self.was_opened = False
+        """True once the driver has opened a port."""
         self.unread = 0
         self._keep_count = keep
         self._truth: Truth | None = None
@@ -252,8 +251,8 @@ class Recorder:
                 self.unread += entry.why == "not read"
             case Injection():
                 self._keep(self.injected_faults, entry._replace(t_ns=t))
-            case PortEvent():
-                self._keep(self.events, entry._replace(t_ns=t))
+            case PortEvent(what="opened"):
+                self.was_opened = True
 
     def _sampled(self, t: int, entry: Sample) -> None:
         """Record a sample; samples of several senses or skins that were taken together become one."""
