@@ -86,24 +86,17 @@ class Codec:
         """Return a message; arrays must have the types of the members."""
         n, at = self._first_count, self._first.size
         parts: list[Any] = [HEADER, self._first.pack(*values[:n])]
-
-        def put(data: Any, size: int, align: int) -> None:
-            nonlocal at
-            gap = -at % align
-            parts.extend((bytes(gap), data))
-            at += gap + size
-
         for (is_sequence, dtype, size), value in zip(self._others, values[n:]):
-            if is_sequence:
-                put(_LENGTH.pack(np.size(value)), _LENGTH.size, _LENGTH.size)
+            pieces = [(_LENGTH.pack(np.size(value)), 4)] if is_sequence else []
             if dtype is None:
-                for text in value if is_sequence else (value,):
-                    data = text.encode("utf-8", "replace") + b"\0"
-                    put(_LENGTH.pack(len(data)) + data, _LENGTH.size + len(data), _LENGTH.size)
-            elif not is_sequence:
-                put(np.array(value, dtype).tobytes(), size, size)
-            elif value.size:
-                put(value.data, value.nbytes, size)
+                texts = [each.encode("utf-8", "replace") + b"\0" for each in (value if is_sequence else (value,))]
+                pieces += [(_LENGTH.pack(len(text)) + text, 4) for text in texts]
+            elif np.size(value):
+                pieces.append((np.asarray(value, dtype).tobytes(), size))
+            for data, align in pieces:
+                gap = -at % align
+                parts += (bytes(gap), data)
+                at += gap + len(data)
         return b"".join(parts)
 
     def decode(self, data: bytes) -> list[Any]:
@@ -118,10 +111,9 @@ class Codec:
 
         def take_length() -> int:
             nonlocal at
-            at += -at % _LENGTH.size
-            (length,) = _LENGTH.unpack_from(body, at)
-            at += _LENGTH.size
-            return length
+            start = at + -at % _LENGTH.size
+            at = start + _LENGTH.size
+            return _LENGTH.unpack_from(body, start)[0]
 
         def take_text() -> str:
             nonlocal at
@@ -135,11 +127,10 @@ class Codec:
             count = take_length() if is_sequence else 1
             if dtype is None:
                 found: Any = tuple([take_text() for _ in range(count)])
-            elif count:
-                start = at + -at % size
-                at = start + count * size
-                found = np.frombuffer(body, dtype, count, start)
-            else:
-                found = np.zeros(0, dtype)
-            values.append(found if is_sequence else found[0] if dtype is None else found.item())
+                values.append(found if is_sequence else found[0])
+                continue
+            start = at + (-at % size if count else 0)
+            at = start + count * size
+            found = np.frombuffer(body, dtype, count, start) if count else np.zeros(0, dtype)
+            values.append(found if is_sequence else found.item())
         return values

@@ -1,5 +1,7 @@
 """CDR of messages: ROS 2's own decoder reads what is written."""
 
+import struct
+
 import numpy as np
 import pytest
 
@@ -36,10 +38,9 @@ def test_ros_reads_them():
     assert list(found.texts) == ["", "häh"] and found.bytes.tolist() == [1, 2, 3] and len(found.none) == 0
 
 
-@pytest.mark.parametrize("size", range(4, 56))
-def test_a_message_that_is_too_short_is_refused(size):
+def test_a_message_that_is_too_short_is_refused():
     codec = Codec(members_of(DEFINITION))
     data = codec.encode(VALUES)
-    if size < len(data):
-        with pytest.raises((ValueError, __import__("struct").error)):
+    for size in range(4, len(data)):
+        with pytest.raises((ValueError, struct.error)):
             codec.decode(data[:size])
