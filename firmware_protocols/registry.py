@@ -5,10 +5,11 @@ from __future__ import annotations
 import importlib
 import importlib.util
 import sys
-from difflib import get_close_matches
 from importlib.metadata import entry_points
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+from firmware_protocols.messages import nearest
 
 if TYPE_CHECKING:  # names of devices must not wait for the import of numpy
     from firmware_protocols.device import Device
@@ -155,6 +156,4 @@ def _from_file(target: str) -> object:
 def _unknown(name: str) -> str:
     if Path(name).is_dir():
         return f"{name!r} is a folder; name a device, a scene file or path/to/device.py:Class"
-    if near := get_close_matches(name, names(), n=1):
-        return f"unknown device {name!r}; did you mean {near[0]!r}?"
-    return f"unknown device {name!r}; `tactemu devices` lists them"
+    return f"unknown device {name!r}{nearest(name, names()) or '; `tactemu devices` lists them'}"

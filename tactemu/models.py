@@ -10,14 +10,16 @@ build and run a scene (``Scene``, ``Press``, ``serve``) are in :mod:`tactemu`, t
 :mod:`tactemu.devices`.
 """
 
+from firmware_protocols.bounds import Bounds
 from firmware_protocols.device import Quantity
 from tactemu.base.errors import MeshError, SceneError
 from tactemu.base.options import number, numbers, triple
+from tactemu.base.units import Length
 from tactemu.geometry.bodies import Body
 from tactemu.geometry.shapes.distance import ShapeFunctions, shape_functions
 from tactemu.geometry.shapes.rays import LinePieces, line_pieces, ray_function, traced_ray
 from tactemu.geometry.shapes.registry import shape_class
-from tactemu.geometry.shapes.shape import FAR, Length, Row, Shape, ShapeKind, box_outline, check_lengths, table_type
+from tactemu.geometry.shapes.shape import FAR, Row, Shape, ShapeKind, box_outline, table_type
 from tactemu.imperfections import ImperfectionOptions, ReadingInfo
 from tactemu.imperfections.info import Channels
 from tactemu.plan.clearing import clear_rows
@@ -57,9 +59,9 @@ __all__ = [  # noqa: RUF022  (in groups)
     "CHEAPER_QUERY", "is_finite", "is_nan", "natural", "nearest_function", "query_trials", "ray_function",
     "shape_functions", "ShapeFunctions",
     # checks of options, and the errors that they raise
-    "MeshError", "SceneError", "number", "numbers", "triple",
+    "Bounds", "MeshError", "SceneError", "number", "numbers", "triple",
     # bodies and shapes
-    "FAR", "Body", "Length", "LinePieces", "Row", "Shape", "ShapeKind", "box_outline", "check_lengths", "line_pieces",
+    "FAR", "Body", "Length", "LinePieces", "Row", "Shape", "ShapeKind", "box_outline", "line_pieces",
     "shape_class", "table_type", "traced_ray",
     # transducers, which turn the reading of a model into another quantity
     "CAPACITANCE", "DEPTH", "DISPLACEMENT", "FIELD", "FORCE", "PRESSURE", "RESISTANCE", "SIGNAL_TYPES", "SignalType",

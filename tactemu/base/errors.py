@@ -17,8 +17,8 @@ Bad bytes from a driver are no error: the device counts them and answers as the 
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from difflib import get_close_matches
+from firmware_protocols.messages import nearest as nearest
+from firmware_protocols.messages import shown as shown
 
 
 class TactemuError(Exception):
@@ -55,15 +55,3 @@ class TransportError(TactemuError):
 
 class TransportUnavailable(TransportError):
     """The machine lacks what the transport needs."""
-
-
-def shown(value: object) -> str:
-    """Return a value as a message shows it: its ``repr``, cut where it is long."""
-    text = repr(value)
-    return text if len(text) <= 80 else f"{text[:60]} ... ({len(text)} characters)"
-
-
-def nearest(name: object, known: Iterable[str]) -> str:
-    """Return the hint of a message about an unknown name: ``"; did you mean 'x'?"``, or an empty text."""
-    near = get_close_matches(str(name), list(known), n=1, cutoff=0.5)
-    return f"; did you mean {near[0]!r}?" if near else ""

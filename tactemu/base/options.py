@@ -1,65 +1,38 @@
-"""The checks of options, with messages of one form."""
+"""The checks of options against their declared types, with messages of one form."""
 
 from __future__ import annotations
 
 import dataclasses
-import math
 import types
 import typing
-from collections.abc import Collection
 from functools import cache
 from typing import Any
 
 import numpy as np
 
-from firmware_protocols.options import LARGEST
+from firmware_protocols.bounds import LARGEST, Bounds
 from tactemu.base.errors import SceneError, shown
 
 
-def number(
-    where: str,
-    name: str,
-    value,
-    *,
-    above: float | None = None,
-    at_least: float | None = None,
-    at_most: float | None = None,
-    integer: bool = False,
-    unit: str = "",
-) -> float:
-    """Return a finite number, within its bounds; without ``at_most`` none is larger than :data:`LARGEST`.
+def number(where: str, name: str, value: Any, kind: Any = float) -> Any:
+    """Return a number of a declared type.
 
     Args:
         where: the sensor, the model or the motion, for the message.
         name: the name of the option.
         value: the value of the user; neither a text nor a truth value is a number.
-        above: it must be greater than this.
-        at_least: it must not be less than this.
-        at_most: it must not be more than this.
-        integer: it must be a whole number.
-        unit: the unit in the message.
+        kind: ``float``, ``int``, or one of them with :class:`~firmware_protocols.bounds.Bounds`, as in
+            :mod:`tactemu.base.units`; without bounds the number is at most :data:`LARGEST`.
 
     Raises:
         SceneError: the value is no such number.
     """
-    limits = {">": above, ">=": at_least, "<=": at_most}
-    bounds = [f"{sign} {bound:g}" for sign, bound in limits.items() if bound is not None]
+    extras = getattr(kind, "__metadata__", ())
+    bounds = next((each for each in extras if isinstance(each, Bounds)), Bounds())
     try:
-        got = math.nan if isinstance(value, bool | str) else float(value)
-    except (TypeError, ValueError, OverflowError):
-        got = math.nan
-    largest = LARGEST if at_most is None else max(LARGEST, at_most)
-    if LARGEST < got < math.inf and at_most is None:
-        bounds.append(f"<= {LARGEST:g}")
-    elif -math.inf < got < -LARGEST and above is None and at_least is None:
-        bounds.append(f">= {-LARGEST:g}")
-    too_low = (above is not None and not got > above) or (at_least is not None and not got >= at_least)
-    too_high = at_most is not None and not got <= at_most
-    if not abs(got) <= largest or too_low or too_high or (integer and got != int(got)):
-        kind = ["a whole number"] if integer else [] if bounds else ["a finite number"]
-        expected = " ".join([*kind, " and ".join(bounds), unit])
-        raise SceneError(f"{where}: {name} must be {' '.join(expected.split())}, got {shown(value)}")
-    return got
+        return bounds.check(value, whole=(typing.get_args(kind)[0] if extras else kind) is int)
+    except ValueError as error:
+        raise SceneError(f"{where}: {name} {error}") from None
 
 
 def numbers(where: str, name: str, value) -> np.ndarray:
@@ -96,29 +69,39 @@ def triple(where: str, name: str, value) -> np.ndarray:
     return array
 
 
-def check_declared(where: str, options: Any, unbounded: Collection[str] = ()) -> None:
-    """Check the options of a dataclass by their declared types: numbers, switches, tuples.
+def check_declared(where: str, options: Any) -> None:
+    """Check the options of a dataclass by their declared types: numbers, their bounds, switches, tuples.
 
     Args:
         where: the sensor, the model or the transducer, for the message.
         options: an instance of the dataclass.
-        unbounded: names of numbers that may be larger than :data:`LARGEST`, or infinite.
 
     Raises:
-        SceneError: an option is not of its type: a finite number, a switch, or a tuple of the declared length.
+        SceneError: an option is not of its type: a number within its bounds, a switch, or a tuple of the declared
+            length.
     """
     for name, hint in _types(type(options)).items():
-        value, parts = getattr(options, name), typing.get_args(hint)
-        if isinstance(hint, types.UnionType) and len(parts) == 2 and type(None) in parts:
-            if value is None:
-                continue
-            hint = next(part for part in parts if part is not type(None))
-        if hint is bool and not isinstance(value, bool | np.bool_):
+        _check_type(where, name, getattr(options, name), hint)
+
+
+def _check_type(where: str, name: str, value: Any, hint: Any) -> None:
+    origin, parts = typing.get_origin(hint), typing.get_args(hint)
+    if origin in (typing.Union, types.UnionType):
+        if value is not None and len(parts) == 2 and type(None) in parts:
+            _check_type(where, name, value, next(part for part in parts if part is not type(None)))
+    elif hint is bool:
+        if not isinstance(value, bool | np.bool_):
             raise SceneError(f"{where}: {name} must be true or false, got {shown(value)}")
-        if hint in (int, float) and not (name in unbounded and isinstance(value, int | float) and value > LARGEST):
-            number(where, name, value, integer=hint is int)
-        if typing.get_origin(hint) is tuple and numbers(where, name, value).shape != (len(typing.get_args(hint)),):
-            raise SceneError(f"{where}: {name} must be {len(typing.get_args(hint))} numbers, got {shown(value)}")
+    elif hint in (int, float) or (origin is typing.Annotated and parts[0] in (int, float)):
+        number(where, name, value, hint)
+    elif origin is typing.Annotated:
+        _check_type(where, name, value, parts[0])
+    elif origin is tuple and parts[-1] is not Ellipsis:
+        array = numbers(where, name, value)
+        if array.shape != (len(parts),):
+            raise SceneError(f"{where}: {name} must be {len(parts)} numbers, got {shown(value)}")
+        for k, (each, part) in enumerate(zip(array.tolist(), parts)):
+            _check_type(where, f"{name}[{k}]", each, part)
 
 
 @cache
@@ -127,7 +110,7 @@ def _types(options: type) -> dict[str, Any]:
     type checkers.
     """
     try:
-        hints = typing.get_type_hints(options)
+        hints = typing.get_type_hints(options, include_extras=True)
     except NameError:
         return {}
     return {field.name: hints[field.name] for field in dataclasses.fields(options)}

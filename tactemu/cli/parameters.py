@@ -50,14 +50,14 @@ Rates = Annotated[
 
 
 def _seconds(text: str, option: str = "--seconds") -> float:
+    from tactemu.base import units
     from tactemu.base.options import number
-    from tactemu.base.units import MAX_TIME_S
 
     try:
         given: float | str = float(text)
     except ValueError:
         given = text
-    return number("command line", option, given, at_least=0, at_most=MAX_TIME_S, unit="s")
+    return number("command line", option, given, units.Seconds)
 
 
 def _save_at(text: str) -> float:

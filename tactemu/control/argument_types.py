@@ -8,23 +8,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any
 
+from tactemu.base import units
 from tactemu.base.errors import SceneError, shown
 from tactemu.base.options import number, numbers
-from tactemu.base.units import (
-    LENGTH_UNIT,
-    LENGTHS_M,
-    MAX_DEPTH_M,
-    MAX_POSITION_M,
-    MAX_TIME_S,
-    SPEED_RANGE_M_S,
-    SPEEDS_M_S,
-    TIMES_S,
-    scaled,
-)
+from tactemu.base.units import LENGTHS_M, MAX_POSITION_M, MAX_TAXELS, SPEEDS_M_S, TIMES_S, scaled
 from tactemu.geometry import rotation
-
-MAX_TAXELS = 1_000_000
-"""Largest number of taxels, and largest taxel number, in an argument; bounds the memory that a request takes."""
 
 
 @dataclass(frozen=True)
@@ -51,15 +39,9 @@ def _unit_reader(units: Mapping[str, float]) -> Callable[[str], Any]:
     return read
 
 
-def _number(units: Mapping[str, float], word: str, unit: str, **bounds: Any) -> ArgumentType:
-    def check(verb: str, name: str, value: Any) -> float:
-        return number(verb, name, value, unit=unit, **bounds)
-
-    return ArgumentType(word, check, _unit_reader(units), f"number [{unit.split()[0]}]" if unit else "number")
-
-
-def _non_negative_int(verb: str, name: str, value: Any) -> int:
-    return int(number(verb, name, value, at_least=0, at_most=MAX_TAXELS, integer=True))
+def _number(kind: Any, word: str, json: str, read: Callable[[str], Any]) -> ArgumentType:
+    """Return the type of an argument that is a number of a type of :mod:`tactemu.base.units`."""
+    return ArgumentType(word, lambda verb, name, value: number(verb, name, value, kind), read, json)
 
 
 def _integer(text: str) -> Any:
@@ -170,11 +152,11 @@ def _vector_reader(units: Mapping[str, float]) -> Callable[[list[str]], Any]:
     return lambda words: [read(word) for word in words]
 
 
-Metres = Annotated[float, _number(LENGTHS_M, "LENGTH", LENGTH_UNIT, at_least=-MAX_DEPTH_M, at_most=MAX_DEPTH_M)]
-Seconds = Annotated[float, _number(TIMES_S, "TIME", "s", at_least=0, at_most=MAX_TIME_S)]
-Speed = Annotated[float, _number(SPEEDS_M_S, "SPEED", "m/s", at_least=SPEED_RANGE_M_S[0], at_most=SPEED_RANGE_M_S[1])]
-Number = Annotated[float, _number({}, "NUMBER", "")]
-NonNegativeInt = Annotated[int, ArgumentType("N", _non_negative_int, _integer, "whole number")]
+Depth = Annotated[float, _number(units.Depth, "LENGTH", "number [m]", _unit_reader(LENGTHS_M))]
+Seconds = Annotated[float, _number(units.Seconds, "TIME", "number [s]", _unit_reader(TIMES_S))]
+Speed = Annotated[float, _number(units.MetresPerSecond, "SPEED", "number [m/s]", _unit_reader(SPEEDS_M_S))]
+Number = Annotated[float, _number(units.Number, "NUMBER", "number", _unit_reader({}))]
+NonNegativeInt = Annotated[int, _number(units.Taxel, "N", "whole number", _integer)]
 Text = Annotated[str, ArgumentType("TEXT", _text)]
 Name = Annotated[str, ArgumentType("NAME", _text)]
 File = Annotated[str | os.PathLike, ArgumentType("FILE", _file)]

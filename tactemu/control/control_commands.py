@@ -13,9 +13,9 @@ from typing import Any
 
 from tactemu.control.argument_types import (
     AngularVelocity,
+    Depth,
     File,
     Flag,
-    Metres,
     Name,
     NonNegativeInt,
     Number,
@@ -48,7 +48,7 @@ class ControlCommands(ABC):
     @control_command("skin")
     def press(
         self,
-        depth: Metres,
+        depth: Depth,
         seconds: Seconds | None = None,
         *,
         taxel: NonNegativeInt | None = None,

@@ -8,21 +8,21 @@ from __future__ import annotations
 import base64
 import json
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
+from firmware_protocols.bounds import Bounds
 from tactemu.base.errors import TactemuError, shown
 from tactemu.base.options import number
 from tactemu.control.state import row_of
 from tactemu.truth import Sample
 from tactemu.truth.jsonl_format import array_text
 
-MIN_WATCH_RATE_HZ = 0.01
-MAX_WATCH_RATE_HZ = 120.0
-"""Highest rate at which a client can watch the state; bounds the work of the loop."""
-MAX_WIRE_ENTRIES = 200
-"""Maximum number of frames, faults and events that come with a state."""
+WatchHertz = Annotated[float, Bounds(unit="Hz", low=0.01, high=120)]
+"""The rate at which a client watches the state; bounds the work of the loop."""
+WireEntries = Annotated[int, Bounds(low=0, high=200)]
+"""The number of frames, faults and events that come with a state."""
 _ITEMS_PER_PIECE = 8
 """Number of items of a long list in one piece of a message."""
 
@@ -78,15 +78,15 @@ def watch_options(args: dict[str, Any]) -> WatchOptions:
     if unknown := [name for name in args if name not in WatchOptions._fields]:
         raise TactemuError(f"watch: no argument {unknown[0]!r}; it has: {', '.join(WatchOptions._fields)}")
     rate = 10.0 if args.get("rate") is None else args["rate"]
-    rate = number("watch", "rate", rate, at_least=MIN_WATCH_RATE_HZ, at_most=MAX_WATCH_RATE_HZ, unit="Hz")
+    rate = number("watch", "rate", rate, WatchHertz)
     arrays = args.get("arrays")
     if arrays not in (None, "lists", "base64"):
         raise TactemuError(f"watch: arrays must be lists or base64, got {shown(arrays)}")
-    wire = number("watch", "wire", args.get("wire") or 0, at_least=0, at_most=MAX_WIRE_ENTRIES, integer=True)
+    wire = number("watch", "wire", args.get("wire") or 0, WireEntries)
     skin = args.get("skin")
     if skin is not None and not isinstance(skin, str):
         raise TactemuError(f"watch: skin must be a text, got {shown(skin)}")
-    return WatchOptions(rate, arrays == "base64", int(wire), skin)
+    return WatchOptions(rate, arrays == "base64", wire, skin)
 
 
 def message_pieces(value: Any, as_base64: bool = False) -> Iterator[str]:

@@ -6,8 +6,9 @@ import json
 from dataclasses import asdict, dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
+from firmware_protocols.bounds import Bounds
 from tactemu.base.errors import TactemuError
 from tactemu.base.options import number
 from tactemu.version import __version__
@@ -51,7 +52,7 @@ class DatasetSpec:
             if not isinstance(given, int) or isinstance(given, bool) or not least <= given <= most:
                 raise TactemuError(f"{name}: expected a whole number from {least} to {most}, got {given!r}")
         for name, value in (("shift", max(self.shift_m)), ("turn", self.turn_rad), ("shift", min(self.shift_m))):
-            number("dataset", name, value, at_least=0, at_most=7)
+            number("dataset", name, value, Annotated[float, Bounds(low=0, high=7)])
         if self.compression not in COMPRESSIONS:
             raise TactemuError(f"compression: expected one of {', '.join(COMPRESSIONS)}, got {self.compression!r}")
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from tactemu.base.errors import SceneError
 from tactemu.base.options import number
-from tactemu.base.units import RATE_RANGE_HZ
+from tactemu.base.units import Hertz
 from tactemu.scene.schema import EventTable, one_or_more
 
 if TYPE_CHECKING:
@@ -55,7 +55,7 @@ class AssemblyOptions:
         rates = self.rate_hz.values() if isinstance(self.rate_hz, Mapping) else [self.rate_hz]
         for rate in rates:
             if rate is not None:
-                number("the request", "rate", rate, at_least=RATE_RANGE_HZ[0], at_most=RATE_RANGE_HZ[1], unit="Hz")
+                number("the request", "rate", rate, Hertz)
         if not isinstance(self.seed, int | None) or isinstance(self.seed, bool):
             raise SceneError(f"seed: expected a whole number, got {self.seed!r}")
         self._make_tuples("faults", "adjustable")

@@ -6,8 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from firmware_protocols.bounds import LARGEST
 from tactemu.base.errors import SceneError, shown
-from tactemu.base.options import LARGEST, numbers
+from tactemu.base.options import numbers
 from tactemu.imperfections.info import ReadingInfo
 from tactemu.plan.plan import Context
 

@@ -4,19 +4,19 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Annotated, Literal
 
-from pydantic import Field, Strict
+from pydantic import Field
 
-from tactemu.scene.table import Real, Table, one_of
+from firmware_protocols.bounds import Bounds
+from tactemu.base.units import Newtons
+from tactemu.scene.table import Table, one_of
 
 
 class EngineTable(Table):
     """``[engine]``: a simulator that moves bodies of its own, which press on skins and may carry them."""
 
     file: str = Field(description="path of the model, relative to the scene file")
-    friction: Real | None = Field(
+    friction: Annotated[float, Bounds(low=0, high=10)] | None = Field(
         default=None,
-        ge=0,
-        le=10,
         description="coefficient of friction between all bodies, in the model and for skins that simulate friction",
     )
 
@@ -34,7 +34,7 @@ class MujocoTable(EngineTable):
         description="if MuJoCo is slower than real time: the model falls behind the clock, or catches up while samples "
         "are dropped",
     )
-    breaks: dict[str, Annotated[Real, Field(gt=0)]] = Field(
+    breaks: dict[str, Newtons] = Field(
         default={}, description="geoms that disappear once a contact presses them harder than this [N]"
     )
 
@@ -42,11 +42,11 @@ class MujocoTable(EngineTable):
 class BatchTable(EngineTable):
     """The keys that simulators of many environments have in common."""
 
-    nconmax: Annotated[int, Strict()] | None = Field(
-        default=None, ge=1, le=10_000, description="most contacts in an environment"
+    nconmax: Annotated[int, Bounds(low=1, high=10_000)] | None = Field(
+        default=None, description="most contacts in an environment"
     )
-    njmax: Annotated[int, Strict()] | None = Field(
-        default=None, ge=1, le=100_000, description="most constraints in an environment"
+    njmax: Annotated[int, Bounds(low=1, high=100_000)] | None = Field(
+        default=None, description="most constraints in an environment"
     )
 
     @property

@@ -9,7 +9,7 @@ import numpy as np
 
 from tactemu.base.errors import SceneError
 from tactemu.base.options import number
-from tactemu.base.units import DEFAULT_STEP_S
+from tactemu.base.units import DEFAULT_STEP_S, StepSeconds
 from tactemu.geometry.bodies import Body, WorldMotion, find_body
 from tactemu.geometry.shapes.registry import SHAPES
 from tactemu.geometry.shapes.shape import Shape
@@ -28,11 +28,11 @@ class Scene:
     """The bodies and sensors of a scene, before anything is computed.
 
     Args:
-        dt: time that one step advances [s], at least a nanosecond, since times are whole nanoseconds.
+        dt: time that one step advances [s].
     """
 
     def __init__(self, dt: float = DEFAULT_STEP_S):
-        self.dt = number("Scene", "dt", dt, at_least=1e-9, unit="s")
+        self.dt: float = number("Scene", "dt", dt, StepSeconds)
         self.bodies: list[Body] = []
         self._names: set[str] = set()
         """Names of the bodies."""

@@ -16,49 +16,49 @@ from pydantic import (
     BeforeValidator,
     Discriminator,
     Field,
-    Strict,
     Tag,
     ValidationError,
     create_model,
     model_validator,
 )
 
+from firmware_protocols.bounds import Bounds
 from tactemu.base.errors import SceneError, nearest
 from tactemu.base.units import (
     DEFAULT_STEP_S,
     LENGTH_UNIT,
-    MAX_POSITION_M,
-    MAX_RADIUS_M,
-    MAX_TIME_S,
-    RATE_RANGE_HZ,
-    SIZE_RANGE_M,
-    STEP_RANGE_S,
+    Coordinate,
+    Hertz,
+    Number,
+    Radius,
+    Seconds,
+    Size,
+    StepSeconds,
+    Whole,
 )
 from tactemu.geometry.motion import MOTIONS, Motion, Sequence, Together
 from tactemu.geometry.shapes.registry import SHAPES as SHAPE_CLASSES
 from tactemu.geometry.shapes.registry import shape_class
 from tactemu.geometry.shapes.shape import Shape
 from tactemu.scene.engine_tables import AnyEngine
-from tactemu.scene.table import AnyReal, Real, Table, one_of
-from tactemu.scene.validation_errors import list_errors, validation_error
+from tactemu.scene.table import Table, one_of
+from tactemu.scene.validation_errors import list_errors
 
-Seconds = Annotated[Real, Field(ge=0, le=MAX_TIME_S)]
-Coordinate = Annotated[Real, Field(ge=-MAX_POSITION_M, le=MAX_POSITION_M)]
 Vector = tuple[Coordinate, Coordinate, Coordinate]
 
 
 def _turning(quaternion: tuple[float, ...]) -> tuple[float, ...]:
     if not any(quaternion):
-        raise validation_error("expected a quaternion (w, x, y, z) that is not zero")
+        raise ValueError("expected a quaternion (w, x, y, z) that is not zero")
     return quaternion
 
 
-Quaternion = Annotated[tuple[Real, Real, Real, Real], AfterValidator(_turning)]
+Quaternion = Annotated[tuple[Number, Number, Number, Number], AfterValidator(_turning)]
 
 
 def _printable(text: str) -> str:
     if not text.isprintable() or "/" in text:
-        raise validation_error(f"expected printable characters without '/', got {text!r}")
+        raise ValueError(f"expected printable characters without '/', got {text!r}")
     return text
 
 
@@ -66,17 +66,19 @@ Name = Annotated[str, Field(min_length=1), AfterValidator(_printable)]
 """A name that can appear on terminals and in the paths of ports."""
 
 
-def _strictly(hint: Any, *more: Any) -> Any:
-    """Return a type whose numbers are no texts and no truth values, with the checks ``more`` of each number."""
-    if hint in (int, float):
-        return Annotated[hint, Strict(), *more]
+def _bounded(hint: Any, body: Any = None) -> Any:
+    """Return a type whose numbers have bounds: their own, or those of a dimension of a body."""
     inside = typing.get_args(hint)
+    if hint in (int, float):
+        return body or Annotated[hint, Bounds()]
     if typing.get_origin(hint) is Annotated:
-        return Annotated[_strictly(inside[0], *more), *inside[1:]]
+        is_number = inside[0] in (int, float)
+        return hint if is_number and not body else body if is_number else _bounded(inside[0], body)
     if not inside:
         return hint
-    parts = tuple(_strictly(part, *more) for part in inside)
-    return Union[parts] if isinstance(hint, types.UnionType) else typing.get_origin(hint)[parts]  # noqa: UP007
+    parts = tuple(_bounded(part, body) for part in inside)
+    is_union = typing.get_origin(hint) in (Union, types.UnionType)
+    return Union[parts] if is_union else typing.get_origin(hint)[parts]  # noqa: UP007
 
 
 # -- motion --------------------------------------------------------------------------------------------------------
@@ -84,11 +86,11 @@ def _strictly(hint: Any, *more: Any) -> Any:
 
 def _table_of(motion: type[Motion]) -> type[Table]:
     """Return the table with the fields of a motion's dataclass, and its ``kind``."""
-    hints = typing.get_type_hints(motion)
+    hints = typing.get_type_hints(motion, include_extras=True)
     fields: dict[str, Any] = {"kind": (Literal[motion.kind], ...)}  # type: ignore[name-defined]
     for field in dataclasses.fields(motion):  # type: ignore[arg-type]
         given = ... if field.default is dataclasses.MISSING else field.default
-        fields[field.name] = (_strictly(hints[field.name]), given)
+        fields[field.name] = (_bounded(hints[field.name]), given)
     return create_model(f"{motion.__name__}Motion", __base__=Table, __doc__=motion.__doc__, **fields)
 
 
@@ -104,10 +106,10 @@ def make_motion(tables: dict | list) -> Motion:
     if isinstance(tables, list):
         return Sequence(tuple(make_motion(table) for table in tables))
     if not isinstance(tables, dict):
-        raise validation_error("expected a table with a `kind`, or a list of such tables")
+        raise ValueError("expected a table with a `kind`, or a list of such tables")
     kind = tables.get("kind", "")
     if not isinstance(kind, str) or kind not in MOTIONS:
-        raise validation_error(f"unknown kind of motion {kind!r}{nearest(kind, MOTIONS)} (kinds: {', '.join(MOTIONS)})")
+        raise ValueError(f"unknown kind of motion {kind!r}{nearest(kind, MOTIONS)} (kinds: {', '.join(MOTIONS)})")
     if kind in ("sequence", "together"):
         checked = _CombinedTable.model_validate(tables)
         parts = tuple(make_motion(table) for table in checked.motions)
@@ -146,18 +148,6 @@ class BodyTable(Table):
     )
 
 
-def _sized(key: str) -> AfterValidator:
-    """Return a validator that refuses a length no skin needs; most such lengths are meant in millimetres."""
-    least, most = SIZE_RANGE_M[0], MAX_RADIUS_M if key == "radius" else SIZE_RANGE_M[1]
-
-    def check(length: float) -> float:
-        if not least <= length < most:
-            raise validation_error(f"expected at least {least:g} and less than {most:g} {LENGTH_UNIT}, got {length:g}")
-        return length
-
-    return AfterValidator(check)
-
-
 def _body_table(name: str, shape: type[Shape]) -> type[BodyTable]:
     """Return the table with the keys of a shape: its fields, or the parameters of its ``from_file``."""
     own = "from_file" in vars(shape)
@@ -169,7 +159,10 @@ def _body_table(name: str, shape: type[Shape]) -> type[BodyTable]:
             continue
         about = [text for text in getattr(hints[key], "__metadata__", ()) if isinstance(text, str)]
         given = ... if parameter.default is parameter.empty else parameter.default
-        fields[key] = (_strictly(hints[key], _sized(key)), Field(default=given, description=" ".join(about) or None))
+        fields[key] = (
+            _bounded(hints[key], Radius if key == "radius" else Size),
+            Field(default=given, description=" ".join(about) or None),
+        )
     return create_model(f"{shape.__name__}Body", __base__=BodyTable, __doc__=shape.__doc__, **fields)
 
 
@@ -195,11 +188,19 @@ class ClockTable(Table):
     """The timing of a device: its delays and the errors of its clock."""
 
     delay_s: Seconds = Field(default=0.0, description="delay from sample to wire [s]")
-    jitter_s: Real = Field(default=0.0, ge=0, le=1, description="upper bound of a further, uniform delay [s]")
+    jitter_s: Annotated[float, Bounds(unit="s", low=0, high=1)] = Field(
+        default=0.0, description="upper bound of a further, uniform delay [s]"
+    )
     reorder: bool = Field(default=False, description="with jitter, a later sample may overtake an earlier one")
-    skew_ppm: Real = Field(default=0.0, ge=-1e5, le=1e6, description="device clock too slow (> 0) or too fast (< 0)")
-    drift_ppm_per_s: Real = Field(default=0.0, ge=-1e3, le=1e3, description="growth of the skew per second")
-    missed: Real = Field(default=0.0, ge=0, le=0.9, description="share of samples that the device's loop misses")
+    skew_ppm: Annotated[float, Bounds(low=-1e5, high=1e6)] = Field(
+        default=0.0, description="device clock too slow (> 0) or too fast (< 0)"
+    )
+    drift_ppm_per_s: Annotated[float, Bounds(low=-1e3, high=1e3)] = Field(
+        default=0.0, description="growth of the skew per second"
+    )
+    missed: Annotated[float, Bounds(low=0, high=0.9)] = Field(
+        default=0.0, description="share of samples that the device's loop misses"
+    )
     refresh_s: Seconds = Field(
         default=0.0, description="interval at which readings are renewed; they are repeated in between [s]"
     )
@@ -213,9 +214,8 @@ def one_or_more(value: Any) -> Any:
 Faults = Annotated[tuple[str, ...], BeforeValidator(one_or_more)]
 
 
-Rate = Annotated[Real, Field(ge=RATE_RANGE_HZ[0], le=RATE_RANGE_HZ[1])]
 Rates = Annotated[
-    Annotated[Rate, Tag("<number>")] | Annotated[dict[str, Rate], Tag("<table>")],
+    Annotated[Hertz, Tag("<number>")] | Annotated[dict[str, Hertz], Tag("<table>")],
     Discriminator(lambda value: "<table>" if isinstance(value, dict) else "<number>"),
 ]
 """The rate of a device, or a table with the rate of each of its streams."""
@@ -235,13 +235,13 @@ class JointTable(Table):
     """The joint of an engine's model that a motor of the device moves."""
 
     joint: str = Field(description="name of the joint in the model")
-    zero: AnyReal = Field(default=0.0, description="position of the joint when the motor is at 0 [rad, m]")
-    ratio: AnyReal = Field(default=1.0, description="travel of the joint per [rad, m] of the motor; may be negative")
+    zero: Number = Field(default=0.0, description="position of the joint when the motor is at 0 [rad, m]")
+    ratio: Number = Field(default=1.0, description="travel of the joint per [rad, m] of the motor; may be negative")
 
     @model_validator(mode="after")
     def _moves(self):
         if self.ratio == 0:
-            raise validation_error("ratio: expected a number that is not 0")
+            raise ValueError("ratio: expected a number that is not 0")
         return self
 
 
@@ -271,7 +271,9 @@ class SkinTable(Table):
     transducer: tuple[dict[str, Any], ...] = Field(
         default=(), description="transducers: tables with a `kind`, one after another, between model and electronics"
     )
-    embed: Real | None = Field(default=None, ge=-1, le=1, description="depth of the probes' centres below the skin [m]")
+    embed: Annotated[float, Bounds(unit=LENGTH_UNIT, low=-1, high=1)] | None = Field(
+        default=None, description="depth of the probes' centres below the skin [m]"
+    )
     port: str | None = Field(
         default=None,
         min_length=1,
@@ -304,11 +306,11 @@ class EventTable(Table):
     skin: str | None = Field(default=None, description="name of the skin; default: every skin")
     fault: str | None = Field(default=None, description="a fault on the wire, as in `faults`")
     set: dict[str, Any] = Field(default={}, description="sensor options that change (noise, bias, probe_gain ...)")
-    taxels: tuple[Annotated[int, Strict()], ...] | None = Field(
+    taxels: tuple[Whole, ...] | None = Field(
         default=None, description="taxels whose options `set` changes; default: all"
     )
-    dead: tuple[Annotated[int, Strict()], ...] = Field(default=(), description="taxels that become dead")
-    value: AnyReal | None = Field(default=None, description="reading of the dead taxels; default: their last reading")
+    dead: tuple[Whole, ...] = Field(default=(), description="taxels that become dead")
+    value: Number | None = Field(default=None, description="reading of the dead taxels; default: their last reading")
     hang: bool = Field(default=False, description="the device neither samples nor answers until `until`")
     reset: bool = Field(default=False, description="the device restarts as after power-up")
 
@@ -330,8 +332,8 @@ class Event(EventTable):
 class SceneTable(Table):
     """``[scene]``: the settings of the simulation."""
 
-    dt: Real = Field(default=DEFAULT_STEP_S, ge=STEP_RANGE_S[0], le=STEP_RANGE_S[1], description="simulation step [s]")
-    seed: Annotated[int, Strict()] = Field(default=0, description="seed of all random numbers")
+    dt: StepSeconds = Field(default=DEFAULT_STEP_S, description="simulation step [s]")
+    seed: Whole = Field(default=0, description="seed of all random numbers")
     device: str = Field(default="cpu", description="device that runs the kernels: cpu, cuda:0 ...")
     dtype: Literal["float32", "float64"] = Field(default="float32", description="number type of the kernels")
 
@@ -344,7 +346,7 @@ class TruthTable(Table):
 
 def _not_empty(tables: Any) -> Any:
     if tables in ([], ()):
-        raise validation_error("expected one [[skin]] or more")
+        raise ValueError("expected one [[skin]] or more")
     return tables
 
 

@@ -5,16 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated, Any, Union
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, Strict, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
 from tactemu.base.errors import nearest
-from tactemu.base.options import LARGEST
-from tactemu.scene.validation_errors import validation_error
-
-Real = Annotated[float, Strict()]
-"""A number, but no text and no truth value."""
-AnyReal = Annotated[float, Strict(), Field(ge=-LARGEST, le=LARGEST)]
-"""A number for a key that has no bounds of its own."""
 
 
 class Table(BaseModel):
@@ -30,7 +23,7 @@ class Table(BaseModel):
             for key in data:
                 if key not in known:
                     hint = nearest(key, known) or f"; it has: {', '.join(known)}"
-                    raise validation_error(f"unknown key {key!r}{hint}")
+                    raise ValueError(f"unknown key {key!r}{hint}")
         return data
 
 
@@ -41,7 +34,7 @@ def one_of(tables: Mapping[str, type[Table]], key: str) -> Any:
         given = data.get(key) if isinstance(data, dict) else None
         if isinstance(data, dict) and (not isinstance(given, str) or given not in tables):
             problem = f"unknown {key} {given!r}{nearest(given, tables)}" if key in data else f"missing key {key!r}"
-            raise validation_error(f"{problem} ({key}s: {', '.join(tables)})")
+            raise ValueError(f"{problem} ({key}s: {', '.join(tables)})")
         return data
 
     one = Annotated[Union[tuple(tables.values())], Field(discriminator=key)]  # noqa: UP007

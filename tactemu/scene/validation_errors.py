@@ -6,20 +6,14 @@ from collections.abc import Iterator
 from typing import Any
 
 from pydantic import ValidationError
-from pydantic_core import PydanticCustomError
 
+from firmware_protocols.messages import error_message
 from tactemu.base.errors import shown
 
-_SENTENCE = "sentence"
 _IN_TOML = dict.fromkeys(("tuple_type", "list_type"), "expected a list") | dict.fromkeys(
     ("model_type", "model_attributes_type", "dict_type"), "expected a table"
 )
 """Messages of a scene file for pydantic's types of errors about tuples, dictionaries and models."""
-
-
-def validation_error(sentence: str) -> PydanticCustomError:
-    """Return an error to raise in a validator; its message is the sentence alone."""
-    return PydanticCustomError(_SENTENCE, "{sentence}", {"sentence": sentence})
 
 
 def list_errors(error: ValidationError, data: Any, where: str, at: tuple[str, ...] = ()) -> str:
@@ -70,7 +64,7 @@ def _inside(data: Any, part: int | str) -> Any:
 
 
 def _message(entry: Any) -> str:
-    kind, message = entry["type"], entry["msg"]
-    if kind in (_SENTENCE, "missing"):
-        return "missing key" if kind == "missing" else message
-    return f"{_IN_TOML.get(kind, message[0].lower() + message[1:])}, got {shown(entry.get('input'))}"
+    if entry["type"] == "missing":
+        return "missing key"
+    expected = _IN_TOML.get(entry["type"])
+    return f"{expected}, got {shown(entry['input'])}" if expected else error_message(entry)

@@ -11,7 +11,6 @@ import numpy as np
 import warp as wp
 
 from tactemu.base.errors import SceneError
-from tactemu.base.options import number
 from tactemu.geometry.bodies import Body, find_body
 from tactemu.geometry.device_arrays import as_warp_array
 from tactemu.geometry.motion import Pose
@@ -237,7 +236,7 @@ def _plain(values: np.ndarray) -> np.ndarray:
 
 
 def check_query(sensor: Sensor) -> None:
-    """Check the options that select the depth query.
+    """Check the option that selects the depth query.
 
     Raises:
         SceneError: an option has a wrong value.
@@ -248,9 +247,6 @@ def check_query(sensor: Sensor) -> None:
         raise SceneError(
             f"sensor {sensor.name!r}: contact_depth_query must be one of {', '.join(known)}, got {given!r}"
         )
-    for name in ("voxel_size", "ray_reach"):
-        if getattr(model, name) is not None:
-            number(f"sensor {sensor.name!r}", name, getattr(model, name), above=0, unit="m")
 
 
 def sensed_bodies(sensor: Sensor, bodies: Sequence[Body]) -> tuple[Body, ...]:

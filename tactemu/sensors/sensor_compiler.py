@@ -109,10 +109,10 @@ class SensorCompiler:
                 f"{n_taxels}, "
                 f"more than the {MAX_LAUNCH_THREADS - 1} of one launch; build fewer environments at a time"
             )
+        check_declared(f"sensor {sensor.name!r}", sensor.model)
         check_query(sensor)
         check_drawing(f"sensor {sensor.name!r}", sensor.model)
         sensor.model.validate(sensor.probes)
-        check_declared(f"sensor {sensor.name!r}", sensor.model, sensor.model.unbounded)
 
     def _site(self, sensor: Sensor, gain, radius) -> Site:
         sensed = sensed_bodies(sensor, self._bodies)

@@ -57,6 +57,7 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 import warp as wp
 
+from tactemu.base.units import Length
 from tactemu.geometry.bodies import Body
 from tactemu.imperfections import ImperfectionOptions
 from tactemu.imperfections.info import Channels
@@ -182,9 +183,9 @@ class SensorModel(ImperfectionOptions, DrawOptions, ABC):
     """The query that finds depth. ``sdf`` (default) and ``raycast``: exact distance to the nearest surface. ``band``:
     within 2 µm of it, from a grid beside the surface of meshes. ``voxel``: a grid of distances with cells of
     ``voxel_size``. ``ray``: along the taxel's normal, exact at any depth."""
-    voxel_size: float | None = None
+    voxel_size: Length | None = None
     """Cell size of the voxel query [m], ``None``: the shape's largest extent / 64; of the band, ``None``: / 96."""
-    ray_reach: float | None = None
+    ray_reach: Length | None = None
     """Depth of the skin that the ray query covers [m]; ``None``: to the far side of the sensor's own link."""
 
     # These attributes describe a model. Scene files, `tactemu tune`, the benches and docs/sensors.md read them here.
@@ -206,8 +207,6 @@ class SensorModel(ImperfectionOptions, DrawOptions, ABC):
     """Options that scale every channel of the reading: a fitted gain is written into them."""
     material: ClassVar[tuple[str, ...]] = ()
     """Options that state the material of the skin. Readings are then physical, and no gain is fitted."""
-    unbounded: ClassVar[tuple[str, ...]] = ()
-    """Options that may be larger than in any skin, or infinite."""
     examples: ClassVar[Mapping[str, Mapping[str, Any]]] = {"": {"probe_radius": 0.002}}
     """The examples that benches and tests run on probes 2.5 mm apart: words behind the class's name, and options."""
     valid: ClassVar[str] = ""

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 
 import warp as wp
 
-from tactemu.base.options import number
+from tactemu.base.units import Length, Newtons, NonNegative, Pascals, Positive, TimeConstant
 from tactemu.plan.clearing import clear_rows
 from tactemu.plan.plan import Stage
 from tactemu.plan.scalars import is_finite
@@ -78,33 +78,24 @@ def gap_kernel(real, vector: bool, push: bool, follows: bool):
 class Capacitive(Transducer):
     """A transducer that provides the capacitance of each taxel [F], or with ``rated_n`` a force that follows it."""
 
-    gap: float = 2e-3
+    gap: Length = 2e-3
     """Thickness of the unloaded spacer [m]."""
-    modulus: float = 1e5
+    modulus: Pascals = 1e5
     """Pressure at which the gap is half closed [Pa]."""
-    permittivity: float = 3.0
+    permittivity: Positive = 3.0
     """Relative permittivity of the spacer."""
-    stray: float = 0.0
+    stray: NonNegative = 0.0
     """Stray capacitance beside that of the gap [F]."""
-    dead_band: float = 0.0
+    dead_band: NonNegative = 0.0
     """Pressure up to which the gap does not move [Pa]."""
-    baseline_tau: float | None = None
+    baseline_tau: TimeConstant | None = None
     """Time constant with which the firmware follows the baseline [s]; ``None``: it does not."""
-    rated_n: float | None = None
+    rated_n: Newtons | None = None
     """Reading with the gap half closed [N]; [Pa] with a model that provides pressure."""
 
     takes = TAKES
     valid = "Plates that stay parallel; below the modulus of the spacer."
     source = "The plate capacitor. iCub skin: Maiolino et al., IEEE Sensors 2013."
-
-    def check(self, where: str) -> None:
-        for name in ("gap", "modulus", "permittivity"):
-            number(where, name, getattr(self, name), above=0)
-        for name in ("stray", "dead_band"):
-            number(where, name, getattr(self, name), at_least=0)
-        for name in ("baseline_tau", "rated_n"):
-            if getattr(self, name) is not None:
-                number(where, name, getattr(self, name), above=0)
 
     def gives(self, taken: SignalType) -> SignalType:
         return output_type(taken, CAPACITANCE, self.rated_n)

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import warp as wp
 
-from tactemu.base.options import number
+from tactemu.base.units import TimeConstant
 from tactemu.plan.clearing import clear_rows
 from tactemu.plan.plan import Stage
 from tactemu.plan.scalars import is_finite
@@ -67,7 +67,7 @@ def medium_kernel(real, vector: bool, shared: bool):
 class Fluid(Transducer):
     """A transducer that provides the pressure of a medium at each taxel [Pa]."""
 
-    tau: float = 0.3
+    tau: TimeConstant = 0.3
     """Time constant of the medium [s]: air 0.01, oil in a channel of 1.5 mm 0.25."""
     shared: bool = False
     """All taxels share one medium."""
@@ -75,9 +75,6 @@ class Fluid(Transducer):
     takes = TAKES
     valid = "Slower than sound in the medium. The time constant differs from medium to medium: measure it for yours."
     source = "A Newtonian flow through a narrow channel into a compliant chamber. docs/realism.md has the measurements."
-
-    def check(self, where: str) -> None:
-        number(where, "tau", self.tau, above=0, unit="s")
 
     def gives(self, taken: SignalType) -> SignalType:
         return PRESSURE

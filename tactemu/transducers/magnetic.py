@@ -18,12 +18,15 @@ with those; the earth's field turns in the link's frame as the link does.
 import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 import warp as wp
 
+from firmware_protocols.bounds import Bounds
 from tactemu.base.errors import SceneError, shown
-from tactemu.base.options import number, numbers, triple
+from tactemu.base.options import numbers, triple
+from tactemu.base.units import Length, NonNegative
 from tactemu.plan.plan import Stage
 from tactemu.transducers.transducer import FIELD, SignalType, Transducer, TransducerSite
 
@@ -33,6 +36,7 @@ MAGNETISATION_A_PER_M = 1e6
 """The magnetisation of a magnet, about that of neodymium; it determines the size of a magnet of a given moment."""
 MAX_GRID_SIDE = 256
 """Most magnets along a side of ``grid``; bounds memory."""
+GridSide = Annotated[int, Bounds(low=1, high=MAX_GRID_SIDE)]
 
 
 def radius_of(moments: np.ndarray) -> np.ndarray:
@@ -132,13 +136,13 @@ class Magnetic(Transducer):
     """Moments of the magnets [A m²], ``(m, 3)``, or one for all."""
     about_taxels: bool = True
     """Positions are relative to the middle of the taxels."""
-    grid: tuple[int, int] = (10, 10)
+    grid: tuple[GridSide, GridSide] = (10, 10)
     """Rows and columns of magnets if ``magnets`` is empty, on a sheet ``1.5`` times as wide as the taxels."""
-    chip_depth: float = 2e-3
+    chip_depth: Annotated[float, Bounds(unit="m", low=0)] = 2e-3
     """Distance of a chip below its taxel, against the normal [m]."""
-    compliance: float = 1e-4
+    compliance: NonNegative = 1e-4
     """Displacement of the skin per force on a taxel [m/N], for a model that provides force."""
-    spread: float = 4e-3
+    spread: Length = 4e-3
     """Standard deviation of the Gaussian by which a taxel's displacement moves the magnets around it [m]."""
     earth: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Field of the earth in the world [T]; its magnitude is about 50e-6."""
@@ -153,15 +157,10 @@ class Magnetic(Transducer):
     source = "Field of a point dipole. Skins: AnySkin (arXiv:2409.08276), eFlesh (arXiv:2506.09994)."
 
     def check(self, where: str) -> None:
-        for name in ("chip_depth", "compliance", "spread"):
-            number(where, name, getattr(self, name), at_least=0 if name != "spread" else None, unit="m")
-        number(where, "spread", self.spread, above=0, unit="m")
         for name in ("magnets", "moments"):
             given = numbers(where, name, getattr(self, name))
             if given.shape != (0,) and (given.ndim != 2 or given.shape[1] != 3):
                 raise SceneError(f"{where}: {name} must be a list of three numbers each, got shape {given.shape}")
-        for n in self.grid:
-            number(where, "grid", n, at_least=1, at_most=MAX_GRID_SIDE, integer=True)
         if isinstance(self.neighbours, str) or not isinstance(self.neighbours, Sequence):
             raise SceneError(f"{where}: neighbours must be a list, got {shown(self.neighbours)}")
         for each in self.neighbours:

@@ -22,7 +22,7 @@ from dataclasses import dataclass
 import warp as wp
 
 from tactemu.base.errors import SceneError
-from tactemu.base.options import number
+from tactemu.base.units import NonNegative, Positive, SignedShare
 from tactemu.plan.clearing import clear_rows
 from tactemu.plan.plan import Stage
 from tactemu.plan.scalars import is_finite
@@ -121,23 +121,23 @@ def material_kernel(real, creep: bool, loop: bool, presses: bool):
 class Material(Transducer):
     """A transducer that provides its input quantity, changed by the memory of a soft skin."""
 
-    creep_per_decade: float = 0.0
+    creep_per_decade: SignedShare = 0.0
     """Growth of the reading of a constant load per decade of time, relative to that after 1 s; negative: it relaxes."""
     creep_exponent: float = 0.0
     """Exponent by which heavy loads creep less: ``(|v|/reference)^-exponent``."""
-    reference: float = 1.0
+    reference: Positive = 1.0
     """Load at which ``creep_per_decade`` holds [unit of the reading]."""
-    first: float = 0.1
+    first: Positive = 0.1
     """Time at which the logarithm begins [s]."""
-    last: float = 1000.0
+    last: Positive = 1000.0
     """Time at which the logarithm ends [s]."""
-    loop: float = 0.0
+    loop: SignedShare = 0.0
     """Widest gap between unloading and loading, as a share of the peak of that press."""
-    softening: float = 0.0
+    softening: SignedShare = 0.0
     """Loss of the reading per ln(1 + presses), as a share."""
-    baseline: float = 0.0
+    baseline: SignedShare = 0.0
     """Offset that a press leaves behind per ln(1 + presses), as a share of its peak."""
-    presses_before: float = 0.0
+    presses_before: NonNegative = 0.0
     """Number of presses before time 0."""
 
     takes = ("force", "pressure", "displacement", "depth", "field", "resistance", "capacitance")
@@ -145,11 +145,6 @@ class Material(Transducer):
     source = "Logarithmic creep of elastomers and of piezoresistive composites; docs/realism.md has the measurements."
 
     def check(self, where: str) -> None:
-        for name in ("loop", "softening", "baseline", "creep_per_decade"):
-            number(where, name, getattr(self, name), at_least=-1, at_most=1)
-        for name in ("reference", "first", "last"):
-            number(where, name, getattr(self, name), above=0)
-        number(where, "presses_before", self.presses_before, at_least=0)
         if self.last <= self.first:
             raise SceneError(f"{where}: last must be after first ({self.first:g} s), got {self.last:g} s")
 

@@ -17,11 +17,14 @@ is 1, for devices whose counts are forces; otherwise the reading is the resistan
 import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import warp as wp
 
+from firmware_protocols.bounds import Bounds
 from tactemu.base.errors import SceneError
 from tactemu.base.options import number
+from tactemu.base.units import Celsius, Newtons, NonNegative, PerKelvin, Positive, Share
 from tactemu.plan.plan import Stage
 from tactemu.plan.scalars import is_finite
 from tactemu.transducers.pressure import TAKES, output_type, pressure_function, skin_arrays
@@ -117,31 +120,31 @@ def readout_kernel(real, push: bool, ghosts: bool):
 class Piezoresistive(Transducer):
     """A transducer that provides the resistance of each taxel [Ohm], or with ``rated_n`` a share of this force."""
 
-    half: float = 5e4
+    half: Positive = 5e4
     """Pressure at which the taxel's resistance is that of the divider [Pa]."""
-    exponent: float = 1.5
+    exponent: Positive = 1.5
     """Exponent n of resistance over pressure: R ∝ p^-n."""
-    fixed: float = 1e4
+    fixed: Positive = 1e4
     """Resistor of the divider [Ohm]."""
-    r_open: float = 1e8
+    r_open: Positive = 1e8
     """Resistance of an unloaded taxel [Ohm]."""
-    rated_n: float | None = None
+    rated_n: Newtons | None = None
     """Reading at full supply [N]; [Pa] with a model that provides pressure."""
-    ghosts: float = 0.0
+    ghosts: Share = 0.0
     """Strength of the ghost at the fourth corner of three that are pressed; the layout must be a grid."""
-    threshold: float = 0.0
+    threshold: Share = 0.0
     """Share of the supply below which the reading is 0."""
-    gain: float = 1.0
+    gain: NonNegative = 1.0
     """Gain of the read-out."""
-    temperature: float = 25.0
+    temperature: Celsius = 25.0
     """Temperature of the skin [degC]."""
-    temperature_reference: float = 25.0
+    temperature_reference: Celsius = 25.0
     """Temperature at which the parameters hold [degC]."""
-    half_per_k: float = 0.0
+    half_per_k: PerKelvin = 0.0
     """Growth of u with warmth [1/K]."""
-    gain_per_k: float = 0.0
+    gain_per_k: PerKelvin = 0.0
     """Growth of the gain with warmth [1/K]."""
-    zero_per_k: float = 0.0
+    zero_per_k: PerKelvin = 0.0
     """Growth of the zero with warmth, as a share of the supply [1/K]."""
 
     takes = TAKES
@@ -149,19 +152,8 @@ class Piezoresistive(Transducer):
     source = "Percolating composites: R ∝ p^-n. Velostat: n 1.57; Weiss DSA: 2 (docs/realism.md)."
 
     def check(self, where: str) -> None:
-        for name in ("half", "exponent", "fixed", "r_open"):
-            number(where, name, getattr(self, name), above=0)
-        for name in ("ghosts", "threshold"):
-            number(where, name, getattr(self, name), at_least=0, at_most=1)
-        number(where, "gain", self.gain, at_least=0)
-        for name in ("temperature", "temperature_reference"):
-            number(where, name, getattr(self, name), at_least=-273.15, at_most=1000, unit="degree C")
-        for name in ("half_per_k", "gain_per_k", "zero_per_k"):
-            number(where, name, getattr(self, name), at_least=-1, at_most=1, unit="1/K")
         warmed = self.half_per_k * (self.temperature - self.temperature_reference) / self.exponent
-        number(where, "half_per_k times the warming over exponent", warmed, at_least=-50, at_most=50)
-        if self.rated_n is not None:
-            number(where, "rated_n", self.rated_n, above=0, unit="N")
+        number(where, "half_per_k times the warming over exponent", warmed, Annotated[float, Bounds(low=-50, high=50)])
 
     def gives(self, taken: SignalType) -> SignalType:
         return output_type(taken, RESISTANCE, self.rated_n)

@@ -178,7 +178,7 @@ def test_a_connector_is_found_that_goes_with_the_port():
     [
         ("linker_hand_l6", {"sde": "left"}, "unknown option 'sde'; did you mean 'side'"),
         ("linker_hand_l6", {"side": "up"}, "device linker_hand_l6"),
-        ("xela_uskin", {"board": 99}, "option board: expected >= 1 and <= 15, got 99"),
+        ("xela_uskin", {"board": 99}, "option board: must be a whole number >= 1 and <= 15, got 99"),
     ],
 )
 def test_device_options_are_checked(name, options, says):

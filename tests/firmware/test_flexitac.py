@@ -28,7 +28,7 @@ def test_adc_is_monotonic_and_saturates():
 def test_other_sizes():
     device = fp.create("flexitac", rows=16)
     assert len(sample(device)[0]) == 514 and "16 x 32" in device.title
-    with pytest.raises(ValueError, match="option rows: expected >= 1"):
+    with pytest.raises(ValueError, match="option rows: must be a whole number >= 1"):
         fp.create("flexitac", rows=0)
 
 

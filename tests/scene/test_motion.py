@@ -128,7 +128,7 @@ def test_long_spins_lose_no_accuracy():
 @pytest.mark.parametrize(
     ("make", "says"),
     [
-        (lambda: Press(depth=math.nan), "press: depth must be >= 0 and <= 0.5 m"),
+        (lambda: Press(depth=math.nan), "press: depth must be >= -10 and <= 0.5 m"),
         (lambda: Press(depth=1e-3, speed=0), "press: speed must be >= 1e-09"),
         (lambda: Press(depth=1e-3, direction=(0, 0, 0)), "press.direction"),
         (lambda: Slide(distance=-1), "slide: distance must be >= 0 and <= 10 m"),

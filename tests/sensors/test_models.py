@@ -135,4 +135,4 @@ def test_a_scene_file_takes_a_class_of_the_users_own(tmp_path, monkeypatch):
 def test_a_wrong_option_is_named_as_it_is(name, options, message):
     with pytest.raises(SceneError) as caught:
         pressed(name, options, depth=0.0)
-    assert f"{model_class(name).__name__}: {message}" in str(caught.value)
+    assert message in str(caught.value)

@@ -21,13 +21,14 @@ from typing import Any
 import numpy as np
 
 from firmware_protocols import state as plain
+from firmware_protocols.bounds import LARGEST
 from tactemu.base.errors import StateError, shown
-from tactemu.base.options import LARGEST
 
 MAX_AHEAD_NS = 10**15
 """Largest excess of an integer over the time of the state: eleven days, the farthest time of a scheduled action."""
 MAX_GROWTH = 1e3
-"""Largest ratio of a float to the one in its place now, where that exceeds :data:`~tactemu.base.options.LARGEST`."""
+"""Largest ratio of a float to the one in its place now, where that exceeds
+:data:`~firmware_protocols.bounds.LARGEST`."""
 _NO_HINT = object()
 _NO_NUMBERS = (type(None), bool, str, bytes)
 

@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
+from firmware_protocols.bounds import Bounds
 from tactemu.base.errors import SceneError
-from tactemu.base.options import number
-from tactemu.base.units import LENGTH_UNIT, MAX_ANGLE_RAD, MAX_POSITION_M, MAX_TRAVEL_M
+from tactemu.base.options import check_declared, number
+from tactemu.base.units import LENGTH_UNIT, MAX_ANGLE_RAD, MAX_TRAVEL_M, Coordinate
 from tactemu.geometry import rotation
 from tactemu.geometry.motion.free import FromFunction
 from tactemu.geometry.motion.pose import Motion, Pose, Vector
@@ -33,7 +35,7 @@ class Joint(Motion):
     """Name of the joint, as in the device's datasheet."""
     axis: Vector = (1.0, 0.0, 0.0)
     """The direction of the joint's axis in the world."""
-    pivot: Vector = (0.0, 0.0, 0.0)
+    pivot: tuple[Coordinate, Coordinate, Coordinate] = (0.0, 0.0, 0.0)
     """A point on the axis, relative to the body's origin at the start [m]."""
     slide: bool = False
     """The joint shifts the body along the axis instead of turning it."""
@@ -44,10 +46,9 @@ class Joint(Motion):
         length = math.sqrt(sum(each * each for each in self.axis))
         if not 0 < length < math.inf:
             raise SceneError(f"joint.axis: expected a direction, got {list(self.axis)}")
-        for each in self.pivot:
-            number(self.kind, "pivot", each, at_least=-MAX_POSITION_M, at_most=MAX_POSITION_M, unit=LENGTH_UNIT)
+        check_declared(self.kind, self)
         most, unit = (MAX_TRAVEL_M, LENGTH_UNIT) if self.slide else (MAX_ANGLE_RAD, "rad")
-        number(self.kind, "zero", self.zero, at_least=-most, at_most=most, unit=unit)
+        number(self.kind, "zero", self.zero, Annotated[float, Bounds(unit=unit, low=-most, high=most)])
 
     def pose(self, t_s: float) -> Pose:
         return Pose()

@@ -6,26 +6,27 @@ import bisect
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Annotated
 
 import numpy as np
 
+from firmware_protocols.bounds import Bounds
 from tactemu.base.errors import SceneError
-from tactemu.base.options import number
+from tactemu.base.options import check_declared, number
 from tactemu.base.units import (
     LENGTH_UNIT,
-    MAX_ANGLE_RAD,
     MAX_DEPTH_M,
-    MAX_RADIUS_M,
-    MAX_TIME_S,
-    MAX_TRAVEL_M,
-    SIZE_RANGE_M,
-    SPEED_RANGE_M_S,
+    DepthAfterTravel,
+    Distance,
+    MetresPerSecond,
+    Radians,
+    RadiansPerSecond,
+    Radius,
+    Repeats,
+    Seconds,
 )
 from tactemu.geometry import rotation
 from tactemu.geometry.motion.pose import UNTURNED, ZERO, Motion, Pose, Vector
-
-MAX_SPIN_RATE_RAD_S = 1e4
-"""The highest rate of a spin."""
 
 
 class DistanceProfile:
@@ -73,12 +74,12 @@ class Hold(Motion):
     """A pause: the body stays where it is."""
 
     kind = "hold"
-    seconds: float = math.inf
+    seconds: Seconds = math.inf
     """Duration [s], for a pause inside a sequence."""
 
     def __post_init__(self):
         if self.seconds != math.inf:
-            check_times(self, "seconds")
+            number(self.kind, "seconds", self.seconds, Seconds)
 
     @property
     def duration(self) -> float:
@@ -120,34 +121,32 @@ class Press(Travel):
     """An approach, a press by ``depth``, a dwell, a return and a pause, ``repeat`` times."""
 
     kind = "press"
-    depth: float
+    depth: DepthAfterTravel
     """Distance beyond the end of the approach [m]."""
-    approach: float = 0.0
+    approach: Distance = 0.0
     """Free travel before the first touch [m]."""
-    speed: float = 0.01
+    speed: MetresPerSecond = 0.01
     """Speed of the approach and the press [m/s]."""
-    dwell: float = 0.5
+    dwell: Seconds = 0.5
     """Time at full depth [s]."""
     release: bool = True
     """Come back after the dwell; ``false`` leaves the body pressed in, for a slide that follows in a sequence."""
-    release_speed: float | None = None
+    release_speed: MetresPerSecond | None = None
     """Speed of the return [m/s]; default: ``speed``."""
-    pause: float = 0.0
+    pause: Seconds = 0.0
     """Time back at the start before the next press [s]."""
-    delay: float = 0.0
+    delay: Seconds = 0.0
     """Time before the first press [s]."""
-    repeat: int | None = 1
+    repeat: Repeats | None = 1
     """Number of presses; ``0`` or ``None``: for ever."""
     direction: Vector = (0.0, 0.0, -1.0)
     """Direction in the world; its length does not matter."""
 
     def __post_init__(self):
-        check_distances(self, "approach")
-        check_times(self, "dwell", "pause", "delay")
-        check_speeds(self, "speed", "release_speed")
+        check_declared(self.kind, self)
         check_direction(self, "direction")
-        check_repeat(self)
-        number(self.kind, "depth", self.depth, at_least=0.0 - self.approach, at_most=MAX_DEPTH_M, unit=LENGTH_UNIT)
+        deepest = Bounds(unit=LENGTH_UNIT, low=0.0 - self.approach, high=MAX_DEPTH_M)
+        number(self.kind, "depth", self.depth, Annotated[float, deepest])
 
     @cached_property
     def _profile(self) -> DistanceProfile:
@@ -163,23 +162,20 @@ class Slide(Travel):
     """A travel along a line without turning; with ``repeat`` other than 1, there and back."""
 
     kind = "slide"
-    distance: float
+    distance: Distance
     """Distance to travel [m]."""
-    speed: float = 0.02
+    speed: MetresPerSecond = 0.02
     """Speed [m/s]."""
     direction: Vector = (1.0, 0.0, 0.0)
     """Direction in the world; its length does not matter."""
-    repeat: int | None = 1
+    repeat: Repeats | None = 1
     """1: travel once and stay; n > 1: n times there and back; ``0`` or ``None``: there and back for ever."""
-    delay: float = 0.0
+    delay: Seconds = 0.0
     """Time before the start [s]."""
 
     def __post_init__(self):
-        check_distances(self, "distance")
-        check_times(self, "delay")
-        check_speeds(self, "speed")
+        check_declared(self.kind, self)
         check_direction(self, "direction")
-        check_repeat(self)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -187,29 +183,25 @@ class Roll(Travel):
     """A roll without slipping over a flat surface: a slide, with the rotation that a body of ``radius`` then has."""
 
     kind = "roll"
-    distance: float
+    distance: Distance
     """Distance to travel [m]."""
-    radius: float
+    radius: Radius
     """Distance of the surface from the body's centre [m]."""
-    speed: float = 0.02
+    speed: MetresPerSecond = 0.02
     """Speed of the body's centre [m/s]."""
     direction: Vector = (1.0, 0.0, 0.0)
     """Direction in the world; its length does not matter."""
     normal: Vector = (0.0, 0.0, 1.0)
     """Normal of the surface, towards the body, in the world."""
-    repeat: int | None = 1
+    repeat: Repeats | None = 1
     """1: travel once and stay; n > 1: n times there and back; ``0`` or ``None``: there and back for ever."""
-    delay: float = 0.0
+    delay: Seconds = 0.0
     """Time before the start [s]."""
 
     def __post_init__(self):
-        check_distances(self, "distance")
-        check_times(self, "delay")
-        check_speeds(self, "speed")
-        number(self.kind, "radius", self.radius, at_least=SIZE_RANGE_M[0], at_most=MAX_RADIUS_M, unit=LENGTH_UNIT)
+        check_declared(self.kind, self)
         check_direction(self, "direction")
         check_direction(self, "normal")
-        check_repeat(self)
 
     def pose(self, t_s: float) -> Pose:
         distance, speed = self._profile.at(t_s)
@@ -231,20 +223,17 @@ class Spin(Motion):
     """A rotation about an axis through the body's origin at a constant rate."""
 
     kind = "spin"
-    rate: float
+    rate: RadiansPerSecond
     """Angular rate [rad/s]; its sign is the sense of rotation."""
     axis: Vector = (0.0, 0.0, 1.0)
     """Direction in the world; its length does not matter."""
-    angle: float | None = None
+    angle: Radians | None = None
     """Angle at which the motion stops [rad]; ``None``: it never stops."""
-    delay: float = 0.0
+    delay: Seconds = 0.0
     """Time before the start [s]."""
 
     def __post_init__(self):
-        check_times(self, "delay")
-        number(self.kind, "rate", self.rate, at_least=-MAX_SPIN_RATE_RAD_S, at_most=MAX_SPIN_RATE_RAD_S, unit="rad/s")
-        if self.angle is not None:
-            number(self.kind, "angle", self.angle, at_least=0, at_most=MAX_ANGLE_RAD, unit="rad")
+        check_declared(self.kind, self)
         check_direction(self, "axis")
 
     @property
@@ -267,30 +256,3 @@ def check_direction(motion: Motion, name: str) -> None:
             f"{motion.kind}.{name}: expected three finite numbers, not all of them near zero, "
             f"got {getattr(motion, name)}"
         )
-
-
-def check_times(motion: Motion, *names: str) -> None:
-    """Raise :class:`SceneError` if a field is no time from 0 to :data:`MAX_TIME_S`; ``None`` is accepted."""
-    for name in names:
-        if getattr(motion, name) is not None:
-            number(motion.kind, name, getattr(motion, name), at_least=0, at_most=MAX_TIME_S, unit="s")
-
-
-def check_distances(motion: Motion, *names: str) -> None:
-    """Raise :class:`SceneError` if a field is no distance from 0 to :data:`MAX_TRAVEL_M`."""
-    for name in names:
-        number(motion.kind, name, getattr(motion, name), at_least=0, at_most=MAX_TRAVEL_M, unit=LENGTH_UNIT)
-
-
-def check_speeds(motion: Motion, *names: str) -> None:
-    """Raise :class:`SceneError` if a field is no speed within :data:`SPEED_RANGE_M_S`; ``None`` is accepted."""
-    for name in names:
-        if getattr(motion, name) is not None:
-            least, most = SPEED_RANGE_M_S
-            number(motion.kind, name, getattr(motion, name), at_least=least, at_most=most, unit="m/s")
-
-
-def check_repeat(motion: Motion, name: str = "repeat") -> None:
-    """Raise :class:`SceneError` if a field is no count; ``None`` is accepted."""
-    if getattr(motion, name) is not None:
-        number(motion.kind, name, getattr(motion, name), at_least=0, at_most=1e9, integer=True)

@@ -8,9 +8,9 @@ from typing import Annotated
 
 import numpy as np
 
-from tactemu.base.errors import SceneError
+from tactemu.base.units import Length
 from tactemu.geometry.shapes.rays import line_pieces
-from tactemu.geometry.shapes.shape import FAR, Length, Row, Shape, ShapeKind, check_lengths, table_type
+from tactemu.geometry.shapes.shape import FAR, Row, Shape, ShapeKind, table_type
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -20,11 +20,6 @@ class Box(Shape):
     size: Annotated[tuple[Length, Length, Length], "full extents along x, y, z [m]"]
 
     mujoco_geom = "box"
-
-    def __post_init__(self):
-        if len(self.size) != 3:
-            raise SceneError(f"Box: size must be the three full extents along x, y, z [m], got {self.size!r}")
-        check_lengths(self, **{f"size[{i}]": value for i, value in enumerate(self.size)})
 
     def row(self, name: str, device) -> Row:
         x, y, z = (0.5 * float(extent) for extent in self.size)

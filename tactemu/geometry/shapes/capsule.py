@@ -8,8 +8,9 @@ from typing import Annotated
 
 import numpy as np
 
+from tactemu.base.units import Length
 from tactemu.geometry.shapes.rays import line_pieces
-from tactemu.geometry.shapes.shape import Length, Row, Shape, ShapeKind, check_lengths, table_type
+from tactemu.geometry.shapes.shape import Row, Shape, ShapeKind, table_type
 from tactemu.geometry.shapes.surface import directions, on_side
 
 
@@ -21,9 +22,6 @@ class Capsule(Shape):
     length: Annotated[Length, "of the straight part, along z [m]"]
 
     mujoco_geom = "capsule"
-
-    def __post_init__(self):
-        check_lengths(self, radius=self.radius, length=self.length)
 
     def row(self, name: str, device) -> Row:
         r, top = self.radius, self.radius + self.length / 2

@@ -9,8 +9,9 @@ from typing import Annotated
 
 import numpy as np
 
+from tactemu.base.units import Length
 from tactemu.geometry.shapes.rays import line_pieces
-from tactemu.geometry.shapes.shape import Length, Row, Shape, ShapeKind, check_lengths, table_type
+from tactemu.geometry.shapes.shape import Row, Shape, ShapeKind, table_type
 from tactemu.geometry.shapes.surface import on_side
 
 
@@ -22,9 +23,6 @@ class Cylinder(Shape):
     length: Annotated[Length, "along z [m]"]
 
     mujoco_geom = "cylinder"
-
-    def __post_init__(self):
-        check_lengths(self, radius=self.radius, length=self.length)
 
     def row(self, name: str, device) -> Row:
         r, top = self.radius, self.length / 2

@@ -11,9 +11,9 @@ from typing import Annotated, Any
 import numpy as np
 
 from tactemu.base.errors import MeshError, SceneError
-from tactemu.base.units import SIZE_RANGE_M
+from tactemu.base.units import MAX_SIZE_M, Length
 from tactemu.geometry.shapes.rays import bound_function
-from tactemu.geometry.shapes.shape import FAR, Length, Row, Shape, ShapeKind, box_outline, table_type
+from tactemu.geometry.shapes.shape import FAR, Row, Shape, ShapeKind, box_outline, table_type
 from tactemu.geometry.shapes.surface import sample_triangles
 from tactemu.geometry.shapes.triangles import Triangles, extent_of_file, load_mesh
 from tactemu.geometry.shapes.voxel_grid import VoxelGrid
@@ -81,9 +81,9 @@ class Mesh(Shape):
             extent = extent_of_file(folder / path, scale, "path")
         except MeshError as error:
             raise SceneError(str(error)) from None
-        if not extent <= SIZE_RANGE_M[1]:
+        if not extent <= MAX_SIZE_M:
             raise SceneError(
-                f"path: {path} is {extent:g} m long; a body may be at most {SIZE_RANGE_M[1]:g} m long. "
+                f"path: {path} is {extent:g} m long; a body may be at most {MAX_SIZE_M:g} m long. "
                 "If the file is in millimetres, give scale = 0.001"
             )
         return cls(source=folder / path, scale=scale)

@@ -12,23 +12,19 @@ imported within the functions that build kernels, so that describing a scene doe
 import dataclasses
 import functools
 import itertools
-import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
-from annotated_types import Gt
 
 from tactemu.base.errors import SceneError
+from tactemu.base.options import check_declared
 
 FAR = 1.0e18
 """The distance that means 'no surface anywhere' [m]; its square still fits float32."""
-
-Length = Annotated[float, Gt(0)]
-"""A length > 0 [m]. In ``radius: Annotated[Length, "of the ring [m]"]`` the text is the key's description."""
 
 
 @dataclass(frozen=True)
@@ -93,6 +89,9 @@ class Shape(ABC):
     mujoco_geom: ClassVar[str | None] = None
     """MuJoCo's name for the shape, if it has one."""
 
+    def __post_init__(self):
+        check_declared(type(self).__name__, self)
+
     @abstractmethod
     def row(self, name: str, device) -> Row:
         """Return the shape's row in the table on a Warp ``device``; messages name the body ``name``.
@@ -135,17 +134,6 @@ class Shape(ABC):
     def from_mujoco(cls, size: list[float]) -> Self:
         """Make the shape from the three sizes of a MuJoCo geom (half extents or radii) [m]."""
         raise NotImplementedError
-
-
-def check_lengths(shape: Shape, **lengths: float) -> None:
-    """Check that lengths are finite and > 0 m.
-
-    Raises:
-        SceneError: a length is not.
-    """
-    for name, value in lengths.items():
-        if not (math.isfinite(value) and value > 0):
-            raise SceneError(f"{type(shape).__name__}: {name} must be a finite length > 0 m, got {value!r}")
 
 
 def box_outline(low: np.ndarray, high: np.ndarray) -> dict[str, Any]:

@@ -6,8 +6,9 @@ from typing import Annotated
 
 import numpy as np
 
+from tactemu.base.units import Length
 from tactemu.geometry.shapes.rays import line_pieces
-from tactemu.geometry.shapes.shape import Length, Row, Shape, ShapeKind, check_lengths, table_type
+from tactemu.geometry.shapes.shape import Row, Shape, ShapeKind, table_type
 from tactemu.geometry.shapes.surface import directions
 
 
@@ -18,9 +19,6 @@ class Sphere(Shape):
     radius: Annotated[Length, "[m]"]
 
     mujoco_geom = "sphere"
-
-    def __post_init__(self):
-        check_lengths(self, radius=self.radius)
 
     def row(self, name: str, device) -> Row:
         r = self.radius

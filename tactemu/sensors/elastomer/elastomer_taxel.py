@@ -21,12 +21,14 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 import warp as wp
 
+from firmware_protocols.bounds import Bounds
 from tactemu.base.errors import SceneError
-from tactemu.base.options import number
+from tactemu.base.units import Metres, NonNegative, Positive, Share
 from tactemu.plan.plan import Stage
 from tactemu.sensors.elastomer.anchors import shear_anchors
 from tactemu.sensors.elastomer.dilation_direct import direct_dilation, free_areas
@@ -40,6 +42,7 @@ from tactemu.sensors.probes.taxel_depth import taxel_depth
 from tactemu.sensors.sensor_model import Compiled, SensorModel, Setting, Site
 
 log = logging.getLogger(__name__)
+FallOff = Annotated[float, Bounds(unit="1/m^2", low=0, high=1e24)]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -49,23 +52,23 @@ class ElastomerTaxel(SensorModel):
     ``probe_radius`` only marks fillers (0): depth is that of the marker itself.
     """
 
-    lambda_d: float = 700.0
+    lambda_d: FallOff = 700.0
     """Fall-off of the dilation [1/m^2]; 0: none."""
-    lambda_s: float = 300.0
+    lambda_s: FallOff = 300.0
     """Fall-off of the shear [1/m^2]; 0: none."""
-    dilate_scale: float = 1.0
+    dilate_scale: NonNegative = 1.0
     """Factor on the dilation; 0 switches it off."""
-    shear_scale: float = 1.0
+    shear_scale: NonNegative = 1.0
     """Factor on the shear; 0 switches it off."""
-    normal_exponent: float = 2.0
+    normal_exponent: Positive = 2.0
     """Exponent of the depth in the normal motion; > 0."""
-    compressibility: float = 1.0
+    compressibility: Share = 1.0
     """1: Gaussian dilation, 0: far-reaching, between: a blend of the two, each divided by its peak."""
-    elastomer_thickness: float = 0.0
+    elastomer_thickness: NonNegative = 0.0
     """Thickness of a layer bonded to a rigid back [m]; 0: unknown, the taxel spacing is used instead."""
-    contact_threshold: float = 1e-5
+    contact_threshold: Metres = 1e-5
     """Depth at which a point starts to stick [m]."""
-    release_threshold: float = -1e-4
+    release_threshold: Metres = -1e-4
     """Depth at which it releases [m]; negative: outside the skin."""
     n_sample_points: int | Sequence[int] = 500
     """Points on all tracked bodies together, split evenly, or one number per tracked body."""
@@ -90,7 +93,6 @@ class ElastomerTaxel(SensorModel):
         "Motion of markers along the skin, once scales and fall-offs are fitted; the motion along the normal is a "
         "bulge for display, not the skin's surface (90 % off). Points that stick never slip."
     )
-    unbounded = ("lambda_d", "lambda_s")
     source = "A model of optical skins. Option names and numbers are those of the sensor of this name in Genesis."
 
     @classmethod
@@ -99,14 +101,6 @@ class ElastomerTaxel(SensorModel):
 
     def validate(self, probes: Probes) -> None:
         where = "ElastomerTaxel"
-        for name in ("lambda_d", "lambda_s"):
-            number(where, name, getattr(self, name), at_least=0, at_most=1e24, unit="1/m^2")
-        for name in ("dilate_scale", "shear_scale", "elastomer_thickness"):
-            number(where, name, getattr(self, name), at_least=0)
-        number(where, "normal_exponent", self.normal_exponent, above=0)
-        number(where, "compressibility", self.compressibility, at_least=0, at_most=1)
-        for name in ("contact_threshold", "release_threshold"):
-            number(where, name, getattr(self, name), unit="m")
         if self.release_threshold > self.contact_threshold:
             raise SceneError(
                 f"{where}: release_threshold must be <= contact_threshold ({self.contact_threshold!r} m), "

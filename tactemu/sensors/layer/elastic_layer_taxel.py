@@ -22,13 +22,14 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import partial
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 import warp as wp
 
+from firmware_protocols.bounds import Bounds
 from tactemu.base.errors import SceneError
-from tactemu.base.options import number
+from tactemu.base.units import Length, NonNegative, Pascals, Positive
 from tactemu.plan.launches import record
 from tactemu.plan.plan import Dtype, Stage
 from tactemu.sensors.layer.compiled_layer import CompiledLayer
@@ -79,27 +80,27 @@ class ElasticLayerTaxel(SensorModel):
     such pads, each a layer of its own; or on a gently bent grid (a cylinder, a ball, a saddle), one layer in arc
     length. Contact is computed only where taxels are."""
 
-    young_modulus: float = 1.0e5
+    young_modulus: Pascals = 1.0e5
     """Young's modulus of the skin [Pa]."""
-    poisson_ratio: float = 0.49
+    poisson_ratio: Annotated[float, Bounds(low=0, high=0.5)] = 0.49
     """Poisson's ratio of the skin, 0 to 0.5."""
-    thickness: float = 0.004
+    thickness: Annotated[float, Bounds(unit="m", above=0, high=math.inf)] = 0.004
     """Thickness of the layer [m]; ``inf`` for a half-space."""
-    friction: float = 0.5
+    friction: NonNegative = 0.5
     """Coulomb's coefficient; 0: no friction, and no cost for it."""
-    iterations: int = 16
+    iterations: Annotated[int, Bounds(low=1, high=MAX_ITERATIONS)] = 16
     """Maximum number of conjugate-gradient iterations in a step, for pressures and again for tractions. The next step
     continues from an unfinished solution."""
-    tolerance: float = 1.0e-4
+    tolerance: Positive = 1.0e-4
     """Residual at which a solver stops."""
-    oversampling: int = 1
+    oversampling: Annotated[int, Bounds(low=1, high=MAX_OVERSAMPLING)] = 1
     """Number of cells per taxel along each side: contacts narrower than a taxel need 2 to 4."""
     displacement: bool = True
     """Compute the displacement of the surface."""
     coupled: bool = True
     """Let pressure move the surface sideways too, and so pull at sticking cells (not at all at nu = 0.5 in a thick
     layer)."""
-    look_depth: float | None = None
+    look_depth: Length | None = None
     """Depth below the surface to which bodies are sensed [m], like ``ray_reach`` of the probes; default: to the far
     side of the link, and on a link without geometry to the thickness or the grid's diagonal, whichever is less. A body
     that has come deeper reads nothing."""
@@ -111,7 +112,6 @@ class ElasticLayerTaxel(SensorModel):
     gain_inside = False
     layouts = {"pressure": PRESSURE, "force": FORCE, "displacement": DISPLACEMENT, "touch": PRESSURE}
     material = ("young_modulus", "poisson_ratio", "thickness", "friction")
-    unbounded = ("thickness",)
     examples = {"": {"tolerance": 1e-4}}
     valid = (
         "A flat pad of a soft, linear material on a rigid base, pressed to 0.4 of its thickness (forces within 2 % of "
@@ -149,15 +149,6 @@ class ElasticLayerTaxel(SensorModel):
 
     def validate(self, probes: Probes) -> None:
         where = "ElasticLayerTaxel"
-        for name, unit in (("young_modulus", "Pa"), ("thickness", "m"), ("tolerance", "")):
-            if name != "thickness" or self.thickness != math.inf:
-                number(where, name, getattr(self, name), above=0, unit=unit)
-        number(where, "poisson_ratio", self.poisson_ratio, at_least=0, at_most=0.5)
-        number(where, "friction", self.friction, at_least=0)
-        for name, most in (("iterations", MAX_ITERATIONS), ("oversampling", MAX_OVERSAMPLING)):
-            number(where, name, getattr(self, name), at_least=1, at_most=most, integer=True)
-        if self.look_depth is not None:
-            number(where, "look_depth", self.look_depth, above=0, unit="m")
         if self.contact_depth_query not in (None, "ray"):
             raise SceneError(
                 f"{where}: contact_depth_query must be 'ray' (or left out), got {self.contact_depth_query!r}: "

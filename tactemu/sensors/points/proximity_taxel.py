@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
-from tactemu.base.options import number
+from tactemu.base.units import NonNegative
 from tactemu.plan.launches import in_turn
 from tactemu.plan.plan import Stage
 from tactemu.sensors.point_cloud import Clusters, cluster
@@ -28,7 +28,6 @@ from tactemu.sensors.points.near import near_clusters
 from tactemu.sensors.points.proximity_sums import ProximitySums
 from tactemu.sensors.points.surface_points import FEWER_POINTS, surface_points
 from tactemu.sensors.points.table import upload_clouds
-from tactemu.sensors.probe_layout import Probes
 from tactemu.sensors.probes.kinematic_taxel import ForceTorque
 from tactemu.sensors.sensor_model import Compiled, SensorModel, Setting, Site
 
@@ -108,13 +107,13 @@ class ProximityTaxel(SensorModel):
     ``track_link_idx`` names the bodies whose points it senses (default: all others).
     """
 
-    stiffness: float = 100.0
+    stiffness: NonNegative = 100.0
     """Force per summed overlap [N/m], before ``density_scalar``."""
-    density_scalar: float = 100.0
+    density_scalar: NonNegative = 100.0
     """Number of points to which ``stiffness`` applies: sums are multiplied by ``density_scalar / M``."""
-    shear_coupling: float = 0.0
+    shear_coupling: NonNegative = 0.0
     """Force per summed overlap and velocity [N s/m^2], before ``density_scalar``."""
-    twist_scalar: float = 1.0
+    twist_scalar: NonNegative = 1.0
     """Torque per spin about the normal [N m s/rad]."""
     n_sample_points: int | Sequence[int] = 500
     """Points on all tracked bodies together, split evenly, or one number per tracked body."""
@@ -144,10 +143,6 @@ class ProximityTaxel(SensorModel):
         terms = {"shear": self.shear_coupling, "twist": self.twist_scalar}
         wanted = [name for name, value in terms.items() if value != 0.0]
         return "ProximityTaxel " + ", ".join(wanted) if wanted else None
-
-    def validate(self, probes: Probes) -> None:
-        for name in ("stiffness", "density_scalar", "shear_coupling", "twist_scalar"):
-            number("ProximityTaxel", name, getattr(self, name), at_least=0)
 
     def present(self, values: np.ndarray) -> ForceTorque:
         return ForceTorque(values[..., :3], values[..., 3:])

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Annotated
 
 import numpy as np
 
+from firmware_protocols.bounds import Bounds
 from tactemu.base.errors import SceneError
 from tactemu.base.options import number
 from tactemu.base.random_streams import generator
@@ -21,7 +23,7 @@ MAX_SAMPLE_POINTS = 1_000_000
 
 def _counts(given: int | Sequence[int], n_bodies: int, sensor: str) -> list[int]:
     counts = [
-        int(number(sensor, "n_sample_points", count, at_least=1, at_most=MAX_SAMPLE_POINTS, integer=True))
+        number(sensor, "n_sample_points", count, Annotated[int, Bounds(low=1, high=MAX_SAMPLE_POINTS)])
         for count in (given if isinstance(given, list | tuple | np.ndarray) else [given])
     ]
     if isinstance(given, list | tuple | np.ndarray):

@@ -14,7 +14,7 @@ import numpy as np
 import warp as wp
 
 from tactemu.base.errors import SceneError
-from tactemu.base.options import number
+from tactemu.base.units import Metres
 from tactemu.plan.plan import Context, Stage
 from tactemu.plan.scalars import is_nan
 from tactemu.sensors.probe_layout import Probes
@@ -56,9 +56,9 @@ def compile_latch(depth: wp.array, enter: float, leave: float, name: str, contex
 class ContactProbe(SensorModel):
     """The reading is bool, shape ``([n_envs,] layout)``."""
 
-    contact_threshold: float = 1e-4
+    contact_threshold: Metres = 1e-4
     """Touch begins above this depth [m]."""
-    release_threshold: float | None = None
+    release_threshold: Metres | None = None
     """Touch ends at or below this depth [m]; ``None``: at ``contact_threshold``."""
 
     level = 0
@@ -77,8 +77,6 @@ class ContactProbe(SensorModel):
         return self.contact_threshold if self.release_threshold is None else self.release_threshold
 
     def validate(self, probes: Probes) -> None:
-        number("ContactProbe", "contact_threshold", self.contact_threshold, unit="m")
-        number("ContactProbe", "release_threshold", self._release, unit="m")
         if self._release > self.contact_threshold:
             raise SceneError(
                 f"ContactProbe: release_threshold must be <= contact_threshold ({self.contact_threshold!r} m), "

@@ -19,10 +19,9 @@ from typing import NamedTuple
 import numpy as np
 import warp as wp
 
-from tactemu.base.options import number
+from tactemu.base.units import NonNegative, Positive
 from tactemu.geometry.shapes.shape import FAR
 from tactemu.plan.plan import Stage
-from tactemu.sensors.probe_layout import Probes
 from tactemu.sensors.probes.query import CHEAPER_QUERY, probes_struct, query_trials
 from tactemu.sensors.probes.strips import record_strips
 from tactemu.sensors.sensor_model import Compiled, SensorModel, Setting, Site
@@ -111,15 +110,15 @@ def springs_formula(real, moving: bool):
 class KinematicTaxel(SensorModel):
     """The reading is a :class:`ForceTorque`: force [N], and torque about the link's origin [N m]."""
 
-    normal_stiffness: float = 1000.0
+    normal_stiffness: NonNegative = 1000.0
     """Normal force of a probe per depth [N/m**normal_exponent]."""
-    normal_damping: float = 1.0
+    normal_damping: NonNegative = 1.0
     """Normal force of a probe per depth and closing speed [N s/m**(normal_exponent + 1)]."""
-    normal_exponent: float = 1.0
+    normal_exponent: Positive = 1.0
     """Exponent of the depth in the normal force; > 0."""
-    shear_scalar: float = 1.0
+    shear_scalar: NonNegative = 1.0
     """Tangential force of a probe per sliding speed [N s/m]."""
-    twist_scalar: float = 1.0
+    twist_scalar: NonNegative = 1.0
     """Torque of a probe per spin about the normal [N m s/rad]."""
     forces_on_skin: bool = False
     """Reverse the shear and twist parts so that they too act on the skin (a body that slides drags the skin along)."""
@@ -147,11 +146,6 @@ class KinematicTaxel(SensorModel):
         terms = {"damping": self.normal_damping, "shear": self.shear_scalar, "twist": self.twist_scalar}
         wanted = [name for name, value in terms.items() if value != 0.0]
         return "KinematicTaxel " + ", ".join(wanted) if wanted else None
-
-    def validate(self, probes: Probes) -> None:
-        number("KinematicTaxel", "normal_exponent", self.normal_exponent, above=0)
-        for name in ("normal_stiffness", "normal_damping", "shear_scalar", "twist_scalar"):
-            number("KinematicTaxel", name, getattr(self, name), at_least=0)
 
     def present(self, values: np.ndarray) -> ForceTorque:
         return ForceTorque(values[..., :3], values[..., 3:])
