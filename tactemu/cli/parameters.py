@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated
 
@@ -49,22 +50,26 @@ Rates = Annotated[
 ]
 
 
-def _seconds(text: str, option: str = "--seconds") -> float:
-    from tactemu.base import units
-    from tactemu.base.options import number
+def number_of(option: str, kind: str) -> Callable[[str], float]:
+    """Return the reader of an option that is a number of a type of :mod:`tactemu.base.units`, by the type's name."""
 
-    try:
-        given: float | str = float(text)
-    except ValueError:
-        given = text
-    return number("command line", option, given, units.Seconds)
+    def read(text: str) -> float:
+        from tactemu.base import units
+        from tactemu.base.options import number
+
+        try:
+            given: float | str = float(text)
+        except ValueError:
+            given = text
+        return number("command line", option, given, getattr(units, kind))
+
+    return read
 
 
-def _save_at(text: str) -> float:
-    return _seconds(text, "--save-at")
-
-
-Seconds = Annotated[float | None, typer.Option("--seconds", metavar="S", parser=_seconds, help="Stop after this long.")]
+Seconds = Annotated[
+    float | None,
+    typer.Option("--seconds", metavar="S", parser=number_of("--seconds", "Seconds"), help="Stop after this long."),
+]
 Seed = Annotated[int | None, typer.Option(metavar="N", help="Seed of all random numbers; same seed, same bytes.")]
 Compute = Annotated[str | None, typer.Option("--device", metavar="DEV", help="Where kernels run: cpu or cuda:0.")]
 Faults = Annotated[
@@ -109,5 +114,10 @@ WebHost = Annotated[
     ),
 ]
 SaveAt = Annotated[
-    float | None, typer.Option(metavar="S", parser=_save_at, help="Save the state at this time [s] instead of the end.")
+    float | None,
+    typer.Option(
+        metavar="S",
+        parser=number_of("--save-at", "Seconds"),
+        help="Save the state at this time [s] instead of the end.",
+    ),
 ]

@@ -9,7 +9,7 @@ import typer
 
 from tactemu.base.errors import TactemuError
 from tactemu.cli import INTERRUPTED
-from tactemu.cli.parameters import Compute, Target
+from tactemu.cli.parameters import Compute, Target, number_of
 from tactemu.cli.words import pairs_of
 
 if TYPE_CHECKING:
@@ -160,7 +160,10 @@ def fit_recordings(
         ),
     ] = None,
     rate: Annotated[
-        float | None, typer.Option(metavar="HZ", min=0.001, max=1e6, help="Rate of the rows, if they have no times.")
+        float | None,
+        typer.Option(
+            metavar="HZ", parser=number_of("--rate", "Hertz"), help="Rate of the rows, if they have no times."
+        ),
     ] = None,
     report: Annotated[
         Path | None, typer.Option(metavar="FILE", help="The report to write (HTML); default: beside --out.")

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from tactemu.base.errors import TactemuError, TransportError
-from tactemu.control.control_commands import ControlCommands
+from tactemu.control.control_commands import DEFAULT_WATCH_RATE_HZ, ControlCommands
 from tactemu.control.endpoints import PROTOCOL, chosen, uid_of_peer
 
 _ARRAY = {"dtype", "shape", "base64"}
@@ -76,7 +76,7 @@ class Connection(ControlCommands):
         self.close()
 
     def watch(
-        self, rate: float = 10.0, *, arrays: bool = False, wire: int = 0, skin: str | None = None
+        self, rate: float = DEFAULT_WATCH_RATE_HZ, *, arrays: bool = False, wire: int = 0, skin: str | None = None
     ) -> Iterator[dict[str, Any]]:
         """Yield the states of :meth:`state` at a rate [Hz]; a slow reader gets fewer, and never an old one.
 

@@ -33,7 +33,10 @@ from tactemu.control.command_registry import CONTROL_COMMANDS, control_command
 DEFAULT_SPEED_M_S = 0.05
 """Speed of bodies that are moved [m/s], unless the caller gives another."""
 
-__all__ = ["CONTROL_COMMANDS", "DEFAULT_SPEED_M_S", "ControlCommands"]
+DEFAULT_WATCH_RATE_HZ = 10.0
+"""Rate at which a client watches the state, unless it gives another."""
+
+__all__ = ["CONTROL_COMMANDS", "DEFAULT_SPEED_M_S", "DEFAULT_WATCH_RATE_HZ", "ControlCommands"]
 
 
 class ControlCommands(ABC):

@@ -15,6 +15,7 @@ import numpy as np
 from firmware_protocols.bounds import Bounds
 from tactemu.base.errors import TactemuError, shown
 from tactemu.base.options import number
+from tactemu.control.control_commands import DEFAULT_WATCH_RATE_HZ
 from tactemu.control.state import row_of
 from tactemu.truth import Sample
 from tactemu.truth.jsonl_format import array_text
@@ -77,7 +78,7 @@ def watch_options(args: dict[str, Any]) -> WatchOptions:
     """
     if unknown := [name for name in args if name not in WatchOptions._fields]:
         raise TactemuError(f"watch: no argument {unknown[0]!r}; it has: {', '.join(WatchOptions._fields)}")
-    rate = 10.0 if args.get("rate") is None else args["rate"]
+    rate = DEFAULT_WATCH_RATE_HZ if args.get("rate") is None else args["rate"]
     rate = number("watch", "rate", rate, WatchHertz)
     arrays = args.get("arrays")
     if arrays not in (None, "lists", "base64"):

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from firmware_protocols import Rollover, Serial
+from tactemu.emulator.replay import DEFAULT_BAUD
 from tactemu.judge import forged_replies
 from tactemu.wire.faults import Fault, frames, link
 from tactemu.wire.faults.fault import FrameFault
@@ -71,7 +72,7 @@ class Trial:
 class LineFacts:
     """The facts on which the plan depends: the line, and its traffic in the run without faults."""
 
-    line: LineModel = field(default_factory=lambda: line_model_for(Serial(baud=115_200)))
+    line: LineModel = field(default_factory=lambda: line_model_for(Serial(baud=DEFAULT_BAUD)))
     """The line between driver and device."""
     asks: bool = False
     """True if the driver polls the device; False if the device streams."""

@@ -22,6 +22,7 @@ from tactemu import transports
 from tactemu.base.clock import RealClock
 from tactemu.base.errors import TransportError
 from tactemu.base.loop import Loop
+from tactemu.emulator.replay import DEFAULT_BAUD
 from tactemu.transports.transport import LinesChanged, Received, SettingChanged, Transport
 from tactemu.truth import Passage, Truth
 from tactemu.truth.recorder import Recorder
@@ -255,7 +256,7 @@ class Proxy(Loop):
     def __post_init__(self):
         is_can = isinstance(self.real, RealBus)
         self.framing = Framing() if self.device is None or is_can else framing_of(self.device)
-        connector: Connector = Can() if is_can else Serial(baud=115_200, usb=True)  # the real line has the speed
+        connector: Connector = Can() if is_can else Serial(baud=DEFAULT_BAUD, usb=True)  # the real line has the speed
         self.wire = Wire(
             transports.create(self.port), connector, pacing=False, faults=self.faults, seed=self.seed, truth=self.truth
         )

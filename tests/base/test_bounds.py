@@ -1,6 +1,7 @@
 """Tests of types of numbers: a value is refused in the same words wherever a user gives it."""
 
 import dataclasses
+import inspect
 import math
 import tomllib
 import typing
@@ -19,9 +20,12 @@ from tactemu.base.options import check_declared, number
 from tactemu.emulator.options import AssemblyOptions
 from tactemu.geometry.motion import MOTIONS
 from tactemu.geometry.shapes.registry import SHAPES, shape_class
+from tactemu.plan.plan import Dtype
 from tactemu.scene import file
 from tactemu.scene.building import build_scene, make_devices
+from tactemu.scene.schema import SceneTable
 from tactemu.sensors.models import MODELS, model_class
+from tactemu.sensors.simulation import BuildOptions
 from tactemu.transducers.registry import TRANSDUCERS, transducer_class
 
 TYPES = {name: kind for name, kind in vars(units).items() if hasattr(kind, "__metadata__")}
@@ -200,6 +204,16 @@ def test_declared_options_are_checked():
         with pytest.raises(tt.SceneError) as error:
             check_declared("here", says)
         assert str(error.value) == f"here: {wrong}"
+
+
+def test_a_scene_built_in_python_has_the_defaults_of_a_scene_file():
+    table, options = SceneTable(), BuildOptions(n_envs=1)
+    defaults = {name: getattr(options, name) for name in ("device", "seed", "dtype")}
+    assert tt.Scene().dt == table.dt and {name: getattr(table, name) for name in defaults} == defaults
+    for build in (tt.Scene.build, tt.Scene.build_split):
+        given = {name: each.default for name, each in inspect.signature(build).parameters.items() if name in defaults}
+        assert given and given == {name: defaults[name] for name in given}
+    assert typing.get_args(SceneTable.model_fields["dtype"].annotation) == typing.get_args(Dtype)
 
 
 def test_the_nearest_name_is_a_hint():

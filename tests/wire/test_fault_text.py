@@ -55,7 +55,7 @@ def test_words(text, values):
     ("text", "complaint"),
     [
         ("", "expected one of: drop, flip"),
-        ("dorp 1%", "unknown kind 'dorp', did you mean 'drop'.*busoff"),
+        ("dorp 1%", "unknown kind 'dorp'; did you mean 'drop'.*busoff"),
         ("drop 101%", "0% to 100%"),
         ("drop 1.2.3%", "0% to 100%"),
         ("drop 1", "unknown word.*prefix=.*to_driver"),

@@ -70,7 +70,7 @@ def warning(host: str | None) -> str | None:
         return None
     return (
         f"anyone who reaches {host} and has the link can watch, press and break; the connection is not encrypted. "
-        "Safer: ssh -L 8080:127.0.0.1:8080 to this machine"
+        f"Safer: ssh -L {_USUAL_PORT}:{LOOPBACK}:{_USUAL_PORT} to this machine"
     )
 
 

@@ -14,11 +14,9 @@ from then on. The default direction is ``to_driver``.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from difflib import get_close_matches
 from typing import Any
 
-from tactemu.base.errors import SceneError, shown
+from tactemu.base.errors import SceneError, nearest, shown
 from tactemu.wire.faults.fault import Fault, LinkFault
 from tactemu.wire.faults.options import DIRECTIONS, Option
 from tactemu.wire.faults.registry import FAULTS
@@ -34,7 +32,7 @@ def parse(text: str) -> Fault:
     if not word:
         raise SceneError(f"an empty fault; expected one of: {', '.join(FAULTS)}")
     if (fault := FAULTS.get(word)) is None:
-        near = f"unknown kind {shown(word)}{_near(word, FAULTS)}"
+        near = f"unknown kind {shown(word)}{nearest(word, FAULTS)}"
         raise SceneError(f"fault {shown(text)}: {near}; expected one of: {', '.join(FAULTS)}")
     values: dict[str, Any] = {}
     start = ""
@@ -69,7 +67,7 @@ def _option(fault: type[Fault], word: str, following: list[str]) -> tuple[str, A
     if takers:
         raise ValueError(f"{fault.word} has no such option; these have: {', '.join(each.word for each in takers)}")
     words = list(dict.fromkeys(each.word for other in FAULTS.values() for each in other.options().values()))
-    raise ValueError(f"unknown word{_near(word, [*words, *DIRECTIONS, 'at'])}; expected {', '.join(['at', *words])}")
+    raise ValueError(f"unknown word{nearest(word, [*words, *DIRECTIONS, 'at'])}; expected {', '.join(['at', *words])}")
 
 
 def _is_begun(option: Option, word: str) -> bool:
@@ -77,8 +75,3 @@ def _is_begun(option: Option, word: str) -> bool:
     if word == option.word:
         return True
     return (option.is_target or not option.alone) and option.value_of(word, ["0"]) is not None
-
-
-def _near(word: str, known: Iterable[str]) -> str:
-    near = get_close_matches(word, list(known), n=1)
-    return f", did you mean {near[0]!r}?" if near else ""
