@@ -85,8 +85,11 @@ class Fault(ABC):
 
     def covers(self, t_ns: int) -> bool:
         """Return True if the fault applies at this time."""
-        stop_ns = self.stop_ns
-        return (self.start_ns or 0) <= t_ns and (stop_ns is None or t_ns < stop_ns)
+        if self.start_ns is not None and t_ns < self.start_ns:
+            return False
+        if self.until_ns is None and self.lasts_ns is None:
+            return True
+        return t_ns < (self.stop_ns or 0)
 
     def scheduled(self, start_ns: int, until_ns: int | None = None) -> Self:
         """Return the fault from ``start_ns`` on, until ``until_ns`` or for its own duration.
@@ -158,6 +161,8 @@ class Memory:
 class FrameFault(Fault):
     """A fault of single frames: those that its target matches."""
 
+    needs_all: ClassVar[bool] = True
+    """True if it also needs the frames that it does not hit."""
     probability: Annotated[float, SHARE] = 1.0
     every: Annotated[int, EVERY] = 1
     frames: Annotated[Ranges, FRAMES] = ()
@@ -187,6 +192,8 @@ class Corruption(FrameFault):
     On CAN, a changed frame is one that a faulty node or gateway sent with a good CRC: the bus itself would have
     rejected it.
     """
+
+    needs_all = False
 
     def apply(self, frame: WireFrame, key: Key, hit: bool, memory: Memory) -> tuple[Parts, bool]:
         """Return the corrupted frame if it is hit."""

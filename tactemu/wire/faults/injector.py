@@ -23,24 +23,26 @@ Held = tuple[WireFrame, str, str]
 """A frame that a fault holds back, with its source and direction."""
 
 
-class ActiveFault:
+class ActiveFault(Memory):
     """A fault of frames that is on: which frames it has hit, and what it remembers."""
 
     def __init__(self, fault: FrameFault, rng: np.random.Generator):
+        super().__init__(rng)
         self.fault = fault
-        self._memory = Memory(rng)
+        self.matched = 0
+        """The number of the frame that the target matched last, from 1."""
         self._spent = False
-        self._matched = 0
 
     def apply(self, frame: WireFrame, key: Key, t_ns: int) -> tuple[Parts, bool]:
         """Return what becomes of the frame, and whether a fault was injected."""
-        return self.fault.apply(frame, key, self._hits(frame, t_ns), self._memory)
+        hit = self._hits(frame, t_ns)
+        return self.fault.apply(frame, key, hit, self) if hit or self.fault.needs_all else ([(frame, 0)], False)
 
     def release(self) -> list[Held]:
         """Return the frames that are held back, and hold none, because the fault is over or the port was closed."""
-        held = [(frame, source, direction) for (source, direction), (frame, _) in self._memory.held.items()]
-        self._memory.held.clear()
-        self._memory.earlier.clear()
+        held = [(frame, source, direction) for (source, direction), (frame, _) in self.held.items()]
+        self.held.clear()
+        self.earlier.clear()
         return held
 
     def _hits(self, frame: WireFrame, t_ns: int) -> bool:
@@ -54,21 +56,16 @@ class ActiveFault:
             return False
         if fault.prefix and not payload(frame).startswith(fault.prefix):
             return False
-        self._matched += 1
+        self.matched += 1
         if fault.frames and not self._is_numbered():
             return False
-        if self._matched % fault.every or (fault.probability < 1 and self._memory.rng.random() >= fault.probability):
+        if self.matched % fault.every or (fault.probability < 1 and self.rng.random() >= fault.probability):
             return False
         self._spent |= fault.once
         return True
 
-    @property
-    def matched(self) -> int:
-        """The number of the frame that the target matched last, from 1."""
-        return self._matched
-
     def _is_numbered(self) -> bool:
-        number = self._matched
+        number = self.matched
         self._spent = number >= max(last for _, last in self.fault.frames)
         return any(first <= number <= last for first, last in self.fault.frames)
 
