@@ -209,6 +209,9 @@ class SensorModel(ImperfectionOptions, DrawOptions, ABC):
     """Options that state the material of the skin. Readings are then physical, and no gain is fitted."""
     examples: ClassVar[Mapping[str, Mapping[str, Any]]] = {"": {"probe_radius": 0.002}}
     """The examples that benches and tests run on probes 2.5 mm apart: words behind the class's name, and options."""
+    tried: ClassVar[Sequence[Setting]] = (Setting("defaults"),)
+    """The settings that ``tactemu tune`` tries, the cheapest first; see :meth:`trials` for one that depends on the
+    quantity."""
     valid: ClassVar[str] = ""
     """The situations in which its readings are meaningful, and those in which they are not."""
     source: ClassVar[str] = ""
@@ -217,7 +220,7 @@ class SensorModel(ImperfectionOptions, DrawOptions, ABC):
     @classmethod
     def trials(cls, quantity: str) -> Sequence[Setting]:
         """Return the settings that ``tactemu tune`` tries for a device that senses ``quantity``."""
-        return [Setting("defaults")]
+        return cls.tried
 
     @classmethod
     def finest(cls, side: int) -> Setting | None:

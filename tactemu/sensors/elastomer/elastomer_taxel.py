@@ -94,10 +94,7 @@ class ElastomerTaxel(SensorModel):
         "bulge for display, not the skin's surface (90 % off). Points that stick never slip."
     )
     source = "A model of optical skins. Option names and numbers are those of the sensor of this name in Genesis."
-
-    @classmethod
-    def trials(cls, quantity: str) -> list[Setting]:
-        return [Setting(f"{count} points", {"n_sample_points": count}) for count in (500, 2000)]
+    tried = [Setting(f"{count} points", {"n_sample_points": count}) for count in (500, 2000)]
 
     def validate(self, probes: Probes) -> None:
         where = "ElastomerTaxel"

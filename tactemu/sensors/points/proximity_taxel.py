@@ -134,10 +134,7 @@ class ProximityTaxel(SensorModel):
         "sum over points depends on their random places."
     )
     source = "Sums over points. Option names and numbers are those of the sensor of this name in Genesis."
-
-    @classmethod
-    def trials(cls, quantity: str) -> list[Setting]:
-        return [Setting(f"{count} points", {"n_sample_points": count}) for count in (500, 5000)]
+    tried = [Setting(f"{count} points", {"n_sample_points": count}) for count in (500, 5000)]
 
     def velocity_reason(self) -> str | None:
         terms = {"shear": self.shear_coupling, "twist": self.twist_scalar}

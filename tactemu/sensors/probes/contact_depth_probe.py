@@ -8,7 +8,7 @@ import warp as wp
 from tactemu.plan.plan import Stage
 from tactemu.sensors.probes.query import CHEAPER_QUERY, probes_struct, query_trials
 from tactemu.sensors.probes.strips import record_strips
-from tactemu.sensors.sensor_model import Compiled, SensorModel, Setting, Site
+from tactemu.sensors.sensor_model import Compiled, SensorModel, Site
 
 
 @functools.cache
@@ -55,10 +55,7 @@ class ContactDepthProbe(SensorModel):
         "beside a contact."
     )
     source = "Geometry. Option names and numbers are those of the sensor of this name in Genesis (genesis-world 1.4.5)."
-
-    @classmethod
-    def trials(cls, quantity: str) -> list[Setting]:
-        return query_trials()
+    tried = query_trials()
 
     def compile(self, site: Site) -> Compiled:
         return compile_depth(site, "ContactDepthProbe reads depth")

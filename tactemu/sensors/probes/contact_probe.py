@@ -20,7 +20,7 @@ from tactemu.plan.scalars import is_nan
 from tactemu.sensors.probe_layout import Probes
 from tactemu.sensors.probes.contact_depth_probe import compile_depth
 from tactemu.sensors.probes.query import query_trials
-from tactemu.sensors.sensor_model import Compiled, SensorModel, Setting, Site
+from tactemu.sensors.sensor_model import Compiled, SensorModel, Site
 
 
 @functools.cache
@@ -67,10 +67,7 @@ class ContactProbe(SensorModel):
     senses_within_radius = True
     valid = "Wherever depth is right; the threshold decides which taxels touch, since nothing yields."
     source = "A Schmitt trigger. Option names and numbers are those of the sensor of this name in Genesis."
-
-    @classmethod
-    def trials(cls, quantity: str) -> list[Setting]:
-        return query_trials()
+    tried = query_trials()
 
     @property
     def _release(self) -> float:

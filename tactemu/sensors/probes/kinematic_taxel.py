@@ -24,7 +24,7 @@ from tactemu.geometry.shapes.shape import FAR
 from tactemu.plan.plan import Stage
 from tactemu.sensors.probes.query import CHEAPER_QUERY, probes_struct, query_trials
 from tactemu.sensors.probes.strips import record_strips
-from tactemu.sensors.sensor_model import Compiled, SensorModel, Setting, Site
+from tactemu.sensors.sensor_model import Compiled, SensorModel, Site
 
 
 class ForceTorque(NamedTuple):
@@ -137,10 +137,7 @@ class KinematicTaxel(SensorModel):
         "fitted. Under a flat face or an edge the fitted force is off by up to 74 %; it neither sticks nor slips."
     )
     source = "Springs and dampers. Option names and numbers are those of the sensor of this name in Genesis."
-
-    @classmethod
-    def trials(cls, quantity: str) -> list[Setting]:
-        return query_trials()
+    tried = query_trials()
 
     def velocity_reason(self) -> str | None:
         terms = {"damping": self.normal_damping, "shear": self.shear_scalar, "twist": self.twist_scalar}
