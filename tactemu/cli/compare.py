@@ -87,7 +87,11 @@ def compare(
     console = Console(stderr=True)
     with ended_by_signals() as interrupted, console.status("the model") as status:
         teller = Teller(lambda text: status.update(f"{text} …"), console.print, interrupted)
-        report = run(wanted, teller)
+        try:
+            report = run(wanted, teller)
+        except KeyboardInterrupt:
+            console.print("ended before anything was compared")
+            raise typer.Exit(INTERRUPTED) from None
     _print(console, report, wanted.folder)
     raise typer.Exit(_exit_code(report))
 

@@ -128,7 +128,7 @@ def learn_model(
         make: makes a device, with the given options beside the user's.
         connector: the port.
         commands: the commands that are asked.
-        progress: is called with what is being done.
+        progress: is called with what is being done; it may raise an exception to end.
     """
     device = make()
     model = Model(name, make, connector)
@@ -147,15 +147,15 @@ def learn_model(
             unasked = {form_of(each) for each in heard}
             for _ in range(ROUNDS[run] if commands else 0):
                 for command in commands:
+                    progress(f"the model, run {run + 1} of {len(runs)}: {command.name}")
                     asked[command.name] += ask(bench, command, run, unasked)
     _sort_unasked(model, heard, device)
     for command in commands:
         model.answers[command.name] = _answer(command, asked[command.name], device)
     progress("the model after every command")
     model.started += _started(make, connector, model.unasked)
-    progress("the model with other options")
     made = {name: answer.made for name, answer in model.answers.items()}
-    find_settings(make, connector.name, model.unasked, made, commands)
+    find_settings(make, connector.name, model.unasked, made, commands, progress)
     return model
 
 

@@ -43,7 +43,7 @@ class CompareReport:
         """The result in one sentence."""
         found = self.comparison.verdicts
         if found.protocol:
-            return f"{len(found.protocol)} differences of the protocol"
+            return f"{len(found.protocol)} difference{'s' * (len(found.protocol) > 1)} of the protocol"
         if not found.agrees:
             return "nothing could be compared"
         return f"the sensor agrees with the model in all {len(found.agrees)} points that were compared"

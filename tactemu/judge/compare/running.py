@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import datetime
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -64,18 +64,29 @@ class Teller:
     is_stopped: Callable[[], bool] = bool
     """Returns True when the user wants to end."""
 
+    def learning(self, text: str) -> None:
+        """Show progress before anything is sent.
+
+        Raises:
+            KeyboardInterrupt: the user wants to end; there is nothing to judge yet.
+        """
+        if self.is_stopped():
+            raise KeyboardInterrupt
+        self.progress(text)
+
 
 def run(wanted: Wanted, teller: Teller) -> CompareReport:
     """Compare a real sensor, or a capture of one, with its model, and write all files.
 
     Raises:
+        KeyboardInterrupt: the user has ended it before anything was compared.
         TactemuError: the request is invalid, or the port or the capture cannot be read.
     """
     device = make_device(wanted.device, dict(wanted.options))
     is_capture = Path(wanted.source).is_file()
     connector = _port_of(device, wanted, is_capture)
     _make_folder(wanted.folder)
-    with _model_errors(wanted.device):
+    with _model_errors(wanted.device), _without_empty(wanted.folder):
         comparison, report = (
             _of_capture(wanted, device, connector, teller) if is_capture
             else _of_sensor(wanted, device, connector, teller)
@@ -101,6 +112,16 @@ def _model_errors(device: str) -> Iterator[None]:
         raise TactemuError(f"the model {device} fails: {error}") from error
 
 
+@contextmanager
+def _without_empty(folder: Path) -> Iterator[None]:
+    """Remove the folder again if nothing was written to it."""
+    try:
+        yield
+    finally:
+        with suppress(OSError):  # it has files, which stay
+            folder.rmdir()
+
+
 def _make_folder(folder: Path) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -123,7 +144,7 @@ def _of_sensor(
     capture = wanted.folder / CAPTURE
     port = open_port(wanted.source, connector, wanted.baud)
     try:
-        model = learn_model(wanted.device, _make(wanted), connector, commands, teller.progress)
+        model = learn_model(wanted.device, _make(wanted), connector, commands, teller.learning)
         with Recorder(capture, line=line_note(wanted.source, wanted.baud)) as recorder:
             port.read()  # what came before is older than the capture
             link = Link(port, recorder, teller.is_stopped)
@@ -197,7 +218,7 @@ def _of_capture(
     entries = recording.entries
     presses = pressing.read(wanted.presses) if wanted.presses is not None else []
     own = [each for each in device.commands if (each.port or device.ports[0].name) == connector.name]
-    model = learn_model(wanted.device, _make(wanted), connector, requests_in(entries, own), teller.progress)
+    model = learn_model(wanted.device, _make(wanted), connector, requests_in(entries, own), teller.learning)
     seconds = entries[-1].t_ns * 1e-9 if entries else 0.0
     comparison = compare(model, entries, seconds=seconds, presses=presses, progress=teller.progress)
     return comparison, _report(wanted, device, comparison, path, [], teller.is_stopped())
@@ -214,6 +235,7 @@ def _report(
 
 
 def _write(report: CompareReport, comparison: Comparison, wanted: Wanted, device: Device) -> None:
+    _make_folder(wanted.folder)
     report.write_json(wanted.folder / "report.json")
     report.write_html(wanted.folder / "report.html")
     source = f"capture SHA-256 {report.sha256()}, {report.date}"

@@ -31,6 +31,7 @@ def find_settings(
     unasked: Sequence[FrameClass],
     answers: Mapping[str, FrameClass | None],
     commands: Sequence[Command],
+    progress: Callable[[str], object],
 ) -> None:
     """Mark the constants that another option of the device changes.
 
@@ -40,6 +41,7 @@ def find_settings(
         unasked: the classes of unasked frames.
         answers: the classes of the answers, by name of the command.
         commands: the commands that are asked.
+        progress: is called with what is being done.
     """
     tried = 0
     for option in declared(type(make())).values():
@@ -47,6 +49,7 @@ def find_settings(
             if tried >= min(MAX_TRIED_OPTIONS, MAX_OPTION_REQUESTS // max(1, len(commands))):
                 return
             tried += 1
+            progress(f"the model with another {option.name}")
             try:
                 _mark_settings(make(**{option.name: value}), port, unasked, answers, commands, option)
             except Exception:  # a combination of options that this device refuses

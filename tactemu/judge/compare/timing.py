@@ -20,12 +20,15 @@ GRID_STEPS = 5
 """Number of tried periods for each shift by one period over all frames."""
 MAX_COHERENT_PERIODS = 3000
 """Largest number of periods over which coherence is searched."""
-COHERENT = 0.35
+COHERENT = 0.2
 """Least coherence that shows a period."""
 COHERENT_SIGMAS = 6.0
 """The same, in units of the coherence of random times: one over the root of their number."""
 MAX_TOGETHER = 0.5
 """Largest share of frames that come at once with the one before; more come in batches of the port's, not in time."""
+MAX_SURPLUS = 0.01
+"""Largest share by which frames are more than a lower rate gives; half of it is the least by which they are more than
+usual for a higher one: frames can be lost, not made."""
 MAX_SPREAD = 0.03
 """Largest spread of the rate from window to window of a sensor that is slow, not disturbed."""
 MIN_WINDOW_S = 1.0
@@ -42,8 +45,8 @@ MIN_TOLERANCE_S = 0.008
 """Least tolerance of the time of an answer [s]: that of a USB bridge's own buffering is added."""
 
 
-def coherent_period_s(times_s: np.ndarray, usual_s: float) -> tuple[float, float]:
-    """Return the period near the usual one at which times come at the same phase, and that coherence (0 to 1).
+def coherent_period_s(times_s: np.ndarray, usual_s: float) -> tuple[float, bool]:
+    """Return the period near the usual one at which times come at the same phase, and True if it is certain.
 
     Frames that are missing change nothing, late ones little.
     """
@@ -55,7 +58,8 @@ def coherent_period_s(times_s: np.ndarray, usual_s: float) -> tuple[float, float
     waves = [np.abs(np.exp(2j * np.pi * times / block[:, None]).mean(axis=1)) for block in blocks]
     coherence = np.concatenate(waves)
     best = int(coherence.argmax())
-    return _refined_s(times_s, float(periods[best])), float(coherence[best])
+    is_certain = coherence[best] >= max(COHERENT, COHERENT_SIGMAS / len(times) ** 0.5)
+    return _refined_s(times_s, float(periods[best])), bool(is_certain)
 
 
 def _refined_s(times_s: np.ndarray, period_s: float) -> float:
@@ -110,11 +114,11 @@ def check_rate(
         return None
     times = np.asarray(times_ns, float) * 1e-9
     per_sample = made.rate_hz / (made.sample_hz or made.rate_hz)
-    period, coherence = coherent_period_s(times, per_sample / made.rate_hz)
+    period, is_coherent = coherent_period_s(times, per_sample / made.rate_hz)
     ratio = period * made.rate_hz / per_sample
     own = clock_period_s(made, contents)
     together = float((np.diff(times) < 0.2 / made.rate_hz).mean()) * per_sample - (per_sample - 1)
-    is_even = coherence >= max(COHERENT, COHERENT_SIGMAS / len(times) ** 0.5) and together <= MAX_TOGETHER
+    is_even = is_coherent and together <= MAX_TOGETHER
     if not is_even:
         windows = window_periods_s(times, 1 / made.rate_hz) * made.rate_hz
         ratio = float(np.median(windows)) if len(windows) else ratio
@@ -126,6 +130,12 @@ def check_rate(
             )
             return None
     if abs(ratio - 1) > MAX_CLOCK_ERROR:
+        number = (len(times) - 1) / (times[-1] - times[0]) / made.rate_hz
+        if number * ratio > 1 + MAX_SURPLUS if ratio > 1 else number < 1 + MAX_SURPLUS / 2:
+            verdicts.unjudged.append(
+                f"{made.label}: the rate: the number of frames contradicts their times; record again"
+            )
+            return None
         text = f"{made.rate_hz / ratio:.4g} a second instead of {made.rate_hz:.4g} ({100 * (1 / ratio - 1):+.1f} %)"
         verdicts.find("rate", made.label, text)
         return None

@@ -204,7 +204,7 @@ def test_a_report_has_all_and_only_what_agrees_is_evidence(agreed, tmp_path):
     exec(f"from firmware_protocols import measured\nfact = {report.evidence().rstrip(',')}", scope)
     assert scope["fact"].basis == "measured" and "SHA-256 2d71" in scope["fact"].where
     agreed.verdicts.find("sum", "frames", "no")
-    assert report.evidence() == "" and "1 differences" in report.verdict
+    assert report.evidence() == "" and "1 difference of" in report.verdict
     agreed.verdicts.protocol.clear()
 
 
