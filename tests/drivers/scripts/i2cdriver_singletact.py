@@ -22,9 +22,14 @@ def read(location, count):
 
 
 settings = read(0, 128)
-readings = []
-for _ in range(int(sys.argv[2])):
-    readings.append(list(read(128, 6)))
+readings = {}  # by their number: the host may ask twice for one
+while len(readings) < int(sys.argv[2]):
+    data = read(128, 6)
+    readings[data[:2]] = list(data)
     time.sleep(0.004)
 bus.start(ADDRESS, 1)
-print(json.dumps({"found": found, "settings": list(settings), "readings": readings, "unasked": list(bus.read(6))}))
+print(
+    json.dumps(
+        {"found": found, "settings": list(settings), "readings": list(readings.values()), "unasked": list(bus.read(6))}
+    )
+)
