@@ -28,6 +28,7 @@ Measure this tree on this machine. Figures are medians; compare those of one run
   python -m benchmarks page     the live page: its cost for the loop, pictures a second
   python -m benchmarks exec     cost of a driver's view of the machine, and 1000 replugs
   python -m benchmarks judge    trials of `tactemu judge` a minute, one and two at once
+  python -m benchmarks infer    what `tactemu infer` finds in captures of every device
   python -m benchmarks bus      a robot's complete skin on CAN: how many boards are in time
   python -m benchmarks same     what this tree and another commit transmit and measure, byte for byte
   python -m benchmarks mutants  defects that the tests must find, each tried in a copy of the tree
@@ -184,6 +185,22 @@ def reality(
 
     start_quietly()
     save(run(typer.echo, data, page), out)
+
+
+@bench.command()
+def infer(
+    names: Annotated[list[str] | None, typer.Argument(metavar="[DEVICE]...", help="Default: all.")] = None,
+    page: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the tables into a page.")] = None,
+    folder: Annotated[Path, typer.Option(metavar="DIR", help="The captures; those that are missing are made.")] = Path(
+        "/tmp/infer-corpus"
+    ),
+    seconds: Annotated[float, typer.Option(metavar="S", help="Length of a capture that is made.")] = 20.0,
+    seed: Annotated[int, typer.Option(metavar="N", help="Seed of its noise.")] = 1,
+) -> None:
+    """Judge `tactemu infer` on captures of every serial and CAN device, with and without times."""
+    from benchmarks.infer import run
+
+    run(typer.echo, names or (), folder=folder, page=page, seconds=seconds, seed=seed)
 
 
 @bench.command()

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from tactemu.cli import attaching, compare, explaining, information, judging, logs, new, running, scenes
+from tactemu.cli import attaching, compare, explaining, infer, information, judging, logs, new, running, scenes
 from tactemu.cli.benches import bench
 from tactemu.version import __version__
 
@@ -28,6 +28,7 @@ A simulated tactile skin at the far end of a wire: the bytes and CAN frames of r
   tactemu dataset hand.toml --steps 2000 --out presses   write readings as Parquet
   tactemu fit rest.csv --device anyskin --out my.toml    fit parameters to a recording
   tactemu check my_sensor.py:MySensor  check a device file of your own
+  tactemu infer presses.mcap -o my_sensor.py   draft a device file from a capture
 """,
     no_args_is_help=True,
     rich_markup_mode=None,
@@ -35,7 +36,7 @@ A simulated tactile skin at the far end of a wire: the bytes and CAN frames of r
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
-for each in (running, judging, compare, information, explaining, new, scenes, logs, attaching):
+for each in (running, judging, compare, information, explaining, new, scenes, infer, logs, attaching):
     app.add_typer(each.commands)
 app.add_typer(bench, name="bench")
 

@@ -1,0 +1,58 @@
+"""The run of an inference with its report and its files, for the command line."""
+
+from __future__ import annotations
+
+import json as json_module
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from tactemu.base.errors import TactemuError
+from tactemu.fit.infer.catalogue import match_catalogue
+from tactemu.fit.infer.channels import answers_of, read_shown, shown_fields, svg
+from tactemu.fit.infer.dbc import dbc_text
+from tactemu.fit.infer.device_file import device_file
+from tactemu.fit.infer.report import as_dict, report_lines
+from tactemu.fit.infer.running import read_and_infer
+
+
+def run_infer(
+    captures: Sequence[Path],
+    *,
+    out: Path | None,
+    catalogue: bool,
+    shown: Path | None,
+    dbc: Path | None,
+    picture: Path | None,
+    json: bool,
+    say: Callable[[str], None],
+) -> None:
+    """Infer, report and write the files that are asked for.
+
+    Raises:
+        TactemuError: a capture cannot be read, or a file cannot be written.
+    """
+    draft, coverage = read_and_infer(captures)
+    match = match_catalogue(draft) if catalogue else None
+    seen = shown_fields(draft, *read_shown(shown)) if shown is not None else []
+    if json:
+        say(json_module.dumps({**as_dict(draft, coverage, match), "shown": seen}))
+    else:
+        say("\n".join(report_lines(draft, coverage, match, seen)))
+    if dbc is not None:
+        if not draft.is_can:
+            raise TactemuError(f"{dbc}: a DBC file is of CAN frames; the capture is of a serial line")
+        _write(dbc, dbc_text(draft))
+    if picture is not None:
+        answers = answers_of(draft)
+        if answers is None:
+            raise TactemuError(f"{picture}: nothing moves in the capture: press the taxels one by one")
+        _write(picture, svg(answers))
+    if out is not None:
+        _write(out, device_file(draft, out, captures))
+
+
+def _write(path: Path, text: str) -> None:
+    try:
+        path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise TactemuError(f"{path}: cannot write it: {error.strerror}") from None

@@ -1,0 +1,325 @@
+"""The framing of a serial stream: where each message begins and how long it is, with its checksum."""
+
+from __future__ import annotations
+
+import itertools
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from tactemu.fit.infer import delimited
+from tactemu.fit.infer.delimited import Coding, LineShape, Message
+from tactemu.fit.infer.heads import Cut, best_size, find_cuts, positions
+from tactemu.fit.infer.sums import FrameSum, find_sum
+
+SAMPLE_BYTES = 400_000
+LEAST_MESSAGES = 30
+"""The fewest messages of one length that state a framing without a checksum."""
+CONSTANT_SHARE = 0.995
+MASK_BYTES = 12
+TIMED_SHARE = 0.6
+TRIED_SUMS = 120
+STRETCH = 300
+"""The number of neighbouring messages whose constant bytes are looked for."""
+STRETCHES = 5
+
+
+@dataclass
+class Framing:
+    """The cut of a stream into messages."""
+
+    kind: str
+    """``text``, ``PPP``, ``SLIP``, ``COBS``, ``length``, ``fixed``, ``answers``, ``CAN`` or ``unknown``."""
+    messages: list[Message] = field(default_factory=list)
+    sum: FrameSum | None = None
+    cut: Cut | None = None
+    mask: dict[int, int] = field(default_factory=dict)
+    """Constant bytes of messages of fixed length, by offset."""
+    coding: Coding | None = None
+    end: bytes = b""
+    """The bytes that end a line of text."""
+    shapes: list[LineShape] = field(default_factory=list)
+    is_certain: bool = False
+    why: str = ""
+    decide: str = ""
+
+    def __str__(self) -> str:
+        if self.kind == "text":
+            return f"lines of text, ended by {self.end.hex(' ').upper()}: {', '.join(map(str, self.shapes[:3]))}"
+        if self.coding is not None:
+            return f"{self.kind}: messages end with {self.coding.end:02X}"
+        if self.kind == "length" and self.cut is not None:
+            cut = self.cut
+            return (
+                f"head {cut.head.hex(' ').upper()}, length {cut.length_order}u{cut.length_size} at {cut.length_at}"
+                f" + {cut.extra}"
+            )
+        if self.kind == "fixed" and self.cut is not None:
+            head = " ".join(f"{at}: {value:02X}" for at, value in list(self.mask.items())[:6])
+            return f"messages of {self.cut.size} bytes, constant bytes {head or 'none'}"
+        if self.kind == "silence":
+            return "messages between silences of the line"
+        return {"answers": "an answer to each question", "CAN": "CAN frames"}.get(self.kind, "unknown")
+
+
+UNKNOWN = "more bytes, their times (`tactemu record` keeps them), or the bytes since the port was opened"
+
+
+def find_framing(stream: bytes, silences: Sequence[int] | None = None) -> Framing:
+    """Return the framing of a stream; ``silences`` are the offsets before which the line was silent, if known."""
+    sample = stream[:SAMPLE_BYTES]
+    if delimited.is_text(sample):
+        return _text(stream)
+    if coding := delimited.find_coding(sample):
+        framing = Framing(coding.name, coding=coding, is_certain=True, why="every escape is right")
+        framing.messages = cut_messages(stream, framing)
+        framing.sum = find_sum([each.data for each in framing.messages])
+        return framing
+    cuts = find_cuts(stream)
+    found = _by_length(stream, cuts) or _fixed(stream, cuts, silences)
+    if found is None and silences:
+        found = _by_silence(stream, silences)
+    return found or Framing("unknown", decide=UNKNOWN)
+
+
+def cut_messages(stream: bytes, framing: Framing) -> list[Message]:
+    """Return the messages of further bytes of a stream whose framing is known."""
+    if framing.coding is not None:
+        parts = delimited.parts_of(stream, framing.coding.end)
+        decoded = [(at, part, framing.coding.decode(part)) for at, part in parts]
+        return [Message(at, len(part), data) for at, part, data in decoded if data]
+    if framing.kind == "length" and framing.cut is not None:
+        return _cut_by_length(stream, framing.cut)
+    if framing.kind == "fixed" and framing.cut is not None and framing.mask:
+        return _cut_fixed(stream, framing.cut.size, 0, framing.mask)
+    return []
+
+
+def _text(stream: bytes) -> Framing:
+    end = delimited.line_end(stream)
+    messages, at = [], 0
+    for line in stream.split(end):
+        messages.append(Message(at, len(line), line))
+        at += len(line) + len(end)
+    messages = messages[1:-1]
+    shapes = delimited.line_shapes([each.data for each in messages])
+    is_certain = bool(shapes) and shapes[0].count > 0.5 * len(messages)
+    return Framing("text", messages, end=end, shapes=shapes, is_certain=is_certain, why="printable lines of one shape")
+
+
+def _by_length(stream: bytes, cuts: list[Cut]) -> Framing | None:
+    """Return the best framing with a length field, if a sum proves it or no fixed length explains as much."""
+    has_fixed = any(cut.is_fixed and (cut.score > 0.97 or cut.is_exclusive) for cut in cuts)
+    tried = []
+    lengths = [cut for cut in cuts if not cut.is_fixed]
+    for cut in sorted(lengths, key=lambda cut: (cut.score, len(cut.head), -cut.length_size), reverse=True)[:10]:
+        if len(cut.head) < 2 and has_fixed:
+            continue
+        messages = _cut_by_length(stream, cut)
+        if len(messages) < 8:
+            continue
+        found = find_sum([each.data for each in messages[:3000]])
+        covered = sum(each.size for each in messages) / len(stream)
+        width = found.width if found else 0
+        if has_fixed and not (covered > 0.9 and width):
+            continue
+        tried.append(((covered > 0.9, width, len(cut.head), -cut.length_size), cut, messages, found))
+    if not tried:
+        return None
+    _, cut, messages, found = max(tried, key=lambda each: each[0])
+    sizes = Counter(each.size for each in messages)
+    chained = sum(a.at + a.size == b.at for a, b in itertools.pairwise(messages)) / len(messages)
+    is_proven = found is not None and found.is_certain
+    is_certain = is_proven or (chained > 0.98 and len(messages) >= LEAST_MESSAGES and len(cut.head) > 1)
+    why = "its sum holds" if is_proven else f"{len(sizes)} lengths, each followed by the next head"
+    return Framing("length", messages, found, cut, is_certain=is_certain, why=why, decide="" if is_certain else UNKNOWN)
+
+
+def _cut_by_length(stream: bytes, cut: Cut) -> list[Message]:
+    messages, at, n = [], stream.find(cut.head), len(stream)
+    while 0 <= at:
+        size = cut.size_at(stream, at)
+        if size is None:
+            break
+        end = at + size
+        if size and end <= n and (end == n or stream.startswith(cut.head, end) or end + len(cut.head) > n):
+            messages.append(Message(at, size, stream[at:end]))
+            at = stream.find(cut.head, end)
+        else:
+            at = stream.find(cut.head, at + 1)
+    return messages
+
+
+def _fixed(stream: bytes, cuts: list[Cut], silences: Sequence[int] | None) -> Framing | None:
+    """Return messages of one length, begun where a sum holds, where the line was silent, or at a run of constants."""
+    fixed = [cut for cut in cuts if cut.is_fixed]
+    if not fixed:
+        return None
+    exclusive = [cut for cut in fixed if cut.is_exclusive]
+    least = min((cut.size for cut in exclusive), default=0)
+    size = least or best_size(stream, {cut.size for cut in fixed})
+    part = min(_divisors(stream, size, fixed), default=0)
+    if part:
+        size, exclusive = part, []
+    head = max((cut.head for cut in exclusive if cut.size == size), key=len, default=b"")
+    rows = _aligned(stream, size, head)
+    turns = _turns(rows.constant, rows.values)
+    timed = _timed_turn(silences, size, rows.anchors)
+    if timed is not None:
+        turns = [timed]
+    turn, found = _best_turn(stream, size, rows.anchors, turns)
+    turned = [(k, (turn + k) % size) for k in range(size)]
+    mask = {k: int(rows.values[at]) for k, at in turned if rows.constant[at]}
+    mask = dict(list(mask.items())[:MASK_BYTES])
+    messages = _cut_fixed(stream, size, (int(rows.anchors[0]) + turn) % size, mask)
+    has_sum = found is not None and found.is_certain
+    if len(messages) < LEAST_MESSAGES and not has_sum:
+        return None
+    is_proven = has_sum and found is not None and _fixes_begin(found)
+    is_certain = is_proven or timed is not None
+    why = "its sum holds" if is_proven else "the line is silent before each" if is_certain else ""
+    cut = Cut(fixed[0].score, b"", size)
+    framing = Framing("fixed", messages, found, cut, mask, is_certain=is_certain, why=why)
+    if not is_certain:
+        framing.decide = "the times of the bytes: its length is sure, but not where it begins"
+    return framing
+
+
+def _divisors(stream: bytes, size: int, fixed: list[Cut]) -> list[int]:
+    """Return the lengths that divide a cycle of messages into messages with a constant byte that is no filler."""
+    found = []
+    for part in {cut.size for cut in fixed if cut.size < size and size % cut.size == 0}:
+        constant, values, _ = _columns(np.frombuffer(stream[:SAMPLE_BYTES], np.uint8), part)
+        if set(values[constant].tolist()) - {0x00, 0xFF}:
+            found.append(part)
+    return found
+
+
+def _fixes_begin(found: FrameSum) -> bool:
+    """Return True if the sum covers every other byte: messages that begin elsewhere would have another one."""
+    return (
+        found.kit_name is not None and found.start == 0 and not found.starts and found.at == found.end == -found.width
+    )
+
+
+@dataclass(frozen=True)
+class _Rows:
+    """Stretches of a stream of one length, at the same phase."""
+
+    anchors: np.ndarray
+    """Their offsets."""
+    constant: np.ndarray
+    """True for bytes that never change."""
+    values: np.ndarray
+    """The usual value of each byte."""
+
+
+def _aligned(stream: bytes, size: int, head: bytes) -> _Rows:
+    """Return stretches that begin with a head, or at multiples of the length."""
+    data = np.frombuffer(stream[:SAMPLE_BYTES], np.uint8)
+    if head:
+        anchors = positions(data, head)
+        anchors = anchors[anchors + size <= len(data)]
+        anchors = anchors[np.isin(anchors + size, anchors)] if len(anchors) > 2 else anchors
+        constant, values = _constants(data[anchors[:, None] + np.arange(size)])
+        return _Rows(anchors, constant, values)
+    constant, values, offset = _columns(data, size)
+    return _Rows(np.arange(offset % size, len(data) - size + 1, size), constant, values)
+
+
+def _constants(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return which columns have one value nearly always, and the usual value of each."""
+    size = rows.shape[1]
+    counts = np.bincount((rows + 256 * np.arange(size)).ravel(), minlength=256 * size).reshape(size, 256)
+    return counts.max(axis=1) > CONSTANT_SHARE * len(rows), counts.argmax(axis=1)
+
+
+def _columns(data: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray, int]:
+    """Return which bytes of a message are constant, their values, and the offset of the messages that show it.
+
+    Where bytes are lost or other messages lie between, some stretch of the stream has none of it.
+    """
+    rows = len(data) // size
+    many = min(rows, STRETCH)
+    stretches = []
+    for k in range(STRETCHES if rows > many else 1):
+        offset = (rows - many) * k // max(1, STRETCHES - 1) * size
+        stretches.append((*_constants(data[offset : offset + many * size].reshape(-1, size)), offset))
+    constants = np.array([np.where(constant, values, -1) for constant, values, _ in stretches])
+    everywhere = (constants == constants[0]).all(axis=0) & (constants[0] >= 0)
+    best = max(stretches, key=lambda each: int(each[0].sum()))
+    return (everywhere, stretches[0][1], 0) if 2 * everywhere.sum() > best[0].sum() else best
+
+
+def _turns(constant: np.ndarray, values: np.ndarray) -> list[int]:
+    """Return where a message may begin: at runs of constants, the longest and oddest first."""
+    size, is_constant = len(constant), constant
+    if is_constant.all() or not is_constant.any():
+        return [0]
+    found = []
+    for begin in np.nonzero(is_constant & ~np.roll(is_constant, 1))[0]:
+        run = 0
+        while is_constant[(begin + run) % size] and run < size:
+            run += 1
+        for k in range(run):
+            rest = [int(values[(begin + j) % size]) for j in range(k, run)]
+            odd = sum(byte != 0 for byte in rest[:4]) + (-2 if rest[0] in (0, 0x0D, 0x0A) else 0.5)
+            found.append((-odd + 0.01 * k + (0.3 if k else 0.0), int(begin + k) % size))
+    return [turn for _, turn in sorted(found)][:40]
+
+
+def _timed_turn(silences: Sequence[int] | None, size: int, anchors: np.ndarray) -> int | None:
+    """Return where messages begin behind an anchor, if the line was silent there mostly."""
+    known = np.array([each for each in silences or () if anchors[0] <= each <= anchors[-1] + size], int)
+    if not len(known):
+        return None
+    before = anchors[np.searchsorted(anchors, known, side="right") - 1]
+    turn, count = Counter(((known - before) % size).tolist()).most_common(1)[0]
+    return turn if count > TIMED_SHARE * len(known) else None
+
+
+def _best_turn(stream: bytes, size: int, anchors: np.ndarray, turns: list[int]) -> tuple[int, FrameSum | None]:
+    best: tuple[int, FrameSum] | None = None
+    anchors = anchors[:: max(1, len(anchors) // TRIED_SUMS)]
+    for rank, turn in enumerate(turns):
+        begins = [int(at) + turn for at in anchors if at + turn + size <= len(stream)]
+        found = find_sum([stream[at : at + size] for at in begins])
+        if found and (best is None or found.width > best[1].width):
+            best = turn, found
+        if (found and (found.width > 1 or rank > 6)) or (rank > 12 and size > 600):
+            break
+    return best or (turns[0], None)
+
+
+def _cut_fixed(stream: bytes, size: int, begin: int, mask: dict[int, int]) -> list[Message]:
+    """Return messages of one length; where bytes are lost, the mask finds the next."""
+    messages, at = [], begin
+    places = list(mask.items())
+    first = bytes([places[0][1]]) if places else b""
+    while at + size <= len(stream):
+        good = sum(stream[at + k] == value for k, value in places)
+        follows = bool(messages) and messages[-1].at + size == at
+        if good == len(places) or (follows and good >= 0.7 * len(places)):
+            messages.append(Message(at, size, stream[at : at + size]))
+            at += size
+        else:
+            at += 1
+            if first:
+                found = stream.find(first, at + places[0][0])
+                if found < 0:
+                    break
+                at = found - places[0][0]
+    return messages
+
+
+def _by_silence(stream: bytes, silences: Sequence[int]) -> Framing | None:
+    """Return the bytes between silences as messages."""
+    ends = [*silences[1:], len(stream)]
+    messages = [Message(at, end - at, stream[at:end]) for at, end in zip(silences, ends)]
+    lengths = Counter(each.size for each in messages)
+    if len(messages) < LEAST_MESSAGES or sum(count for _, count in lengths.most_common(8)) < 0.9 * len(messages):
+        return None
+    found = find_sum([each.data for each in messages[:3000]])
+    return Framing("silence", messages, found, is_certain=False, why="the line is silent before each")

@@ -1,0 +1,259 @@
+"""The division of messages into groups of one kind, by length, selector or question, and the fields of each group."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from tactemu.fit.infer.costs import bits_of
+from tactemu.fit.infer.counters import find_counters
+from tactemu.fit.infer.fields import Field, Group
+from tactemu.fit.infer.links import Link
+from tactemu.fit.infer.proofs import Prover
+from tactemu.fit.infer.segments import LEAST_ROWS, find_runs
+from tactemu.fit.infer.sums import FrameSum
+
+MIXED = "each question asked more often: these were alike, not the same"
+PACKED = "slow presses: values of 12 bits are likely beside it"
+CERTAIN_KINDS = ("sum", "length", "selector")
+MAX_ROWS = 6000
+"""The largest number of messages of a group that proofs look at."""
+MAX_CELLS = 2_000_000
+LEAST_TEXT = 6
+"""The least length of messages that are text if all of their bytes are printable."""
+MAX_DEPTH = 3
+MAX_RANDOM_AT = 5
+"""The offset below which a byte that comes in turn selects; behind it, the others must be smoother by it."""
+MAX_SELECTOR_AT = 8
+MAX_SELECTORS = 64
+LEAST_OF_EACH = 6
+LEAST_PER_QUESTION = 12
+NEXT_SHARE = 0.9
+"""The least share of selectors that the one before foretells: messages come in turn."""
+SELECTOR_BITS = 16.0
+DIGIT_BITS = 10.0
+"""The bits from which on a byte is a digit of its neighbour's number."""
+MAX_QUESTION_DEPTH = 4
+QUESTION_GAIN = 0.85
+"""The largest share of the bits that is left where a byte of the question selects the answer."""
+MIXED_SHARE = 0.1
+
+
+def by_length(messages: Sequence[bytes], key: str = "") -> list[Group]:
+    """Return groups of messages of one length and selector."""
+    lengths: defaultdict[int, list[int]] = defaultdict(list)
+    for number, message in enumerate(messages):
+        if message:
+            lengths[len(message)].append(number)
+    groups = []
+    for length, index in sorted(lengths.items()):
+        rows = np.array([np.frombuffer(messages[number], np.uint8) for number in index])
+        groups += by_selector(Group(f"{key}{length} bytes", rows, np.array(index)))
+    return groups
+
+
+def by_selector(group: Group, depth: int = 0) -> list[Group]:
+    """Return a group divided by a byte or nibble whose value tells what the others mean, if it has one."""
+    found = _selector(group.rows) if depth < MAX_DEPTH and len(group.rows) > 30 else None
+    if found is None:
+        return [group]
+    at, mask = found
+    if mask == 0xFF and not (group.rows[:, at] & 0x0F).any():
+        mask = 0xF0  # nothing says that its other nibble belongs to it
+    parts = []
+    for value in np.unique(group.rows[:, at] & mask):
+        same = (group.rows[:, at] & mask) == value
+        part = Group(
+            f"{group.key}, byte {at}{'' if mask == 0xFF else f' & {mask:02X}'} = {value:02X}",
+            group.rows[same],
+            group.index[same],
+            group.question,
+            group.id,
+            {**group.selectors, at: (int(value), mask)},
+        )
+        parts += by_selector(part, depth + 1)
+    return parts
+
+
+def _selector(rows: np.ndarray) -> tuple[int, int] | None:
+    """Return offset and mask of a byte or nibble with few values, by each of which the others are smoother."""
+    rows = rows[:3000]
+    whole = _price(rows)
+    best: tuple[float, int, int] | None = None
+    counted = {k for each in find_counters(rows, ()) for k in range(each.at, each.end)}
+    for at in sorted(set(range(min(rows.shape[1], MAX_SELECTOR_AT))) - counted):
+        is_in_turn = _comes_in_turn(rows[:, at])
+        if is_in_turn:
+            masks = [0xFF] if _is_selector(rows, at, 0xFF) else []
+        else:
+            masks = [
+                mask for mask in (0xF0, 0x0F) if _is_selector(rows, at, mask) and _comes_in_turn(rows[:, at] & mask)
+            ]
+            masks = masks or (
+                [0xFF] if at < MAX_RANDOM_AT - 2 and _is_selector(rows, at, 0xFF) and not _is_digit(rows, at) else []
+            )
+        for mask in masks:
+            column = rows[:, at] & mask
+            values = np.unique(column)
+            if _comes_in_turn(column) and len(values) > 2 and at < MAX_RANDOM_AT:
+                return at, mask
+            split = sum(_price(rows[column == value]) for value in values) + SELECTOR_BITS * len(values)
+            limit = 0.7 if not _comes_in_turn(column) else 1.1 if at < MAX_RANDOM_AT else 0.97
+            if split < limit * whole and (best is None or split < best[0]):
+                best = split, at, mask
+    return best[1:] if best else None
+
+
+def _is_selector(rows: np.ndarray, at: int, mask: int) -> bool:
+    """Return True if a byte or nibble has few values, each of them often."""
+    column = rows[:, at] & mask
+    if mask != 0xFF and (rows[:, at] == column).all():
+        return False  # the whole byte says the same
+    values, counts = np.unique(column, return_counts=True)
+    return 1 < len(values) <= MAX_SELECTORS and counts[counts >= LEAST_OF_EACH].sum() >= 0.9 * len(rows)
+
+
+def _is_digit(rows: np.ndarray, at: int) -> bool:
+    """Return True if a neighbour carries into a byte: it is an upper digit, and selects nothing."""
+    columns = rows.astype(np.int64).T
+    return any(Link(columns[low], columns[at]).bits > DIGIT_BITS for low in (at - 1, at + 1) if 0 <= low < len(columns))
+
+
+def _price(rows: np.ndarray) -> float:
+    if len(rows) < 3:
+        return 8.0 * rows.size
+    return float(bits_of(rows.astype(np.int64)).sum())
+
+
+def _comes_in_turn(column: np.ndarray) -> bool:
+    """Return True if each value nearly always has the same next one, another."""
+    if (column[1:] != column[:-1]).mean() < 0.5:
+        return False
+    pairs, counts = np.unique(column[:-1].astype(int) * 256 + column[1:], return_counts=True)
+    usual: dict[int, int] = {}
+    for pair, count in zip(pairs.tolist(), counts.tolist()):
+        usual[pair >> 8] = max(usual.get(pair >> 8, 0), count)
+    return sum(usual.values()) >= NEXT_SHARE * (len(column) - 1)
+
+
+def by_question(questions: Sequence[bytes], answers: Sequence[bytes], ids: Sequence[int | None]) -> list[Group]:
+    """Return groups of answers of one length to one kind of question: divided by what in it selects the answer."""
+    classes: defaultdict[tuple, list[int]] = defaultdict(list)
+    for number, (question, answer) in enumerate(zip(questions, answers)):
+        if answer:
+            classes[ids[number], len(question), len(answer)].append(number)
+    groups = []
+    for (identifier, _, length), index in classes.items():
+        asked = np.array([np.frombuffer(questions[k], np.uint8) for k in index])
+        rows = np.array([np.frombuffer(answers[k], np.uint8) for k in index])
+        for chosen in _by_columns(asked, rows, np.arange(len(index))):
+            own = asked[chosen]
+            name = "" if identifier is None else f"{identifier:03X}, "
+            still = (own == own[0]).all(axis=0)
+            text = " ".join(f"{byte:02X}" if same else "xx" for byte, same in zip(own[0][:16], still))
+            number = index[int(chosen[_usual(own)])]
+            group = Group(
+                f"{name}{text} -> {length} bytes", rows[chosen], np.array(index)[chosen], questions[number], identifier
+            )
+            group.is_mixed = not still.all() and _are_rare(own)
+            groups += by_selector(group)
+    return groups
+
+
+def _by_columns(asked: np.ndarray, rows: np.ndarray, chosen: np.ndarray, depth: int = 0) -> list[np.ndarray]:
+    """Return sets of answers, divided by the byte of the question by which they are smoothest, and so on."""
+    if depth >= MAX_QUESTION_DEPTH or len(chosen) < 2 * LEAST_OF_EACH:
+        return [chosen]
+    own, whole = asked[chosen], _price(rows[chosen])
+    best: tuple[float, int] | None = None
+    for column in range(own.shape[1]):
+        values, counts = np.unique(own[:, column], return_counts=True)
+        if not 1 < len(values) <= MAX_SELECTORS or counts[counts >= LEAST_OF_EACH].sum() < 0.8 * len(own):
+            continue
+        split = sum(_price(rows[chosen][own[:, column] == value]) for value in values) + SELECTOR_BITS * len(values)
+        if split < QUESTION_GAIN * whole and (best is None or split < 0.98 * best[0]):
+            best = split, column
+    if best is None:
+        return [chosen]
+    parts = []
+    for value in np.unique(own[:, best[1]]):
+        parts += _by_columns(asked, rows, chosen[own[:, best[1]] == value], depth + 1)
+    return parts
+
+
+def _usual(asked: np.ndarray) -> int:
+    """Return the number of a question that is the most frequent one."""
+    _, first, counts = np.unique(asked, axis=0, return_index=True, return_counts=True)
+    return int(first[counts.argmax()])
+
+
+def _are_rare(asked: np.ndarray) -> bool:
+    _, counts = np.unique(asked, axis=0, return_counts=True)
+    return counts[counts < LEAST_PER_QUESTION].sum() > MIXED_SHARE * len(asked)
+
+
+def find_fields(
+    group: Group, found: FrameSum | None, length: Field | None = None, words_from: int | None = None
+) -> None:
+    """Find the fields of a group's messages, with their sum and length field."""
+    taken: list[Field] = []
+    if found is not None and _mostly_holds(found, group.rows):
+        group.sum = found
+        at = found.place(group.length)
+        taken.append(Field(at, found.width, "sum", found.order, is_certain=found.is_certain, why=str(found)))
+    if length is not None and length.end <= group.length:
+        taken.append(length)
+    for at, (_, mask) in group.selectors.items():
+        bits, shift = (0, 0) if mask == 0xFF else (4, 4 if mask == 0xF0 else 0)
+        taken.append(Field(at, 1, "selector", bits=bits, shift=shift, is_certain=True))
+    group.fields = sorted(taken, key=lambda each: each.at)
+    if len(group.rows) < LEAST_ROWS or _is_text(group.rows):
+        return
+    rows = group.rows[: max(LEAST_ROWS, min(MAX_ROWS, MAX_CELLS // group.length))]
+    taken += find_counters(rows, taken)
+    if group.is_mixed:
+        taken = [each for each in taken if each.kind not in ("counter", "clock")] + [
+            replace(each, is_certain=False, decide=MIXED) for each in taken if each.kind in ("counter", "clock")
+        ]
+    prover = Prover(
+        rows, taken, head_of(rows) if found is not None or length is not None else 0, words_from is not None
+    )
+    found_fields = prover.fields(find_runs(rows, taken, words_from))
+    if group.is_mixed:
+        for each in found_fields:
+            each.is_certain, each.decide = False, MIXED
+    group.fields = sorted([*taken, *found_fields], key=lambda each: (each.at, each.shift))
+
+
+def _is_text(rows: np.ndarray) -> bool:
+    return rows.shape[1] >= LEAST_TEXT and bool((np.isin(rows, (10, 13)) | (rows >= 32) & (rows < 127)).all())
+
+
+def head_of(rows: np.ndarray) -> int:
+    """Return how many bytes at the beginning never change."""
+    moving = np.nonzero((rows != rows[0]).any(axis=0))[0]
+    return int(moving[0]) if len(moving) else rows.shape[1]
+
+
+def _mostly_holds(found: FrameSum, rows: np.ndarray) -> bool:
+    some = rows[:60]
+    return sum(found.holds(row.tobytes()) for row in some) > 0.9 * len(some)
+
+
+def agree(groups: Sequence[Group]) -> None:
+    """Take back what is certain in groups of one length and identifier that contradict each other.
+
+    Values of 12 bits in one of them make single bytes of another doubtful, and two packings each other.
+    """
+    alike: defaultdict[tuple[int | None, int], list[Group]] = defaultdict(list)
+    for group in groups:
+        alike[group.id, group.length].append(group)
+    for same in alike.values():
+        packed = [each for group in same for each in group.fields if each.width == 12]
+        for each in [each for group in same for each in group.fields]:
+            is_doubtful = bool(packed) and each.width == 8 and each.kind not in CERTAIN_KINDS
+            if is_doubtful or (each.width == 12 and len({other.order for other in packed}) > 1):
+                each.is_certain, each.decide = False, PACKED

@@ -1,0 +1,140 @@
+"""What an inference writes: a device file that the check takes, a DBC file, a picture, a report."""
+
+import json
+import struct
+
+import cantools
+import numpy as np
+import pytest
+
+from firmware_protocols import sums
+from firmware_protocols.check import check
+from tactemu.base.errors import TactemuError
+from tactemu.fit.infer.analysis import infer
+from tactemu.fit.infer.captures import Capture, Chunk
+from tactemu.fit.infer.catalogue import match_catalogue
+from tactemu.fit.infer.commands import run_infer
+from tactemu.fit.infer.device_file import device_file
+from tactemu.fit.infer.running import read_and_infer
+from tests.cli.command import here
+from tests.fit.infer.captures import dialogue, slow, stream
+
+N = 800
+
+
+def _frames():
+    columns = [slow(N, seed, high=60000, noise=40.0).tolist() for seed in range(6)]
+    bodies = [b"\xaa\x55" + struct.pack("<6H", *row) for row in zip(*columns)]
+    return [body + struct.pack("<H", sums.crc16_modbus(body)) for body in bodies]
+
+
+def _written(tmp_path, chunks):
+    path = tmp_path / "presses.txt"
+    lines = [
+        f"{chunk.t_ns / 1e9:.6f} {'>' if chunk.direction == 'rx' else '<'} {chunk.data.hex(' ')}" for chunk in chunks
+    ]
+    path.write_text("\n".join(lines))
+    return path
+
+
+@pytest.mark.parametrize("kind", ["stream", "answers", "can"])
+def test_the_device_file_passes_the_check(tmp_path, kind):
+    frames = _frames()
+    if kind == "stream":
+        chunks = stream(frames)
+    elif kind == "answers":
+        chunks = dialogue([(b"\x01\x03\x10", frame) for frame in frames])
+    else:
+        chunks = [Chunk(k * 10_000_000, "tx", frame[2:10], id=0x201) for k, frame in enumerate(frames)]
+    path = tmp_path / "my_sensor.py"
+    path.write_text(device_file(infer(chunks), path, [tmp_path / "presses.mcap"]))
+    report = check(f"{path}:MySensor", {}, fuzz=50)
+    assert report.ok, report.lines()
+
+
+def test_every_byte_of_a_capture_comes_back(tmp_path):
+    draft, coverage = read_and_infer([_written(tmp_path, stream(_frames()))])
+    assert coverage.encoded == coverage.sent == sum(map(len, _frames()))
+    assert coverage.values / coverage.sent == pytest.approx(12 / 16)
+    assert draft.framing.is_certain
+
+
+def test_a_long_capture_is_read_in_pieces(tmp_path, monkeypatch):
+    monkeypatch.setattr("tactemu.fit.infer.running.LEARNT_BYTES", 8000)
+    monkeypatch.setattr("tactemu.fit.infer.running.BLOCK_BYTES", 1000)
+    draft, coverage = read_and_infer([_written(tmp_path, stream(_frames()))])
+    assert len(draft.chunks) < N
+    assert coverage.sent == sum(map(len, _frames()))
+    assert coverage.encoded > 0.9 * coverage.sent
+
+
+def test_the_command_writes_all_files(tmp_path):
+    capture = _written(tmp_path, stream(_frames()))
+    out, picture = tmp_path / "my_sensor.py", tmp_path / "channels.svg"
+    said: list[str] = []
+    run_infer([capture], out=out, catalogue=False, shown=None, dbc=None, picture=picture, json=True, say=said.append)
+    report = json.loads(said[0])
+    assert report["framing"]["is_certain"] and report["catalogue"] is None
+    assert "class MySensor(Device)" in out.read_text()
+    assert picture.read_text().startswith("<svg")
+    assert here("infer", str(capture), "--no-catalogue").returncode == 0
+
+
+def test_a_dbc_file_is_of_can_only(tmp_path):
+    with pytest.raises(TactemuError, match="a DBC file is of CAN frames"):
+        run_infer(
+            [_written(tmp_path, stream(_frames()))], out=None, catalogue=False, shown=None, dbc=tmp_path / "x.dbc",
+            picture=None, json=False, say=lambda _: None,
+        )  # fmt: skip
+
+
+def test_cantools_reads_the_dbc_file_and_decodes_the_values(tmp_path):
+    from tactemu.fit.infer.dbc import dbc_text
+
+    columns = [slow(N, seed, high=60000, noise=40.0).tolist() for seed in range(3)]
+    chunks = []
+    for k, row in enumerate(zip(*columns)):
+        chunks.append(Chunk(k * 10_000_000, "tx", struct.pack(">3H", *row), id=0x123))
+    database = cantools.database.load_string(dbc_text(infer(chunks)), "dbc")
+    decoded = database.decode_message(0x123, chunks[7].data)
+    assert [int(decoded[name]) for name in sorted(decoded)] == [column[7] for column in columns]
+
+
+def test_what_the_vendors_program_showed_names_its_field(tmp_path):
+    from tactemu.fit.infer.channels import read_shown, shown_fields
+
+    frames = _frames()
+    values = np.array([struct.unpack_from("<H", frame, 4)[0] for frame in frames[::4]]) * 0.002 + 1
+    csv = tmp_path / "vendor.csv"
+    csv.write_text("\n".join(["t,Fx", *(f"{k},{value}" for k, value in enumerate(values))]))
+    (line,) = shown_fields(infer(stream(frames)), *read_shown(csv))
+    assert line.startswith("Fx: byte 4 of")
+
+
+def test_the_catalogue_knows_its_own_bytes():
+    import firmware_protocols as fp
+    from firmware_protocols.check.host import Host, Subject
+
+    host = Host(Subject("eflesh_binary", fp.device_class("eflesh_binary")).make())
+    frames = []
+    for k in range(200):
+        host.t_ns += 5_000_000
+        host.pushes = 1 + np.sin(k / 9)
+        frames += host.convert()
+    match = match_catalogue(infer(stream(frames)))
+    assert match is not None and match.name == "eflesh_binary"
+
+
+def test_captures_that_are_none_say_why(tmp_path):
+    bad = tmp_path / "bad.hex"
+    bad.write_text("no hex")
+    with pytest.raises(TactemuError, match="line 1: expected"):
+        list(Capture((bad,)).chunks())
+    with pytest.raises(TactemuError, match="cannot read the capture"):
+        list(Capture((tmp_path / "missing.bin",)).chunks())
+
+
+def test_candumps_screen_is_read(tmp_path):
+    path = tmp_path / "screen.log"
+    path.write_text("can1  7F2   [8]  3F 40 25 6A C1 DA D5 F4\ncan1  7F0   [0]\n")
+    assert [(chunk.id, len(chunk.data)) for chunk in Capture((path,)).chunks()] == [(0x7F2, 8), (0x7F0, 0)]
