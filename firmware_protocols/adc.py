@@ -9,14 +9,14 @@ from numpy.typing import ArrayLike
 def quantize(
     values: ArrayLike,
     counts_per_unit: float | np.ndarray = 1.0,
-    low: float = 0,
-    high: float = 0xFFFF,
+    low: float | np.ndarray = 0,
+    high: float | np.ndarray = 0xFFFF,
     rest: float | np.ndarray = 0.0,
 ) -> np.ndarray:
     """Return ``rest + values * counts_per_unit``, rounded to nearest and saturated to ``low..high``.
 
-    ``values`` may have any shape; ``counts_per_unit`` and ``rest`` (the reading of zero) broadcast against it. The
-    counts are int64, so that they do not wrap.
+    ``values`` may have any shape; ``counts_per_unit``, the limits and ``rest`` (the reading of zero) broadcast against
+    it. The counts are int64, so that they do not wrap.
     """
     counts = np.rint(np.asarray(values, float) * counts_per_unit + rest)
     return np.minimum(np.maximum(counts, low), high).astype(np.int64)

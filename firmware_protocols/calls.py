@@ -12,8 +12,9 @@ import numpy as np
 
 from firmware_protocols.can_frames import CanFrames
 from firmware_protocols.connectors import Can, Connector
-from firmware_protocols.device import Convert, Device, Reading, Restart, Sent
+from firmware_protocols.device import Convert, Device, Restart, Sent
 from firmware_protocols.frames import FD_LENGTHS, CanFrame, text_of
+from firmware_protocols.senses import Reading
 
 
 class AuthorError(Exception):

@@ -16,49 +16,24 @@ Frames of reference and signs:
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, Literal
 
-import numpy as np
-
+from firmware_protocols import requests
 from firmware_protocols import state as plain
-from firmware_protocols.commands import Command
+from firmware_protocols.commands import Command, handled_in
 from firmware_protocols.connectors import Connector
+from firmware_protocols.conversion import conversion
 from firmware_protocols.facts import Fact
 from firmware_protocols.frames import CanFrame
+from firmware_protocols.framing import Packets
 from firmware_protocols.layouts import Layout
 from firmware_protocols.motors import Motors
-
-Quantity = Literal[
-    "force", "pressure", "depth", "displacement", "touch", "field", "resistance", "capacitance",
-    "temperature", "acceleration", "angular_velocity", "wrench", "vibration", "load",
-]  # fmt: skip
-"""A quantity that transducers measure, at the n points of a layout.
-
-Per taxel: ``force`` [N] (n, 3), ``pressure`` [Pa] (n,), ``depth`` [m] (n,), ``displacement`` [m] (n, 3), ``touch`` bool
-(n,); where the scene has a transducer: ``field`` [T] (n, 3), ``resistance`` [Ohm] (n,), ``capacitance`` [F] (n,).
-Around it: ``temperature`` [°C] (n,), ``acceleration`` [m/s²] (n, 3), proper, so that it points up when still,
-``angular_velocity`` [rad/s] (n, 3). Of all the skin's taxels together, about each point: ``wrench`` [N, Nm] (n, 6);
-``vibration`` [Pa] (n,), the pressure in a common medium. ``load`` [Nm, N] (n,) of each joint, in the order of
-:meth:`Device.joints`.
-"""
-
-TOUCH = ("force", "pressure", "depth", "displacement", "touch")
-"""The quantities that a sensor model computes for each taxel by itself."""
-TRANSDUCED = ("field", "resistance", "capacitance")
-"""The quantities that a transducer of the scene derives from them, for a device that reads them (option ``sees``)."""
-CONTACT = (*TOUCH, *TRANSDUCED)
-"""All quantities of single taxels that contact changes."""
-VECTORS = ("force", "displacement", "field")
-"""The quantities of three numbers."""
-_DERIVED = {"wrench": "force", "vibration": "force"}
-"""The quantities of all taxels together, with the quantity that they follow from."""
-
-Axis = Literal["", "x", "y", "z"]
+from firmware_protocols.senses import CONTACT, DERIVED, Column, Counts, Quantity, Reading, Rollover, Sense, Stream
+from firmware_protocols.stuffing import Lines
 
 Evidence = Literal["captured", "vendor document", "firmware", "driver", "assumed"]
 """The kinds of source of a byte table, best first."""
@@ -105,98 +80,17 @@ class Restart:
     delay_ns: int = 0
 
 
-Transmissions = Sequence["F | Sent[F] | Convert | Restart"]
+Transmissions = Sequence[F | Sent[F] | Convert | Restart]
 """The actions of the firmware, in order."""
-Counts = np.ndarray | Mapping[str, np.ndarray]
-"""The values that a perfect driver would decode, points in layout order; by sense where a stream converts several."""
 
 
-@dataclass(frozen=True)
-class Sense:
-    """One quantity at the points of a layout; a quantity alone stands for ``Sense(quantity)`` at ``device.layout``."""
-
-    quantity: Quantity
-    at: Layout | None = None
-    name: str = ""
-    """The key in the reading and in the counts; default: the quantity."""
-    burst: int = 1
-    """The number of values per conversion, spread evenly over the time since the previous one, oldest first: a last
-    axis of this length."""
-
-    @property
-    def key(self) -> str:
-        """The sense's name in readings and counts."""
-        return self.name or self.quantity
-
-
-@dataclass(frozen=True)
-class Stream:
-    """Conversions of some of the senses at one rate."""
-
-    rate_hz: float
-    """The rate after power-up; 0: no conversion until the firmware sets a period or returns :class:`Convert`."""
-    senses: tuple[str, ...] = ()
-    """The keys of the senses; default: all."""
-
-
-@dataclass(frozen=True, slots=True)
-class Reading:
-    """The values at the senses of one stream at one instant: ``reading["force"]``, SI, points in layout order."""
-
-    values: Mapping[str, np.ndarray]
-    stream: str = ""
-
-    def __getitem__(self, key: str) -> np.ndarray:
-        if key not in self.values:
-            raise KeyError(f"stream {self.stream!r} converts {sorted(self.values)}, not {key!r}: add it to `senses`")
-        return self.values[key]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Column:
-    """A column of the counts: one of the numbers that :meth:`Device.measure` returns for a point."""
-
-    name: str
-    axis: Axis = ""
-    """The axis of the taxel's own frame; "" for a magnitude. Several columns may have one axis, but not one name."""
-    unit: str = ""
-    """The SI unit; "" where no scale is published."""
-    counts_per_unit: float | None = None
-    """The scale; ``None`` where it is not published, or the law is not linear."""
-    low: float
-    """The smallest possible count."""
-    high: float
-    """The largest possible count."""
-    rest: float = 0
-    """The count without contact, at 25 °C."""
-    push: Literal[-1, 0, 1] = 0
-    """The sign of the count's change under a push on its taxel; 0: it may stay the same."""
-    sense: str = ""
-    """The key of the counts, where a device has several senses."""
-    shared: bool = False
-    """True for one number for all points instead of one each."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Rollover:
-    """A counter or clock on the wire that starts again at 0 when it is full."""
-
-    name: str
-    bits: int
-    step: int = 1
-    """The increment per frame; of a clock: per second."""
-    clock: bool = False
-    """True if it counts time, not frames."""
-    state: str = ""
-    """The attribute of its value (of a clock: of the offset to the time), which :meth:`Device.preset` sets."""
-
-
-class Device(ABC, Generic[F]):
+class Device(Generic[F]):
     """A model of one sensor's firmware. One file, one family; the file's docstring is its datasheet.
 
-    Write :meth:`measure`, then :meth:`stream` and :meth:`receive` where the sensor has them. Declarations are class
-    attributes or, where an option decides, set in ``__init__`` (keyword-only options with defaults); the datasheet is
-    printed from an instance. State is plain data (:mod:`firmware_protocols.state`).
+    Declarations are class attributes or, where an option decides, set in ``__init__`` (keyword-only options with
+    defaults); the datasheet is printed from an instance. :meth:`measure` follows from ``columns``; write
+    :meth:`stream`, and methods that answer commands (:func:`~firmware_protocols.command`) where the sensor has them.
+    State is plain data (:mod:`firmware_protocols.state`).
     """
 
     name: ClassVar[str]
@@ -227,9 +121,24 @@ class Device(ABC, Generic[F]):
     """The unmodified driver (package and version) that has read this device."""
     facts: tuple[Fact, ...] = ()
     """The facts beside the byte tables, each with its basis."""
+    documented: tuple[Command, ...] = ()
+    """Documented commands beside those of methods, of a device with default options."""
+    origin: str = ""
+    """The source of the examples of commands, where they have no other."""
+    documented_with: tuple[str, ...] | None = ()
+    """The options that leave the documented commands as they are; ``None``: all of them."""
     scene: ClassVar[str] = ""
     """The default scene in the scene file's TOML (``docs/scene-files.md``), for a class outside the tree; it is not
     inherited. Empty: one is made from the layout, a ball that presses the middle of each patch."""
+
+    packets: Packets | Lines
+    """The cutter of requests, for methods that declare commands; made in ``__init__``."""
+    zero: Any = 0.0
+    """The values of the first sense that count as 0 [SI]; a tare sets it to ``present``."""
+    present: Any
+    """The values of the first sense at the latest conversion [SI], one for each column, before the zero."""
+    counts: Any
+    """The counts of the latest conversion, as :meth:`measure` returned them."""
 
     layout: Layout
     """The positions of the taxels. They follow from the options alone: a restart makes an equal layout."""
@@ -279,7 +188,7 @@ class Device(ABC, Generic[F]):
     @property
     def contact(self) -> tuple[str, ...]:
         """The quantities that a sensor model must compute at the taxels, first sense first; ``force`` if none."""
-        wanted = [_DERIVED.get(sense.quantity, sense.quantity) for sense in self.sensed]
+        wanted = [DERIVED.get(sense.quantity, sense.quantity) for sense in self.sensed]
         return tuple(dict.fromkeys(name for name in wanted if name in CONTACT)) or ("force",)
 
     @property
@@ -327,14 +236,28 @@ class Device(ABC, Generic[F]):
 
     # -- written by the author of a device -------------------------------------------------------------------------
 
-    @abstractmethod
     def measure(self, reading: Reading, t_ns: int) -> Counts:
         """Convert SI values, keep the counts in the state, and return them: the ADC, saturation included.
 
         They are the values that a perfect driver would decode, points in layout order, shape ``(n_points,)`` or
         ``(n_points, n_columns)``; by sense where there are several. The method sends nothing. It is also called once
         after boot, before the first period, so that a polled device has a value.
+
+        By default each sense is converted by its columns (:mod:`firmware_protocols.conversion`); senses without columns
+        are left out.
         """
+        found = {}
+        for k, sense in enumerate(self.senses_of(reading.stream)):
+            is_first = k == 0 and sense.key == self.sensed[0].key
+            if (own := conversion(self.columns, sense, is_first)) is None:
+                continue
+            values = own.values(sense, reading[sense.key])
+            if is_first:
+                self.present = values
+            found[sense.key] = own.counts(values - self.zero if is_first else values)
+        is_one = len(found) == 1 and not self.streams and len(self.sensed) == 1
+        self.counts = next(iter(found.values())) if is_one else found
+        return self.counts
 
     def stream(self, t_ns: int, name: str) -> Transmissions[F]:
         """Return the transmissions that follow each conversion of the stream ``name`` without a request."""
@@ -344,9 +267,27 @@ class Device(ABC, Generic[F]):
         """Return the firmware's answers to bytes in chunks of any size, or to one CAN frame, from the driver.
 
         The method never raises on bad input: it counts it in ``self.counters`` and answers as the firmware would, if at
-        all.
+        all. By default the requests that a cutter ``packets`` cuts go to the methods that declare them.
         """
-        self.counters["ignored"] += 1
+        if not hasattr(self, "packets") or not isinstance(data, bytes):
+            self.counters["ignored"] += 1
+            return ()
+        return list(requests.answers(self, data, t_ns, port))
+
+    def accepts(self, request: requests.Request) -> bool:
+        """Return True if a request of the table is for this device; others count as ``other_address``."""
+        return True
+
+    def reply(self, request: requests.Request, content: bytes) -> Transmissions[F]:
+        """Return the answer with this content to a request; by default the content itself, and nothing if empty."""
+        return [content] if content else ()  # type: ignore[list-item]
+
+    def staged(self, request: requests.Request) -> Transmissions[F]:
+        """Return the answers to a later stage of a request, the bytes that ``packets.expect`` asked for."""
+        return ()
+
+    def refused(self, request: requests.Request, why: str) -> Transmissions[F]:
+        """Return the answer to a request that was counted as ``unknown_command``, ``bad_length`` or ``refused``."""
         return ()
 
     def boot(self, t_ns: int) -> Transmissions[F]:
@@ -365,10 +306,19 @@ class Device(ABC, Generic[F]):
         return ()
 
     def joints(self, t_ns: int) -> Mapping[str, float]:
-        """Return the positions of the actuators by joint [rad, m]; bodies of the scene may follow them."""
-        return {}
+        """Return the positions of the actuators by joint [rad, m]; bodies of the scene may follow them.
+
+        By default those of ``motors``, if they are named.
+        """
+        return self.drives.joints(t_ns) if self.drives else {}
 
     @property
     def commands(self) -> tuple[Command, ...]:
-        """Every documented command, for the datasheet and for ``tactemu check``."""
-        return ()
+        """Every documented command, for the datasheet and for ``tactemu check``.
+
+        By default ``documented`` and those of the methods, in the order of the file; none if an option may change them.
+        """
+        if self.documented_with is not None and self.options.keys() - set(self.documented_with):
+            return ()
+        named = [each for handled in handled_in(type(self)).values() for each in handled.commands]
+        return (*self.documented, *(each if each.origin else replace(each, origin=self.origin) for each in named))

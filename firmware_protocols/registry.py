@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
+import re
 import sys
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -132,6 +133,8 @@ def _device(found: object, name: str) -> type[Device]:
         raise TypeError(f"{name}: rename feel(reading, t_ns) to measure(reading, t_ns)")
     if not (isinstance(found, type) and issubclass(found, Device)):
         raise TypeError(f"{name} is not a subclass of firmware_protocols.Device")
+    if not isinstance(getattr(found, "name", None), str):
+        raise TypeError(f'{name} has no name: write `name = "..."` in the class, in lower case with underscores')
     return found
 
 
@@ -154,6 +157,9 @@ def _from_file(target: str) -> object:
 
 
 def _unknown(name: str) -> str:
+    if Path(name).suffix == ".py" and Path(name).is_file():
+        classes = re.findall(r"^class (\w+)", Path(name).read_text(errors="replace"), re.MULTILINE)
+        return f"{name}: name the class in it, as {name}:{classes[-1] if classes else 'Class'}"
     if Path(name).is_dir():
         return f"{name!r} is a folder; name a device, a scene file or path/to/device.py:Class"
     return f"unknown device {name!r}{nearest(name, names()) or '; `tactemu devices` lists them'}"

@@ -93,7 +93,7 @@ class Field:
     formula: str = ""
     about: str = ""
     kind: str = "number"
-    """The kind of field: ``const``, ``number``, ``bytes``, ``ignored`` or ``sum``."""
+    """The kind of field: ``const``, ``number``, ``bytes``, ``records``, ``ignored`` or ``sum``."""
     dtype: np.dtype = _BYTE
     shape: tuple[Any, ...] = ()
     """The counts, each a name until it is bound."""
@@ -103,6 +103,8 @@ class Field:
     sum: Sum | None = None
     start: int = 0
     """The number of leading bytes that a sum leaves out."""
+    record: Any = None
+    """The table of its records."""
 
     @property
     def size(self) -> Any:
@@ -121,7 +123,7 @@ class Field:
     @property
     def is_open(self) -> bool:
         """True for a field of any length."""
-        return self.kind == "ignored" or (self.kind == "bytes" and not self.shape)
+        return self.kind in ("ignored", "records") or (self.kind == "bytes" and not self.shape)
 
     @property
     def is_single(self) -> bool:
@@ -201,21 +203,21 @@ class Field:
 
 Header = tuple[str, str, "Identifier | None"]
 
-_FORMULA = re.compile(r"(total|len\((\w+)\))\s*(?:([+-])\s*(\d+))?")
+_FORMULA = re.compile(r"(total|(?:len|count)\((\w+)\))\s*(?:([+-])\s*(\d+))?")
 _HEADER = re.compile(r"([^,]+?)(?:,\s*id ([01a-z ]+?)\s*(?:\(([^)]*)\))?)?(?:,\s*(.*))?")
 _TYPES = "types are hex bytes (55 AA), u1 <u2 >i4 ... with `x N`, f4, f8, bytes, ignored and " + ", ".join(SUMS)
 
 
 def length_formula(formula: str) -> tuple[str, int]:
-    """Return what a length counts (``total`` or the name of a field), and the bytes that it adds."""
+    """Return what a length or count is of (``total`` or the name of a field), and the number that it adds."""
     found = _FORMULA.fullmatch(formula)
     assert found is not None
     return found[2] or found[1], int((found[3] or "") + (found[4] or "0"))
 
 
 @cache
-def parse(text: str) -> tuple[Header, tuple[Field, ...]]:
-    """Return header and fields of a table.
+def parse(text: str, records: tuple[tuple[str, Any], ...] = ()) -> tuple[Header, tuple[Field, ...]]:
+    """Return header and fields of a table; ``records`` are the tables of records, by the names of their types.
 
     Raises:
         TableError: a line is wrong; the message has the frame, the field and the reason.
@@ -227,9 +229,9 @@ def parse(text: str) -> tuple[Header, tuple[Field, ...]]:
     fields = []
     for line in lines:
         try:
-            fields.append(_field(line))
+            fields.append(_field(line, dict(records)))
         except TableError as error:
-            raise TableError(f"{header[0]}: line {line!r}: {error}") from None
+            raise TableError(f"{header[0]}: line {line!r}: {_name_in_type(line) or error}") from None
     _check_names(header[0], fields)
     _check_offsets(header[0], fields)
     return header, tuple(fields)
@@ -254,22 +256,50 @@ def _identifier(frame: str, bits: str, letters: str) -> Identifier:
     return Identifier(bits, parts)
 
 
-def _field(line: str) -> Field:
+def _field(line: str, records: Mapping[str, Any]) -> Field:
     columns = re.split(r"\s{2,}", line, maxsplit=3)
+    begin, _, behind = columns[0].partition(" ")
+    if len(columns) > 1 and behind and (begin.isdigit() or begin in ("..", "last")):
+        raise TableError(f"offset {columns[0]!r}: put two spaces between the offset {begin!r} and the type {behind!r}")
     if len(columns) < 2:
         raise TableError("expected `offset  type  name  about`, in columns two spaces apart")
     offset, text, name, about = [*columns, "", ""][:4]
     name, equals, formula = (part.strip() for part in name.partition("="))
     field = Field(offset, text, name, formula, about)
-    if equals and not _FORMULA.fullmatch(formula):
-        raise TableError(f"formula {formula!r}: only lengths: `total - 5`, `len(data) + 2`")
     if not (offset.isdigit() or offset in ("..", "last")):
         raise TableError(f"offset {offset!r}: expected a decimal number, `..` or `last`")
+    if equals and not _FORMULA.fullmatch(formula):
+        raise TableError(f"formula {formula!r}: only lengths: `total - 5`, `len(data) + 2`, `count(records)`")
     if found := re.fullmatch(r"([0-9A-F]{2}(?: [0-9A-F]{2})*)(?: x (\d+))?", text):
         return replace(field, kind="const", const=bytes.fromhex(found[1]) * int(found[2] or 1))
     if not re.fullmatch(r"[A-Za-z]\w*", name) and text != "ignored":
-        raise TableError(f"{name!r} is no name: letters, digits and _")
+        begin = re.match(r"[A-Za-z]\w*(?= )", name)
+        hint = f"; put two spaces behind {begin[0]!r}" if begin else ""
+        raise TableError(f"{name!r} is no name: letters, digits and _{hint}")
+    if text.partition(" ")[0] in records:
+        return _with_records(field, records)
     return _typed(field, *text.split())
+
+
+_TYPE_AND_MORE = re.compile(
+    r"((?:[<>]?[a-z][a-z0-9_]*|[0-9A-F]{2}(?: [0-9A-F]{2})*)(?: x \w+)*(?: wrap| clip)?(?: from \d+)?)"
+    r" ((?!(?:x|from) |(?:wrap|clip)$)[A-Za-z]\w*(?: = .*)?)"
+)
+
+
+def _name_in_type(line: str) -> str:
+    """Return the mistake of a line whose column of the type also holds the name; empty if it does not."""
+    _, text, name, *_ = [*re.split(r"\s{2,}", line, maxsplit=3), "", ""]
+    found = None if re.fullmatch(r"[A-Za-z]\w*( *=.*)?", name) else _TYPE_AND_MORE.fullmatch(text)
+    return f"type {text!r}: put two spaces between the type {found[1]!r} and the name {found[2]!r}" if found else ""
+
+
+def _with_records(field: Field, records: Mapping[str, Any]) -> Field:
+    """Return the field with the table of its records, whose number another field counts."""
+    kind, mark, count = [*field.text.split(), "", ""][:3]
+    if mark != "x" or not re.fullmatch(r"[A-Za-z]\w*", count) or records[kind].size is None:
+        raise TableError(f"type {field.text!r}: expected `{kind} x n`, with `n = count({field.name})`, of a fixed size")
+    return replace(field, kind="records", record=records[kind])
 
 
 def _typed(field: Field, word: str, *more: str) -> Field:

@@ -125,14 +125,22 @@ class OpenField:
     size = None
 
     def __init__(self, field: Field):
-        self._name = field.name if field.kind == "bytes" else None
+        self._name = field.name if field.kind in ("bytes", "records") else None
+        self._record = field.record
 
     def pack(self, values: Mapping[str, Any], before: bytes) -> bytes:
         """Return the bytes of the field; none if the firmware ignores them."""
+        if self._record is not None and self._name is not None:
+            return b"".join(self._record.pack(**each) for each in values[self._name])
         return values[self._name] if self._name is not None else b""
 
     def unpack(self, data: bytes, at: int, end: int, values: dict[str, Any]) -> bool:
-        """Read the field, if it is named, from ``data[at:end]`` into ``values``; return True."""
+        """Read the field, if it is named, from ``data[at:end]`` into ``values``; return False if a record is wrong."""
+        if self._record is not None and self._name is not None:
+            starts = range(at, end, self._record.size)
+            found = [self._record.unpack(data[start : min(start + self._record.size, end)]) for start in starts]
+            values[self._name] = found
+            return None not in found
         if self._name is not None:
             values[self._name] = bytes(data[at:end])
         return True

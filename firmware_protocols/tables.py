@@ -28,7 +28,9 @@ offset          as the source gives it, decimal. It must equal the end of the fi
 ``ignored``     bytes that the firmware ignores, of any number
 ``crc16_modbus``    a sum of :data:`~firmware_protocols.sums.SUMS` over all bytes before it (with ``<`` or ``>`` from
                 two bytes on); ``from N`` leaves out the first N
-``= formula``   lengths [bytes]: ``total``, ``len(field)``, plus or minus a number. Filled in, and checked when read
+``CONTACT x n``  records of another table, ``Frame(text, CONTACT=CONTACT)``, counted by ``n = count(field)``
+``= formula``   lengths [bytes]: ``total``, ``len(field)``, and numbers of records: ``count(field)``; plus or minus a
+                number. Filled in, and checked when read
 ``id 100 bbbb tttt (b board, t triangle)``  in the first line: the bits of a CAN identifier
 =============== ====================================================================================================
 """
@@ -61,6 +63,8 @@ class Frame:
     id: Identifier | None
     """The CAN identifier, if the table has one."""
     fields: tuple[Field, ...]
+    open_field: str | None
+    """The name of the field of open length, if there is one."""
     size: int | None
     """The number of bytes, if it is fixed."""
     head: bytes
@@ -68,7 +72,8 @@ class Frame:
     text: str
     """The table as written."""
 
-    def __init__(self, text: str):
+    def __init__(self, text: str, **records: Frame):
+        self._records = records
         self._compile(text, None, {})
 
     def bind(self, wire_order: ArrayLike | None = None, **values: int) -> Frame:
@@ -85,15 +90,17 @@ class Frame:
         if order is not None:
             values = {"taxels": len(order), **values}
         other = Frame.__new__(Frame)
+        other._records = self._records
         other._compile(self.text, order, {**self._bound, **values})
         return other
 
     # Text and bindings define a frame; everything else is compiled from them.
 
     def __getstate__(self) -> dict[str, Any]:
-        return {"text": self.text, "wire_order": self._wire_order, "bound": self._bound}
+        return {"text": self.text, "wire_order": self._wire_order, "bound": self._bound, "records": self._records}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
+        self._records = state["records"]
         self._compile(state["text"], state["wire_order"], state["bound"])
 
     def __deepcopy__(self, memo: dict) -> Frame:
@@ -103,18 +110,21 @@ class Frame:
 
     def _compile(self, text: str, order: np.ndarray | None, bound: Mapping[str, int]) -> None:
         self.text, self._wire_order, self._bound = text, order, dict(bound)
-        header, fields = parse(text)
+        header, fields = parse(text, tuple(self._records.items()))
         self.name, self.about, self.id = header
         self._refuse_unknown(fields)
         self.fields = tuple(field.bound(bound) for field in fields)
-        self._open = next((field.name for field in self.fields if field.is_open), None)
+        is_open = next((field for field in self.fields if field.is_open), None)
+        self._open = self.open_field = is_open.name if is_open else None
+        self._unit = is_open.record.size if is_open and is_open.record else 1
+        self._counts = {field.name for field in self.fields if field.formula.startswith("count")}
         sizes = [0 if field.is_open else field.size for field in self.fields]
         self._fixed = None if None in sizes else sum(size or 0 for size in sizes)
         self.size = None if self._open is not None else self._fixed
         self._lengths = self._length_offsets()
         self.head = next((field.const for field in self.fields[:1] if field.kind == "const"), b"")
         self._parts = [] if self._fixed is None else self._build_parts()
-        self._names = {f.name for f in self.fields if f.kind in ("number", "bytes")}
+        self._names = {f.name for f in self.fields if f.kind in ("number", "bytes", "records")}
         if self._permutes():
             self._check_order()
 
@@ -176,9 +186,9 @@ class Frame:
             ValueError: an array has another shape, or a count is not bound.
         """
         if self._open is not None:
-            size = len(values.setdefault(self._open, b"")) if self._open else 0
+            n = len(values.setdefault(self._open, b"")) if self._open else 0
             for name, more in self._lengths.items():
-                values[name] = size + more
+                values[name] = self._length(name, n * self._unit, more)
         if values.keys() != self._names or not self._parts:
             self._refuse(values)
         data = b""
@@ -211,9 +221,49 @@ class Frame:
             if not part.unpack(data, at, end, values):
                 return None
             at = end
-        if any(values[name] != size + more for name, more in self._lengths.items()):
+        if any(values[name] != self._length(name, size, more) for name, more in self._lengths.items()):
             return None
         return values
+
+    def _length(self, name: str, size: int, more: int) -> int:
+        """Return the value of a length or a count, where the open field has ``size`` bytes."""
+        return (size // self._unit if name in self._counts else size) + more
+
+    def length_of(self, data: bytes, most: int | None = None) -> int | str:
+        """Return the length of the frame that begins ``data``, 0 while its length field is missing.
+
+        Args:
+            data: bytes that begin with the frame's head.
+            most: the largest length of the field of open length; ``None``: any.
+
+        Returns:
+            The length in bytes; ``"bad_length"`` if the length field contradicts the table, or is too large.
+
+        Raises:
+            TypeError: the table states no length.
+        """
+        if self.size is not None:
+            return self.size
+        for name, more in self._lengths.items():
+            place = self.slice_of(name)
+            if len(data) < place.stop:
+                return 0
+            dtype = next(field.dtype for field in self.fields if field.name == name)
+            size = (int(np.frombuffer(data[place], dtype)[0]) - more) * (self._unit if name in self._counts else 1)
+            return "bad_length" if size < 0 or (most is not None and size > most) else (self._fixed or 0) + size
+        raise TypeError(f"{self.name}: no field states its length: write `= len({self._open})` or `= total`")
+
+    def flaw(self, data: bytes) -> str:
+        """Return the counter of the first flaw of a frame: ``bad_checksum``, then ``bad_tail``; empty for none."""
+        size, at, flaw, values = len(data) - (self._fixed or 0), 0, "", {}
+        for part in self._parts:
+            end = at + (size if part.size is None else part.size)
+            if not part.unpack(data, at, end, values):
+                if isinstance(part, SumField):
+                    return "bad_checksum"
+                flaw = flaw or "bad_tail"
+            at = end
+        return flaw
 
     def pack_many(self, n: int, **values: ArrayLike) -> list[bytes]:
         """Return ``n`` frames; each value is one for all, or has a first axis of ``n``.

@@ -11,7 +11,7 @@ build and run a scene (``Scene``, ``Press``, ``serve``) are in :mod:`tactemu`, t
 """
 
 from firmware_protocols.bounds import Bounds
-from firmware_protocols.device import Quantity
+from firmware_protocols.senses import Quantity
 from tactemu.base.errors import MeshError, SceneError
 from tactemu.base.options import number, numbers, triple
 from tactemu.base.units import Length

@@ -11,13 +11,27 @@ from __future__ import annotations
 
 import time
 import traceback
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from firmware_protocols import registry
 from firmware_protocols.calls import AuthorError, source_line
-from firmware_protocols.check import converter, declarations, examples, memory, order, other_process, requests, restarts
+from firmware_protocols.check import (
+    converter,
+    declarations,
+    examples,
+    flash,
+    garbage,
+    memory,
+    order,
+    other_process,
+    requests,
+    restarts,
+    slopes,
+    timing,
+)  # fmt: skip
 from firmware_protocols.check.host import Subject
 from firmware_protocols.check.report import Fault, Report, distinct
 
@@ -27,13 +41,20 @@ FUZZ = 1000
 """The default number of corrupted requests."""
 
 
-def check(target: str, options: Mapping[str, Any] | None = None, *, fuzz: int = FUZZ) -> Report:
+def check(
+    target: str,
+    options: Mapping[str, Any] | None = None,
+    *,
+    fuzz: int = FUZZ,
+    progress: Callable[[str], None] = lambda part: None,
+) -> Report:
     """Check a device and return its faults, worst first, and the declared facts that no example pins.
 
     Args:
         target: a registered name, or ``path/to/file.py:Class``.
         options: the device's options.
         fuzz: the number of corrupted requests.
+        progress: is called with the name of each part before it runs.
 
     Raises:
         LookupError: there is no such device.
@@ -54,38 +75,65 @@ def check(target: str, options: Mapping[str, Any] | None = None, *, fuzz: int = 
         return Report(name, (Fault.of("power-up", error),), seconds=time.perf_counter() - start)
     except Exception as error:
         return Report(name, (_at_import(target, error),), seconds=time.perf_counter() - start)
-    found, unpinned, count = _run_all(subject, baseline, fuzz)
-    return Report(name, distinct(found), tuple(unpinned), count, time.perf_counter() - start)
+    run = _Parts(subject, progress)
+    found, unpinned, count = _run_all(subject, baseline, fuzz, run)
+    notes = () if found else tuple(_notes(subject, count, run))
+    return Report(name, distinct(found), tuple(unpinned), notes, count, time.perf_counter() - start)
 
 
-def _run_all(subject: Subject, baseline: restarts.Baseline, fuzz: int) -> tuple[list[Fault], list[str], int]:
-    found = _tried(subject, "declarations", lambda: declarations.faults(subject))
-    state = _tried(subject, "restart", lambda: restarts.faults(baseline))  # early: other checks may leave state behind
-    wrong = _tried(subject, "converter", lambda: converter.faults(subject))
+def _run_all(
+    subject: Subject, baseline: restarts.Baseline, fuzz: int, tried: _Parts
+) -> tuple[list[Fault], list[str], int]:
+    found = tried("declarations", lambda: declarations.faults(subject))
+    state = tried("restart", lambda: restarts.faults(baseline))  # early: other checks may leave state behind
+    wrong = tried("converter", lambda: converter.faults(subject))
+    wrong += tried("scale", lambda: slopes.faults(subject))
+    tried.progress("examples")
     judged, unpinned, count = examples.judged(subject)
     found += wrong + judged + state
     # A device with faults is not saved: its report does not wait for a process, and other faults may follow from these.
     process, unsaved = (None, []) if found else other_process.start(subject)
-    found += _tried(subject, "commands", lambda: requests.faults(subject, fuzz))
-    found += _tried(subject, "registers", lambda: memory.faults(subject))
-    if not any(fault.part == "converter" for fault in wrong) and not baseline.why:
-        found += _tried(subject, "order", lambda: order.faults(subject))
-    found += unsaved + (_tried(subject, "restart", process.faults) if process else [])
+    found += tried("commands", lambda: requests.faults(subject, fuzz))
+    found += tried("registers", lambda: memory.faults(subject))
+    found += tried("registers after power-off", lambda: flash.faults(subject))
+    found += tried("garbage", lambda: garbage.faults(subject))
+    found += tried("timing", lambda: timing.faults(subject))
+    if not any(fault.part in ("converter", "scale") for fault in wrong) and not baseline.why:
+        found += tried("order", lambda: order.faults(subject))
+    found += unsaved + (tried("restart", process.faults) if process else [])
     return found, [*unpinned, *([] if judged else order.undocumented(subject))], count
 
 
-def _tried(subject: Subject, part: str, check: Callable[[], Iterable[Fault]]) -> list[Fault]:
-    """Run one part of the check and return its faults; an exception in it is a fault of the device, too."""
-    found: list[Fault] = []
-    try:
-        found.extend(check())
-    except AuthorError as error:
-        found.append(Fault.of(part, error))
-    except Exception as error:
-        at = traceback.extract_tb(error.__traceback__)[-1]
-        text = f"{type(error).__name__}: {error} ({Path(at.filename).name}:{at.lineno}: {at.line})"
-        found.append(Fault(part, text, *source_line(subject.cls)))
-    return found
+def _notes(subject: Subject, count: int, tried: _Parts) -> Iterator[str]:
+    """Yield what neither an example nor a check can pin."""
+    tried.progress("notes")
+    rates = [1e9 / period for period in subject.make().periods.values() if period]
+    if rates and not any(each.rate_hz is not None for each in examples.examples_with(subject)):
+        yield f"the rate, {', '.join(f'{rate:.4g}' for rate in rates)} a second: no example states rate_hz"
+    yield from timing.described(subject)
+    yield from garbage.described(subject)
+
+
+@dataclass(frozen=True)
+class _Parts:
+    """The parts of a check of one device, run one by one."""
+
+    subject: Subject
+    progress: Callable[[str], None]
+
+    def __call__(self, part: str, check: Callable[[], Iterable[Fault]]) -> list[Fault]:
+        """Run a part and return its faults; an exception in it is a fault of the device, too."""
+        self.progress(part)
+        found: list[Fault] = []
+        try:
+            found.extend(check())
+        except AuthorError as error:
+            found.append(Fault.of(part, error))
+        except Exception as error:
+            at = traceback.extract_tb(error.__traceback__)[-1]
+            text = f"{type(error).__name__}: {error} ({Path(at.filename).name}:{at.lineno}: {at.line})"
+            found.append(Fault(part, text, *source_line(self.subject.cls)))
+        return found
 
 
 def _own_fault(error: Exception, target: str) -> bool:

@@ -11,7 +11,8 @@ import numpy as np
 from firmware_protocols.calls import AuthorError, error_of_result, source_line
 from firmware_protocols.check.host import SECOND_NS, Host, Subject
 from firmware_protocols.check.report import Fault
-from firmware_protocols.device import CONTACT, Column, Device, Sense
+from firmware_protocols.device import Device
+from firmware_protocols.senses import CONTACT, Column, Sense
 
 PUSHES_N = (0.0, *np.geomspace(1e-3, 1e9, 37).tolist())
 """The pushes on every taxel, in rising order."""

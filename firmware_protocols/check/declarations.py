@@ -20,12 +20,15 @@ from firmware_protocols.check.converter import measures_contact
 from firmware_protocols.check.host import Subject
 from firmware_protocols.check.report import Fault
 from firmware_protocols.connectors import Can, Connector
-from firmware_protocols.device import Device, DeviceKind, Evidence, Quantity
+from firmware_protocols.device import Device, DeviceKind, Evidence
 from firmware_protocols.facts import Fact, Part
 from firmware_protocols.frames import CanFrame, frame_of
-from firmware_protocols.framing import Lines, Packets
+from firmware_protocols.framing import Packets
+from firmware_protocols.layouts import Layout, Patch
 from firmware_protocols.motors import Motors
 from firmware_protocols.registers import Registers
+from firmware_protocols.senses import Quantity
+from firmware_protocols.stuffing import Lines
 
 MIN_DISTANCE_PITCHES = 0.2
 """The smallest distance of two taxels of one link [pitches]; nearer ones are taken for two at one place."""
@@ -38,8 +41,11 @@ def faults(subject: Subject) -> Iterator[Fault]:
     """Yield declarations that are missing or contradict each other."""
     device = subject.build()
     file, line = source_line(subject.cls)
+    if wrong := list(_ports(device)):
+        yield from (Fault("declarations", text, file, line) for text in wrong)
+        return
     for text in (
-        *_datasheet(subject, device), *_options(subject.cls), *_shared(subject.cls), *_ports(device),
+        *_datasheet(subject, device), *_options(subject.cls), *_shared(subject.cls),
         *_senses(device), *_columns(device), *_commands(subject, device), *_layout(device),
     ):  # fmt: skip
         yield Fault("declarations", text, file, line)
@@ -105,7 +111,8 @@ def _shared(cls: type[Device]) -> Iterator[str]:
 def _ports(device: Device) -> Iterator[str]:
     ports = getattr(device, "ports", ())
     if not ports or not isinstance(ports, tuple) or not all(isinstance(each, Connector) for each in ports):
-        yield f"ports: expected a tuple of connectors, got {ports!r}"
+        comma = ", with a comma behind one" if isinstance(ports, Connector) else ""
+        yield f"ports: expected a tuple of connectors{comma}, got {ports!r}"
     elif len(ports) > 1 and ("" in (names := [each.name for each in ports]) or len(set(names)) < len(names)):
         yield f"ports: give each of several its own name, got {names}"
 
@@ -160,7 +167,7 @@ def _commands(subject: Subject, device: Device) -> Iterator[str]:
             yield f"command {command.name!r}: no port {command.port!r}; there are {ports}"
             continue
         connector = device.connector(command.port) if command.port else device.ports[0]
-        for request in (*command.after, command.request):
+        for request in (*command.after, *command.written):
             yield from _request_faults(command.name, request, connector)
 
 
@@ -192,6 +199,11 @@ def _layout(device: Device) -> Iterator[str]:
     if not (layout.pitches > 0).all() or not (layout.areas > 0).all():
         yield "layout: expected pitch and area of every patch above 0"
         return
+    yield from (
+        f"layout: patch {patch.name!r} is mirrored: seen from outside, its columns go to the left as its rows go down"
+        for patch in layout.patches
+        if _is_mirrored(layout, patch)
+    )
     yield from (f"layout: two patches are called {name!r}" for name in _duplicates([p.name for p in layout.patches]))
     links = np.concatenate([[patch.link] * len(patch) for patch in sorted(layout.patches, key=lambda p: p.start)])
     for link in layout.links:
@@ -199,6 +211,16 @@ def _layout(device: Device) -> Iterator[str]:
         if (pair := _close_pair(layout.positions[own], MIN_DISTANCE_PITCHES * layout.pitches[own].min())) is not None:
             both = f"{own[pair[0]]} and {own[pair[1]]}"
             yield f"layout: taxels {both} lie at one place (less than {MIN_DISTANCE_PITCHES} pitches apart)"
+
+
+def _is_mirrored(layout: Layout, patch: Patch) -> bool:
+    """Return True if the picture of a patch is a mirror image of it: row 0 on top, column 0 on the left."""
+    if patch.rows < 2 or patch.cols < 2:
+        return False
+    grid = layout.positions[patch.taxels].reshape(patch.rows, patch.cols, 3)
+    right, down = np.diff(grid, axis=1).mean((0, 1)), np.diff(grid, axis=0).mean((0, 1))
+    area = np.cross(right, -down) @ layout.normals[patch.taxels].mean(0)
+    return bool(area < -0.5 * np.linalg.norm(right) * np.linalg.norm(down))
 
 
 def _close_pair(positions: np.ndarray, distance: float) -> tuple[int, int] | None:

@@ -88,9 +88,7 @@ class Subject:
 
     def requests(self) -> list[tuple[Any, str]]:
         """Return every documented request, and the requests to send before it, with their port."""
-        return [
-            (frame_of(each), command.port) for command in self.commands for each in (*command.after, command.request)
-        ]
+        return [(frame_of(each), command.port) for command in self.commands for each in (*command.after, command.frame)]
 
 
 class Host:
@@ -102,6 +100,8 @@ class Host:
     def __init__(self, device: Device, pushes: Pushes = 0.0, t_ns: int = 0):
         self.device, self.pushes, self.t_ns = device, pushes, t_ns
         self.restarts = 0
+        self.latest_ns = t_ns
+        """The time at which the latest frame left."""
         self.boot()
 
     def boot(self) -> list[Any]:
@@ -161,7 +161,11 @@ class Host:
     def ask(self, command: Command) -> list[Any]:
         """Send a documented command and return its answers, late ones included."""
         self.prepare(command)
-        return self.send(command.request, command.port) + self.wait()
+        return self.send_stages(command) + self.wait()
+
+    def send_stages(self, command: Command) -> list[Any]:
+        """Send a command, stage by stage, and return the answers at once."""
+        return [answer for stage in command.stages for answer in self.send(stage, command.port)]
 
     def prepare(self, command: Command) -> None:
         """Send the requests that must go before a command."""
@@ -180,6 +184,7 @@ class Host:
                 self.measure(out.stream)
                 frames += self.streamed(out.stream)
             else:
+                self.latest_ns = max(self.latest_ns, self.t_ns + (out.delay_ns if isinstance(out, Sent) else 0))
                 frames.append(out.frame if isinstance(out, Sent) else out)
         return frames + self.restart() if restarted else frames
 

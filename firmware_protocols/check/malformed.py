@@ -8,7 +8,7 @@ from typing import Literal
 from firmware_protocols.check.mutations import frames_of
 from firmware_protocols.device import Device
 from firmware_protocols.frames import CanFrame, WireFrame, with_payload
-from firmware_protocols.framing import ppp
+from firmware_protocols.stuffing import ppp
 from firmware_protocols.sums import SUMS
 
 SIZES = (0, 1, 2, 3, 40)

@@ -11,11 +11,21 @@ from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
+
 from firmware_protocols.check.taxel_orders import ORDERS, reordered, wire_order_of
 from firmware_protocols.device import Device
 from firmware_protocols.registers import Reg, RegisterMap
 from firmware_protocols.table_lines import Field, TableError, length_formula
 from firmware_protocols.tables import Frame
+
+MAX_SUM_START = 9
+"""The bytes that a sum may leave out, as a hint."""
+UNIT_FACTORS = {
+    1e3: "N for mN?", 1e-3: "mN for N?", np.pi / 180: "rad for deg?", 180 / np.pi: "deg for rad?",
+    9.80665: "m/s² for g?", 1 / 9.80665: "g for m/s²?",
+}  # fmt: skip
+"""The factors between units that are easily mistaken for each other."""
 
 
 @dataclass(frozen=True)
@@ -28,10 +38,14 @@ class Mutation:
     """Returns the context in which the mutation holds; it yields a function that returns True if it had an effect."""
 
 
-def mutations_of(cls: type[Device]) -> Iterator[Mutation]:
-    """Yield every mutation of the tables, the registers and the order of the taxels."""
+def mutations_of(cls: type[Device], hints: bool = False) -> Iterator[Mutation]:
+    """Yield every mutation of the tables, the registers and the order of the taxels.
+
+    With ``hints`` also those that an example need not exclude, but that explain why one fails: further ranges of sums,
+    and scales in other units.
+    """
     for frame in frames_of(cls):
-        for text, lines in _table_variants(frame):
+        for text, lines in _table_variants(frame, hints):
             yield Mutation(text, _table_mutation(frame, lines))
     for table in tables_of(cls, RegisterMap):
         for reg in table.rows:
@@ -40,6 +54,10 @@ def mutations_of(cls: type[Device]) -> Iterator[Mutation]:
                 yield Mutation(f"register {reg.name} as {other}", _register_mutation(table, reg, other))
     for name in ORDERS:
         yield Mutation(f"taxels sent {name}", _order_mutation(cls, name))
+    for sense in dict.fromkeys(each.sense for each in cls.columns) if hints else ():
+        names = ", ".join(each.name for each in cls.columns if each.sense == sense)
+        for factor, why in UNIT_FACTORS.items():
+            yield Mutation(f"the scale of {names} times {factor:g} ({why})", _scale_mutation(cls, sense, factor))
 
 
 # -- declared tables --------------------------------------------------------------------------------------------------
@@ -77,7 +95,7 @@ def words_of(cls: type[Device]) -> str:
 # -- tables ------------------------------------------------------------------------------------------------------------
 
 
-def _table_variants(frame: Frame) -> Iterator[tuple[str, list[Field]]]:
+def _table_variants(frame: Frame, hints: bool) -> Iterator[tuple[str, list[Field]]]:
     fields = list(frame.fields)
     for k, field in enumerate(fields):
         place = f"{frame.name}.{field.name}"
@@ -100,20 +118,20 @@ def _table_variants(frame: Frame) -> Iterator[tuple[str, list[Field]]]:
                 put(replace(field, text="00", name="more", formula="", about=""), field),
             )
         if field.kind == "sum":
-            yield from _sum_variants(place, field, frame.head, put)
+            yield from _sum_variants(place, field, frame.head, hints, put)
         if k + 1 < len(fields) and _is_plain_number(field) and _is_plain_number(fields[k + 1]):
             names = f"{field.name} and {fields[k + 1].name} of {frame.name}"
             yield f"{names} exchanged", [*fields[:k], fields[k + 1], field, *fields[k + 2 :]]
 
 
 def _sum_variants(
-    place: str, field: Field, head: bytes, put: Callable[..., list[Field]]
+    place: str, field: Field, head: bytes, hints: bool, put: Callable[..., list[Field]]
 ) -> Iterator[tuple[str, list[Field]]]:
     kind = field.text.split()[0]
     if kind == "xor8" or field.sum is None:
         starts = set()  # constant bytes that cancel, or are 0, would hide the difference
     else:
-        starts = {0, 1, 2, len(head)} - {field.start}
+        starts = {0, 1, 2, len(head), *(range(MAX_SUM_START) if hints else ())} - {field.start}
         if kind in ("sum8", "inv8", "lrc8") and not sum(head) & 0xFF and not field.start:
             starts -= {len(head)}  # a head whose sum is 0 makes no difference
     for start in sorted(starts):
@@ -122,7 +140,7 @@ def _sum_variants(
 
 def _other_lengths(formula: str) -> Iterator[str]:
     of, more = length_formula(formula)
-    of = of if of == "total" else f"len({of})"
+    of = of if of == "total" else f"{formula.partition('(')[0]}({of})"
     for other in (more - 1, more + 1):
         yield f"{of} {'-' if other < 0 else '+'} {abs(other)}" if other else of
 
@@ -183,3 +201,38 @@ def _register_mutation(
 
 def _order_mutation(cls: type[Device], name: str) -> Callable[[], AbstractContextManager[Callable[[], bool]]]:
     return lambda: reordered(cls, lambda layout: wire_order_of(layout, name))
+
+
+# -- scales ------------------------------------------------------------------------------------------------------------
+
+
+def _scale_mutation(
+    cls: type[Device], sense: str, factor: float
+) -> Callable[[], AbstractContextManager[Callable[[], bool]]]:
+    @contextmanager
+    def apply() -> Iterator[Callable[[], bool]]:
+        declared, had = cls.columns, "columns" in vars(cls)
+
+        def scaled(device: Device) -> Any:
+            own = vars(device).get("columns", declared)
+            return tuple(
+                replace(each, **{name: getattr(each, name) and getattr(each, name) * factor for name in SCALES})
+                if each.sense == sense
+                else each
+                for each in own
+            )
+
+        cls.columns = property(scaled, lambda device, columns: vars(device).update(columns=columns))  # type: ignore
+        try:
+            yield lambda: True
+        finally:
+            if had:
+                cls.columns = declared
+            else:
+                del cls.columns
+
+    return apply
+
+
+SCALES = ("counts_per_unit", "assumed_per_unit")
+"""The fields of a column with its scale."""

@@ -91,7 +91,7 @@ def _queries(subject: Subject) -> list[Query]:
     """Return the empty query, each documented command with the requests before it, and the requests of examples."""
     queries: list[Query] = [()]
     for command in subject.commands:
-        requests = (*command.after, command.request)
+        requests = (*command.after, command.frame)
         queries.append(tuple((request, command.port) for request in requests))
     for example in examples_with(subject):
         texts = [*example.after, *([example.request] if example.request is not None else [])]
@@ -160,7 +160,8 @@ def _order_faults(subject: Subject, owners: dict[Query, np.ndarray]) -> Iterator
         found = _taxels_in_order(each)
         declared = layout.wire_order[np.isin(layout.wire_order, found)]
         if len(found) > 1 and not np.array_equal(found, declared):
-            yield f"layout.wire_order is {_described(layout, declared)}, {PRESSING} {_described(layout, found)}"
+            seen = _described(layout, found, declared)
+            yield f"layout.wire_order is {_described(layout, declared)}, {PRESSING} {seen}"
             return
         if n > 1 and len(found) == n:
             yield from _contradicted_words(subject, layout, found)
@@ -175,7 +176,8 @@ def _taxels_in_order(owners: np.ndarray) -> np.ndarray:
 def _contradicted_words(subject: Subject, layout: Layout, found: np.ndarray) -> Iterator[str]:
     names = names_in(words_of(subject.cls))
     if names and not _matches(layout, names, found) and all(patch.rows for patch in layout.patches):
-        yield f"tables and docstring say {' and '.join(map(repr, names))}, {PRESSING} {_described(layout, found)}"
+        said = wire_order_of(layout, names[0])
+        yield f"tables and docstring say {' and '.join(map(repr, names))}, {PRESSING} {_described(layout, found, said)}"
 
 
 def _matches(layout: Layout, names: list[str], found: np.ndarray) -> bool:
@@ -199,9 +201,13 @@ def undocumented(subject: Subject) -> list[str]:
     )
 
 
-def _described(layout: Layout, found: np.ndarray) -> str:
+def _described(layout: Layout, found: np.ndarray, other: np.ndarray | None = None) -> str:
+    """Return the name of an order, or its first difference from another one, or its first taxels."""
     if len(found) == len(layout) and (names := matching_names(layout, found)):
         return repr(names[0])
+    if other is not None and other.shape == found.shape and (places := np.flatnonzero(found != other)).size:
+        first = [f"taxel {found[k]} at place {k}, not {other[k]}" for k in places[:2].tolist()]
+        return ", ".join(first) + (f", and {len(places) - 2} more" if len(places) > 2 else "")
     return " ".join(map(str, found[:8].tolist())) + (" …" if len(found) > 8 else "")
 
 

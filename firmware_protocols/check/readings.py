@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from firmware_protocols.device import Device, Reading, Sense
+from firmware_protocols.device import Device
+from firmware_protocols.senses import Reading, Sense
 
 REST: Mapping[str, Any] = {"temperature": 25.0, "acceleration": (0.0, 0.0, 9.80665)}
 """The values without contact that are not 0, per point, SI with °C."""

@@ -41,6 +41,8 @@ class Report:
     faults: tuple[Fault, ...] = ()
     unpinned: tuple[str, ...] = ()
     """The changes of a declared fact with which all worked examples still pass."""
+    notes: tuple[str, ...] = ()
+    """What no example pins: a rate that none states, a slow answer, what the device does with garbage."""
     examples: int = 0
     seconds: float = field(default=0.0, compare=False)
 
@@ -63,6 +65,8 @@ class Report:
                 f"{_counted(len(self.unpinned), 'fact')} that no example pins; with each of these changes all pass:"
             )
             lines += [f"  {fact}" for fact in self.unpinned]
+        if self.notes:
+            lines += ["what no example pins:", *(f"  {note}" for note in self.notes)]
         return lines
 
 

@@ -82,7 +82,7 @@ def _check_answer(subject: Subject, command: Command) -> Iterator[Fault]:
     host = Host(subject.make(), PUSH_N)
     host.prepare(command)
     unknown = host.device.counters["unknown_command"]
-    if not command.agrees(got := host.send(command.request, command.port) + host.wait()):
+    if not command.agrees(got := host.send_stages(command) + host.wait()):
         yield _answer_fault(command, got, "whole")
     elif not got and host.device.counters["unknown_command"] > unknown:
         yield _fault(command, "it is documented, but counted as unknown_command and not answered")
@@ -108,7 +108,10 @@ def _check_pieces(subject: Subject, command: Command) -> Iterator[Fault]:
             return
     host = Host(subject.make(), PUSH_N)
     host.prepare(command)
-    first = host.send(request + request[:half], command.port)
+    first_stage = command.stages[0]
+    assert isinstance(first_stage, bytes)
+    half = len(first_stage) // 2
+    first = host.send(request + first_stage[:half], command.port)
     if host.device.wake_ns is not None or host.restarts:
         return  # a silence ends its requests, or it restarts and forgets the bytes after the request
     if not command.agrees(first):

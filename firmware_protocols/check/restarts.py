@@ -96,7 +96,7 @@ def _check_each_request(baseline: Baseline) -> Iterator[str]:
 def _requests(subject: Subject) -> Iterator[tuple[str, list[Any], str]]:
     """Yield names, requests and ports: of commands, of commands with other data, and of examples."""
     for command in subject.commands:
-        frames = [frame_of(each) for each in (*command.after, command.request)]
+        frames = [frame_of(each) for each in (*command.after, command.frame)]
         yield repr(command.name), frames, command.port
         yield (
             f"{command.name!r} with other data",

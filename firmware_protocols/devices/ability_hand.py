@@ -33,8 +33,6 @@ site reads between 0 and 0.88 N, and it saturates at 6.96 N.
 Try it: ``tactemu run ability_hand``, then ``AHSerialClient(port=..., baud_rate=460800)``.
 """
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Mapping
 from typing import Annotated, Literal

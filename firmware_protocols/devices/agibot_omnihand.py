@@ -27,8 +27,6 @@ Try it: ``tactemu run agibot_omnihand_pro --port can:socketcan:vcan0``, then
 ``candump vcan0 & cansend vcan0 01050101##1$(printf '00%.0s' {1..64})``.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from firmware_protocols import Column, Counts, Frame, Reading, fact_table, quantize

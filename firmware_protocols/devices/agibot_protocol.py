@@ -3,8 +3,6 @@
 The datasheet of both is :mod:`firmware_protocols.devices.agibot_omnihand`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Annotated, ClassVar, Literal

@@ -27,10 +27,7 @@ Evidence: the vendor's ROS driver, run.
 Try it: ``tactemu run allegro_v5_sense --port can:socketcan:vcan0``, then ``candump vcan0``.
 """
 
-from __future__ import annotations
-
 import struct
-from collections.abc import Mapping
 from typing import Annotated, Literal
 
 import numpy as np
@@ -189,10 +186,6 @@ class AllegroV5Sense(Device[CanFrame]):
         """Return the joints of all fingers, once each period."""
         self.wake_ns = t_ns + self.joints_ns
         return [self._answer(JOINTS + 4 * finger, finger, t_ns) for finger in range(4)]
-
-    def joints(self, t_ns: int) -> Mapping[str, float]:
-        """Return the angles of the joints [rad], by name."""
-        return self.motors.joints(t_ns)
 
     def _answer(self, ident: int, finger: int | None, t_ns: int) -> CanFrame:
         if ident == INFO:

@@ -22,15 +22,13 @@ time-out: on a silent port it blocks.
 Try it: ``tactemu run anyskin``, then ``AnySkinBase(num_mags=5, port=..., burst_mode=True).get_sample()``.
 """
 
-from __future__ import annotations
-
-from typing import Annotated, Literal
+from typing import Annotated
 
 import numpy as np
 
 from firmware_protocols import (
-    USB, Axis, Column, Counts, Device, Layout, LinearMagnet, Option, Patch, Quantity, Reading, Serial, Transmissions,
-    fact_table, quantize,
+    USB, Column, Counts, Device, FieldGains, Layout, LinearMagnet, Option, Patch, Quantity, Reading, Sees, Serial,
+    Transmissions, fact_table, quantize, xyz,
 )  # fmt: skip
 
 ANYSKIN = "raunaqbhirangi/anyskin@cb13b5b"
@@ -40,7 +38,6 @@ PITCH_M = 0.007
 CHIP_PLACES_IN_PITCHES = ((0, 0), (-1, 0), (1, 0), (0, 1), (0, -1))
 DRAWN_TURNS_DEG = (-90, -90, 180, 90, 0)
 
-AXES: tuple[Axis, ...] = ("x", "y", "z")
 FIELD_LSB_UT = np.array([0.150, 0.150, 0.242])
 TEMPERATURE_COUNTS_AT_25_DEG = 46244
 TEMPERATURE_COUNTS_PER_DEG = 45.2
@@ -94,14 +91,8 @@ class AnySkin(Device):
     def __init__(
         self,
         *,
-        gains: Annotated[
-            tuple[float, float, float],
-            Option("field per force along x, y and z of a chip, z out of the skin", unit="uT/N"),
-        ] = GAIN_UT_PER_N,
-        sees: Annotated[
-            Literal["force", "field"],
-            Option("force times `gains`, or the field that a transducer of the scene gives"),
-        ] = "force",
+        gains: FieldGains = GAIN_UT_PER_N,
+        sees: Sees = "force",
         step_scale: Annotated[
             float,
             Option("gain and resolution registers: steps over 0.150/0.242 uT (4/3, 2, 4, 16 ...)", low=1.0, high=40.0),
@@ -112,10 +103,7 @@ class AnySkin(Device):
         self.step = FIELD_LSB_UT * step_scale
         self.columns = (
             Column(name="T", unit="degC", counts_per_unit=1.0, low=-998.1, high=451.8, rest=25.0),
-            *(
-                Column(name=f"B{a}", axis=a, unit="uT", counts_per_unit=1.0, low=-0x8000 * step, high=0x7FFF * step)
-                for a, step in zip(AXES, self.step.tolist())
-            ),
+            *xyz("Bx By Bz", unit="uT", counts_per_unit=1.0, low=-0x8000 * self.step, high=0x7FFF * self.step),
         )
         turns = -np.radians(DRAWN_TURNS_DEG)
         self.layout = Layout(

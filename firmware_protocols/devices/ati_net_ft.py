@@ -41,14 +41,12 @@ Try it: ``tactemu run ati_net_ft --port tcp=tcp:49151 --port http=tcp:8080``, th
 ``pynetft.Client(pynetft.Config(sensor_host="127.0.0.1", http_port=8080))``.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Annotated
 
 import numpy as np
 
-from firmware_protocols import Command, Option, Rollover, Tcp, Transmissions, fact_table, quantize
+from firmware_protocols import Command, Option, Rollover, Tcp, Tool, Transmissions, fact_table, quantize
 from firmware_protocols.devices.ati_rdt import READ, REQUEST, START, Rdt
 from firmware_protocols.protocols.http import Pages
 
@@ -78,11 +76,7 @@ HEX_MANUAL = "OptoForce manual for Ethernet Converter 2.0"
 SENSOR_NUMBER = 1
 """The number of the HEX that has an error; there is only one."""
 CUTOFF_HZ = (None, 500.0, 150.0, 50.0, 15.0, 5.0, 1.5)
-Point = Annotated[
-    tuple[float, float, float], Option("point of contact on the tool, from the sensor's origin", unit="m")
-]
 Status = Annotated[int, Option("status of every record; the bits are faults of the box", low=0, high=0xFFFF_FFFF)]
-TOOL_M = (0.0, 0.0, 0.05)
 Rated = Annotated[float, Option("rated force of each axis", unit="N", low=1e-3)]
 RatedTorque = Annotated[float, Option("rated torque of each axis", unit="Nm", low=1e-3)]
 
@@ -138,7 +132,7 @@ class AtiNetFt(Rdt):
     def __init__(
         self,
         *,
-        tool: Point = TOOL_M,
+        tool: Tool = (0.0, 0.0, 0.05),
         counts_per_force: Annotated[
             int, Option("scale of force, as calibrated", unit="1/N", low=1, high=2**31 - 1)
         ] = 1_000_000,
@@ -292,7 +286,7 @@ class OnrobotHex(Rdt):
     def __init__(
         self,
         *,
-        tool: Point = TOOL_M,
+        tool: Tool = (0.0, 0.0, 0.05),
         status: Status = 0,
         force_range: Rated = 200.0,
         torque_range: RatedTorque = 10.0,

@@ -28,15 +28,13 @@ Evidence: vendor's manual 9610-05-1030-04, section 7; sixteen captured frames of
 Try it: ``tactemu run ati_netcanoem --port can:socketcan:vcan0``, then ``candump vcan0 & cansend vcan0 200#``.
 """
 
-from __future__ import annotations
-
 from typing import Annotated, Literal
 
 import numpy as np
 
 from firmware_protocols import (
-    Can, CanFrame, Column, Command, Counts, Device, Frame, Option, Reading, Sense, Transmissions, fact_table, points,
-    quantize,
+    Can, CanFrame, Column, Counts, Device, Frame, Option, Reading, Sense, Tool, Transmissions, command_table,
+    fact_table, points, quantize,
 )  # fmt: skip
 
 FIRST = Frame("""
@@ -116,6 +114,31 @@ class AtiNetcanoem(Device[CanFrame]):
         "griloHBG/ati-netcanoem-cpp@8967bbd, ToyotaResearchInstitute/tri_hardware_drivers@02d4579, "
         "lapo5/ROS2-HAL-ATI-Mini45@c352310"
     )
+    documented = command_table("""
+        @ manual, table 4.2
+        ? gauges               200#    200#..{8}, 201#..{6}
+        ? row of Fx            202#00  202#..{8}, 203#..{8}, 204#..{8}
+        ? row of Fy            202#01  202#..{8}, 203#..{8}, 204#..{8}
+        ? row of Fz            202#02  202#..{8}, 203#..{8}, 204#..{8}
+        ? row of Tx            202#03  202#..{8}, 203#..{8}, 204#..{8}
+        ? row of Ty            202#04  202#..{8}, 203#..{8}, 204#..{8}
+        ? row of Tz            202#05  202#..{8}, 203#..{8}, 204#..{8}
+        ? serial number        205#    205#..{8}
+        calibration 0          206#00  =
+        calibration 1          206#01  =  status bit 6 marks it as bad
+        ? counts per unit      207#    207#..{8}
+        ? units                208#    208#02 03
+        ? voltage of middle    209#00  209#..{2}
+        ? voltage of thermistor  209#02  209#..{2}
+        ? voltage of power     209#03  209#..{2}
+        ? voltage of DAC       209#04  209#..{2}
+        ? voltage of ground    209#05  209#..{2}
+        reset                  20C#
+        base                   20D#7F  20D#  from the next power-up on
+        500 kbit/s             20E#03  20E#  from the next power-up on
+        ? firmware version     20F#    20F#..{4}
+    """)
+    documented_with = ("serial", "counts_per_force", "counts_per_torque", "status", "order", "tool")
     facts = fact_table("""
         stated touch: gauges 0 2 4 and 1 3 5, signed; a row is asked by its number @ manual, table 4.2
         stated touch: rows times gauges are divided by the counts per force and per torque @ manual, section 10.3
@@ -157,9 +180,7 @@ class AtiNetcanoem(Device[CanFrame]):
             int, Option("status of each reading; bit 14 (16384) is a CAN bus error", low=0, high=0xFFFF)
         ] = 0,
         order: Annotated[Literal["024135", "012345"], Option("which gauge stands at each place")] = "024135",
-        tool: Annotated[
-            tuple[float, float, float], Option("point of contact on the tool, from the sensor's origin", unit="m")
-        ] = (0.0, 0.0, 0.05),
+        tool: Tool = (0.0, 0.0, 0.05),
     ):
         self.first_id, self.order = self.flash.get("base", base) << 4, [int(gauge) for gauge in order]
         self.ports = (Can(bitrate=2_000_000 // self.flash.get("divisor", 8), filters=((self.first_id, 0x7F0),)),)
@@ -215,55 +236,3 @@ class AtiNetcanoem(Device[CanFrame]):
                 FIRMWARE: VERSION.pack(major=3, minor=8, build=2),
             }[code]
         ]
-
-    @property
-    def commands(self) -> tuple[Command, ...]:
-        """The requests that the manual lists: gauges, rows, identity and settings."""
-        ids = [f"{self.first_id + k:03X}#" for k in range(16)]
-        table = "manual, table 4.2"
-        return (
-            Command(name="gauges", request=ids[0], reply=[ids[0] + "..{8}", ids[1] + "..{6}"], origin=table, safe=True),
-            *(
-                Command(
-                    name=f"row of {axis}",
-                    request=f"{ids[2]}{k:02X}",
-                    reply=[each + "..{8}" for each in ids[2:5]],
-                    origin=table,
-                    safe=True,
-                )
-                for k, axis in enumerate(("Fx", "Fy", "Fz", "Tx", "Ty", "Tz"))
-            ),
-            Command(name="serial number", request=ids[5], reply=ids[5] + "..{8}", origin=table, safe=True),
-            Command(name="calibration 0", request=ids[6] + "00", reply=ids[6] + "00", origin=table),
-            Command(
-                name="calibration 1",
-                request=ids[6] + "01",
-                reply=ids[6] + "01",
-                about="status bit 6 marks it as bad",
-                origin=table,
-            ),
-            Command(name="counts per unit", request=ids[7], reply=ids[7] + "..{8}", origin=table, safe=True),
-            Command(name="units", request=ids[8], reply=ids[8] + "02 03", origin=table, safe=True),
-            *(
-                Command(
-                    name=f"voltage of {what}",
-                    request=f"{ids[9]}{k:02X}",
-                    reply=ids[9] + "..{2}",
-                    origin=table,
-                    safe=True,
-                )
-                for k, what in ((0, "middle"), (2, "thermistor"), (3, "power"), (4, "DAC"), (5, "ground"))
-            ),
-            Command(name="reset", request=ids[12], origin=table),
-            Command(
-                name="base", request=ids[13] + "7F", reply=ids[13], about="from the next power-up on", origin=table
-            ),
-            Command(
-                name="500 kbit/s",
-                request=ids[14] + "03",
-                reply=ids[14],
-                about="from the next power-up on",
-                origin=table,
-            ),
-            Command(name="firmware version", request=ids[15], reply=ids[15] + "..{4}", origin=table, safe=True),
-        )

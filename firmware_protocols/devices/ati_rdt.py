@@ -3,8 +3,6 @@
 The datasheet of both is :mod:`firmware_protocols.devices.ati_net_ft`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Literal
 

@@ -36,8 +36,6 @@ Try it: ``tactemu run barrett_bh8 --port can:socketcan:vcan0``, then
 ``candump vcan0 & cansend vcan0 400#85000200; cansend vcan0 00B#EA0002000000``.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Annotated
 
@@ -224,10 +222,6 @@ class BarrettBh8(Device[CanFrame]):
             else:
                 answers += self._get(puck, number, t_ns)
         return answers
-
-    def joints(self, t_ns: int) -> dict[str, float]:
-        """Return the angles of the fingers and of the spread [rad], by name."""
-        return self.motors.joints(t_ns)
 
     def _get(self, puck: int, number: int, t_ns: int) -> list[CanFrame]:
         if number == TACT:

@@ -9,8 +9,6 @@ a value goes unnoticed. This is the glove with a PIC18; those with a Teensy 3.2 
 Try it: ``tactemu run bielefeld_glove``, then the ``SerialInput`` of ubi-agni/TactileGlove on its port.
 """
 
-from __future__ import annotations
-
 from typing import Annotated
 
 import numpy as np

@@ -17,16 +17,14 @@ Status bits as the library names them: 1 throttled, 2 overrange, 4 invalid, 8 ra
 Try it: ``tactemu run bota_sensone``, then a ``BotaDriver`` with Bota_Binary_gen0, BFT-SENS-SER-M8 and SN000001.
 """
 
-from __future__ import annotations
-
 import re
 from typing import Annotated
 
 import numpy as np
 
 from firmware_protocols import (
-    Axis, Column, Command, Counts, Device, Frame, Lines, Option, Reading, Restart, Rollover, Sense, Serial,
-    Transmissions, fact_table, points,
+    Axis, Column, Counts, Device, Frame, Lines, Option, Reading, Restart, Rollover, Sense, Serial, Tool, Transmissions,
+    command_table, fact_table, points, xyz,
 )  # fmt: skip
 
 FRAME = Frame("""
@@ -65,6 +63,22 @@ class BotaSensone(Device):
         "bota-driver 1.1.16 (the vendor's library), as it speaks: LF, filter, offset, p?, status bits, restart",
     )
     judge = "bota-driver 1.1.16, tud-phi/bota_ft_sensors@4b98f94"
+    documented = command_table(r"""
+        @ bota-driver 1.1.16, as it speaks
+        configure                   'C\n'                    'r,0,C,0\r\n'
+        serial number and model     'C\n'; 'p?\n'            70 2C 30 2C *
+        communication               'C\n'; 'c,0,1,0,4\n'     'r,0,c,0\r\n'
+        512 samples to a frame      'C\n'; 'f,512,0,0,1\n'   'r,0,f,0\r\n'
+        64 samples to a frame       'C\n'; 'f,64,0,0,1\r\n'  'r,0,f,0\r\n'
+        offset                      'C\n'; 'b,1.500000,-2.250000,0.000000,0.000000,0.000000,0.125000\n'
+            'r,0,b,0\r\n'
+        what follows a configuration  'C\n'; 's\n'           'r,0,s,0\r\n'
+        run                         'C\n'; 'R\n'             'r,0,R,0\r\n'
+        @ bota_ft_sensors@4b98f94 senseone.py
+        configure, without an end   'C'                      'r,0,C,0\r\n'
+        run, without an end         'C\n'; 'R'               'r,0,R,0\r\n'
+    """)
+    documented_with = None
     facts = fact_table("""
         stated touch: forces, torques and temperature as floats, N, Nm and degrees @ tud-phi/bota_ft_sensors@4b98f94
             python/senseone.py:170-180; bota-driver 1.1.16, as it shows them
@@ -93,9 +107,7 @@ class BotaSensone(Device):
     def __init__(
         self,
         *,
-        tool: Annotated[
-            tuple[float, float, float], Option("point of contact on the tool, from the sensor's origin", unit="m")
-        ] = (0.0, 0.0, 0.05),
+        tool: Tool = (0.0, 0.0, 0.05),
         force_range: Annotated[float, Option("largest force along each axis", unit="N", low=1e-3)] = 500.0,
         torque_range: Annotated[float, Option("largest torque about each axis", unit="Nm", low=1e-3)] = 15.0,
         serial_number: Annotated[int, Option("SN000001 is 1", low=0, high=999)] = 1,
@@ -103,54 +115,17 @@ class BotaSensone(Device):
     ):
         self.layout = points({"tool": tool})
         self.range = np.array([force_range] * 3 + [torque_range] * 3)
+        most, floats = {"N": force_range, "Nm": torque_range}, {"counts_per_unit": 1.0, "is_float": True}
         self.columns = (
-            *(
-                Column(name=f"{letter}{axis}", axis=axis, unit=unit, counts_per_unit=1.0, low=-most, high=most)
-                for letter, unit, most in (("F", "N", force_range), ("M", "Nm", torque_range))
-                for axis in AXES
-            ),
-            Column(name="T", sense="temperature", unit="degC", counts_per_unit=1.0, low=-1e6, high=1e6, rest=25.0),
-        )
+            *(each for name, unit in (("Fx Fy Fz", "N"), ("Mx My Mz", "Nm"))
+              for each in xyz(name, unit=unit, low=-most[unit], high=most[unit], **floats)),
+            Column(name="T", sense="temperature", unit="degC", low=-1e6, high=1e6, rest=25.0, **floats),
+        )  # fmt: skip
         self.lines_in = Lines(counters=self.counters, longest=96)
         self.clock_us = 0
         self.offset = np.zeros(6)
         self.identity = f"p,0,{serial_number:03d},0,0,{model}\r\n".encode("ascii")
         self.configuring = self.running = False
-
-    @property
-    def commands(self) -> tuple[Command, ...]:
-        """The hosts' commands, after the C with which they begin."""
-        library, example = "bota-driver 1.1.16, as it speaks", "bota_ft_sensors@4b98f94 senseone.py"
-        configured = (
-            ("communication", b"c,0,1,0,4\n", "63", library),
-            ("512 samples to a frame", b"f,512,0,0,1\n", "66", library),
-            ("64 samples to a frame", b"f,64,0,0,1\r\n", "66", library),
-            ("offset", b"b,1.500000,-2.250000,0.000000,0.000000,0.000000,0.125000\n", "62", library),
-            ("what follows a configuration", b"s\n", "73", library),
-            ("run", b"R\n", "52", library),
-            ("run, without an end", b"R", "52", example),
-        )
-        return (
-            Command(name="configure", request="43 0A", reply="72 2C 30 2C 43 2C 30 0D 0A", origin=library),
-            Command(name="configure, without an end", request="43", reply="72 2C 30 2C 43 2C 30 0D 0A", origin=example),
-            Command(
-                name="serial number and model",
-                request="70 3F 0A",
-                reply="70 2C 30 2C *",
-                after=("43 0A",),
-                origin=library,
-            ),
-            *(
-                Command(
-                    name=name,
-                    request=line.hex(" "),
-                    reply=f"72 2C 30 2C {letter} 2C 30 0D 0A",
-                    after=("43 0A",),
-                    origin=origin,
-                )
-                for name, line, letter, origin in configured
-            ),
-        )
 
     def measure(self, reading: Reading, t_ns: int) -> Counts:
         """Return float32 by sense, as sent: Fx Fy Fz [N] Mx My Mz [Nm] ``(1, 6)``; temperature [deg C] ``(1,)``."""
@@ -189,9 +164,7 @@ class BotaSensone(Device):
         self.counters["requests"] += 1
         if line == b"C":
             self.configuring, self.running = True, False
-        elif line == b"R" and self.running:
-            pass
-        elif not self.configuring or not self._configured(line):
+        elif not (line == b"R" and self.running) and not (self.configuring and self._configured(line)):
             self.counters["refused"] += 1
             return []
         return [self.identity * (line == b"p?") + b"r,0,%c,0\r\n" % line[0]]

@@ -45,8 +45,6 @@ Try it: ``tactemu run brainco_revo2``, then ``bc_stark_sdk.main_mod.modbus_open(
 ``await client.get_touch_sensor_status(0x7E)``.
 """
 
-from __future__ import annotations
-
 from firmware_protocols import Can, CanFrame, Command, Rs485, Transmissions, with_payload
 from firmware_protocols.devices.brainco_revo2_hand import BAUDS, Revo2
 from firmware_protocols.protocols.modbus import Banks, Rtu, answer, rtu, silence_ns

@@ -3,8 +3,6 @@
 Its datasheet is :mod:`firmware_protocols.devices.brainco_revo2`.
 """
 
-from __future__ import annotations
-
 from abc import abstractmethod
 from collections.abc import Sequence
 from typing import Annotated, Any, Literal

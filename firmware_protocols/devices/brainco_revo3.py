@@ -32,8 +32,6 @@ Try it: ``tactemu run brainco_revo3``, then
 ``await bc_revo3_sdk.Manager().connect_auto(port=..., protocol=ProtocolType.Modbus, slave_id=0x7E)``.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Annotated, Literal
 

@@ -23,8 +23,6 @@ Commands are text with LF; the library appends a NUL to some. None is answered.
 Try it: ``tactemu run contactile_papillarray``; packets of 817 bytes, the first pillar's force at byte 67.
 """
 
-from __future__ import annotations
-
 from typing import Annotated
 
 import numpy as np

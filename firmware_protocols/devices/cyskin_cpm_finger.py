@@ -14,16 +14,12 @@ Evidence: two published readers, one of them run, and recordings of a fingertip 
 Try it: ``tactemu run cyskin_cpm_finger --port can:socketcan:vcan0``, then ``candump vcan0``.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Annotated
 
 import numpy as np
 
-from firmware_protocols import (
-    Can, CanFrame, Column, Counts, Device, Frame, Option, Reading, Transmissions, fact_table, filled, quantize,
-)  # fmt: skip
+from firmware_protocols import Can, CanFrame, Column, Device, Frame, Option, Transmissions, fact_table, filled
 
 FOUR = Frame("""
     four taxels
@@ -77,16 +73,12 @@ class CyskinCpmFinger(Device[CanFrame]):
     def __init__(
         self, *, rest: Annotated[int, Option("counts of an untouched taxel", low=0, high=0xFFFF)] = REST_COUNTS
     ):
-        self.columns = (Column(name="touch", low=0, high=0xFFFF, rest=rest, push=1),)
+        self.columns = (
+            Column(name="touch", low=0, high=0xFFFF, rest=rest, assumed_per_unit=COUNTS_PER_NEWTON, push=1),
+        )
         self.layout = replace(
             filled(len(WIRE_ORDER), WIDTH_M, LENGTH_M, name="finger"), wire_order=np.array(WIRE_ORDER)
         )
-        self.rest = rest
-
-    def measure(self, reading: Reading, t_ns: int) -> Counts:
-        """Return raw counts of the normal force on each taxel, 0..65535, shape ``(16,)``."""
-        self.counts = quantize(self.layout.push(reading["force"]), COUNTS_PER_NEWTON, rest=self.rest)
-        return self.counts
 
     def stream(self, t_ns: int, name: str) -> Transmissions[CanFrame]:
         """Return one scan: four frames of taxels and one of proximity."""

@@ -23,16 +23,13 @@ Evidence: the vendor's two drivers, run.
 Try it: ``tactemu run dexrobot_dexhand --port can:socketcan:vcan0``, then ``candump vcan0``.
 """
 
-from __future__ import annotations
-
-from collections.abc import Mapping
 from typing import Annotated, Literal
 
 import numpy as np
 
 from firmware_protocols import (
-    Can, CanFrame, Column, Command, Counts, Device, Frame, Motors, Option, Reading, Transmissions, fact_table, points,
-    quantize, stack,
+    Can, CanFrame, Column, Counts, Device, Frame, Motors, Option, Reading, Transmissions, command_table, fact_table,
+    points, quantize, stack,
 )  # fmt: skip
 
 FEEDBACK = Frame("""
@@ -109,6 +106,18 @@ class DexrobotDexHand(Device[CanFrame]):
         f"{CPP}include/Protocols.h, libs/libdexhand_sdk_cpp.so",
     )
     judge = "DexRobot/pyzlg_dexhand@316575a, DexRobot/dexhand021_linux_sdk_cpp@185f7c8"
+    documented = command_table("""
+        @ DexRobot/pyzlg_dexhand@316575a pyzlg_dexhand/dexhand_interface.py, dexhand_protocol/*.py
+        feedback every 10 ms   001##10374010101                          081##103740001
+        feedback when asked    001##10374020101                          081##103740001
+        feedback on change     001##10374030101                          081##103740001
+        feedback off           001##10374010100                          081##103740001
+        clear errors           001##103A4                                081##103A40001
+        motion, as a question  001##10374020101; 101##1 44 03 E803 D007  181##1..{48}
+        @ DexRobot/dexhand021_linux_sdk_cpp@185f7c8 include/Protocols.h, libs/libdexhand_sdk_cpp.so
+        ? version              001##10102000000000000                    081##1..{4}
+        motion                 101##1 44 03 E803 D007                    -  both motors to 10 and 20 deg
+    """)
     facts = fact_table(f"""
         stated touch: boards are thumb, palm, index, middle, ring, little @ {PYZLG}dexhand_interface.py:99 finger_map
         stated touch: the same order, the palm without fingertip @ {CPP}include/Protocols.h:222, status_data
@@ -222,36 +231,6 @@ class DexrobotDexHand(Device[CanFrame]):
         elif data[:2] != CLEAR_ERRORS:
             return None
         return [_fd(REPLY | self.first + board, answer)]
-
-    def joints(self, t_ns: int) -> Mapping[str, float]:
-        """Return the angles of the twelve joints [rad], by name."""
-        return self.motors.joints(t_ns)
-
-    @property
-    def commands(self) -> tuple[Command, ...]:
-        """Set-up and motion messages to the thumb's board; the others accept the same."""
-        to, reply, state = (f"{base | self.first:03X}##1" for base in (TO_BOARD, REPLY, STATE))
-        motion = f"{MOVE | self.first:03X}##1 44 03 E803 D007"
-        python, cpp = self.sources
-        return (
-            *(
-                Command(
-                    name=f"feedback {name}", request=f"{to}0374{mode:02X}0101", reply=f"{reply}03740001", origin=python
-                )
-                for mode, name in ((PERIODIC, "every 10 ms"), (WHEN_ASKED, "when asked"), (ON_CHANGE, "on change"))
-            ),
-            Command(name="feedback off", request=f"{to}0374010100", reply=f"{reply}03740001", origin=python),
-            Command(name="clear errors", request=f"{to}03A4", reply=f"{reply}03A40001", origin=python),
-            Command(name="version", request=f"{to}0102{'00' * 6}", reply=f"{reply}..{{4}}", origin=cpp, safe=True),
-            Command(name="motion", request=motion, reply=None, about="both motors to 10 and 20 deg", origin=cpp),
-            Command(
-                name="motion, as a question",
-                request=motion,
-                after=(f"{to}0374020101",),
-                reply=f"{state}..{{48}}",
-                origin=python,
-            ),
-        )
 
 
 def _fd(ident: int, data: bytes) -> CanFrame:

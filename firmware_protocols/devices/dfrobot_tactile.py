@@ -21,8 +21,6 @@ rows that it reads: its first row is the last one in the registers. It opens /de
 Try it: ``tactemu run dfrobot_tactile``, then ``01 04 00 07 00 20 40 13`` for 32 values.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Annotated, Literal
@@ -30,7 +28,7 @@ from typing import Annotated, Literal
 import numpy as np
 
 from firmware_protocols import (
-    Column, Command, Counts, Device, Option, Reading, RegisterMap, Registers, Rs485, Transmissions, fact_table,
+    Column, Counts, Device, Option, Reading, RegisterMap, Registers, Rs485, Transmissions, command_table, fact_table,
     grid_layout, quantize,
 )  # fmt: skip
 from firmware_protocols.protocols.modbus import Banks, Rtu, rtu, silence_ns
@@ -81,6 +79,34 @@ class DfrobotTactile(Device):
         "Modbus application protocol V1.1b3; Modbus over serial line V1.02",
     )
     judge = DRIVER
+    documented = command_table(
+        """
+        @ DFRobot/DFRobot_TactileSensor@962a7b3 python/raspberrypi, src (the vendor's own)
+        ? vendor                            04 00 00 00 01 31 CA                 04 02 33 43 EC 31
+        ? product                           04 00 01 00 01 60 0A                 04 02 33 43 EC 31
+        ? version                           04 00 05 00 01 21 CB                 0402..{2} ..{2}
+        ? state                             04 00 06 00 01 D1 CB                 04 02 00 01 78 F0
+        ? 32 values                         04 00 07 00 20 40 13                 0440..{64} ..{2}
+        ? 36 values                         04 00 07 00 24 41 D0                 0448..{72} ..{2}
+        ? model                             04 00 2B 00 01 41 C2                 0402..{2} ..{2}
+        ? unit                              03 00 02 00 01 25 CA                 03 02 01 00 B9 D4
+        unit 1 again, bytes turned          06 00 02 01 00 29 9A                 =
+        line speed 115200, bytes turned     06 00 03 08 00 7E 0A                 =
+        one stop bit, no parity             06 00 04 01 00 C9 9B                 =
+        threshold 300, bytes turned         06 00 06 2C 01 B4 CB                 =
+        50 readings a second, bytes turned  06 00 08 01 00 09 98                 =
+        settings as delivered               06 00 07 00 00 38 0B                 =
+        unit and line speed                 10 00 02 00 02 04 01 00 03 00 73 7A  10 00 02 00 02 E0 08
+        @ Modbus application protocol V1.1b3; Modbus over serial line V1.02
+        line speed 2: illegal value         06 00 03 02 00 78 AA                 86 03 02 61
+        threshold 4096: illegal value       06 00 06 00 10 68 07                 86 03 02 61
+        ? beyond the map: illegal address   04 00 2C 00 01 F0 03                 84 02 C2 C1
+        write a product: illegal address    06 00 01 00 01 19 CA                 86 02 C3 A1
+        read coils: illegal function        01 00 00 00 01 FD CA                 81 01 81 90
+        """,
+        head="01",
+    )
+    documented_with = ("model", "baud")
     facts = fact_table(f"""
         stated touch: a value in a register, rows from the bottom @ {PYTHON}:131-150
         stated touch: 0: 4 rows of 8, 1: 6 rows of 6 @ {PYTHON}:91-116
@@ -151,45 +177,3 @@ class DfrobotTactile(Device):
         self.period_ns = PERIODS_NS[self.registers["rate"]]
         self.flash.update(self.registers.kept())
         return written
-
-    @property
-    def commands(self) -> tuple[Command, ...]:
-        """Requests to a sensor with unit 1."""
-        if self.registers["unit"] != 1:
-            return ()
-        return tuple(
-            Command(
-                name=name,
-                request=f"01 {request}",
-                reply=f"01 {reply or request}",
-                origin=origin,
-                safe=request[:2] in ("03", "04"),
-            )
-            for name, request, reply, origin in _EXAMPLES
-        )
-
-
-_DRIVER, _STANDARD = DfrobotTactile.sources
-_EXAMPLES = (
-    # name, request, answer, without the unit; CRC by pymodbus; a write of one register comes back as it was
-    ("vendor", "04 00 00 00 01 31 CA", "04 02 33 43 EC 31", _DRIVER),
-    ("product", "04 00 01 00 01 60 0A", "04 02 33 43 EC 31", _DRIVER),
-    ("version", "04 00 05 00 01 21 CB", "0402..{2} ..{2}", _DRIVER),
-    ("state", "04 00 06 00 01 D1 CB", "04 02 00 01 78 F0", _DRIVER),
-    ("32 values", "04 00 07 00 20 40 13", "0440..{64} ..{2}", _DRIVER),
-    ("36 values", "04 00 07 00 24 41 D0", "0448..{72} ..{2}", _DRIVER),
-    ("model", "04 00 2B 00 01 41 C2", "0402..{2} ..{2}", _DRIVER),
-    ("unit", "03 00 02 00 01 25 CA", "03 02 01 00 B9 D4", _DRIVER),
-    ("unit 1 again, bytes turned", "06 00 02 01 00 29 9A", "", _DRIVER),
-    ("line speed 115200, bytes turned", "06 00 03 08 00 7E 0A", "", _DRIVER),
-    ("one stop bit, no parity", "06 00 04 01 00 C9 9B", "", _DRIVER),
-    ("threshold 300, bytes turned", "06 00 06 2C 01 B4 CB", "", _DRIVER),
-    ("50 readings a second, bytes turned", "06 00 08 01 00 09 98", "", _DRIVER),
-    ("settings as delivered", "06 00 07 00 00 38 0B", "", _DRIVER),
-    ("unit and line speed", "10 00 02 00 02 04 01 00 03 00 73 7A", "10 00 02 00 02 E0 08", _DRIVER),
-    ("line speed 2: illegal value", "06 00 03 02 00 78 AA", "86 03 02 61", _STANDARD),
-    ("threshold 4096: illegal value", "06 00 06 00 10 68 07", "86 03 02 61", _STANDARD),
-    ("beyond the map: illegal address", "04 00 2C 00 01 F0 03", "84 02 C2 C1", _STANDARD),
-    ("write a product: illegal address", "06 00 01 00 01 19 CA", "86 02 C3 A1", _STANDARD),
-    ("read coils: illegal function", "01 00 00 00 01 FD CA", "81 01 81 90", _STANDARD),
-)

@@ -11,15 +11,13 @@ modelled. Touch is six raw counts of capacitance, 0 to 4095; acceleration and an
 Try it: ``tactemu run digity_exohand``, then ``for frame in GloveStream(port=...).connect(): ...``.
 """
 
-from __future__ import annotations
-
 from typing import Annotated, Literal
 
 import numpy as np
 
 from firmware_protocols import (
-    USB, Axis, Column, Counts, Device, Frame, Option, Quantity, Reading, Rollover, Sense, Serial, Transmissions,
-    fact_table, grid_layout, points, quantize, stack,
+    USB, Column, Counts, Device, Frame, Option, Quantity, Reading, Rollover, Sense, Serial, Transmissions, fact_table,
+    grid_layout, points, quantize, stack, xyz,
 )  # fmt: skip
 
 PACKET = Frame("""
@@ -73,7 +71,6 @@ PITCH_M = 0.006
 
 Record = Literal["angles", "imu", "touch"]
 RECORD_PARTS: dict[Record, int] = {"angles": 1, "imu": 2, "touch": 3}
-AXES: tuple[Axis, ...] = ("x", "y", "z")
 MOTION_SCALES: dict[Quantity, tuple[str, float]] = {
     "acceleration": ("m/s^2", 16384 / 9.80665),
     "angular_velocity": ("rad/s", 131 * 180 / np.pi),
@@ -123,28 +120,24 @@ class DigityExohand(Device):
         self.columns = (
             Column(name="touch", unit="N", counts_per_unit=counts_per_newton, low=0, high=4095, push=1),
             *(
-                Column(name=axis, axis=axis, sense=sense, unit=unit, counts_per_unit=scale, low=-0x8000, high=0x7FFF)
+                column
                 for sense, (unit, scale) in MOTION_SCALES.items()
-                for axis in AXES
+                for column in xyz("x y z", sense=sense, unit=unit, counts_per_unit=scale, low=-0x8000, high=0x7FFF)
             ),
         )
-        self.side, self.records, self.counts_per_newton = int(side == "left"), records, counts_per_newton
+        self.side, self.records = int(side == "left"), records
         self.angles = quantize(angles, 100, -0x8000, 0x7FFF)
         self.sequence = 0
 
     def measure(self, reading: Reading, t_ns: int) -> Counts:
         """Return, by sense, touch 0..4095 of 30 channels by finger; x, y, z of acceleration and angular velocity."""
-        self.counts = quantize(self.layout.push(reading["force"]), self.counts_per_newton, 0, 4095)
-        motion = {
-            sense: quantize(reading[sense], scale, -0x8000, 0x7FFF) for sense, (_, scale) in MOTION_SCALES.items()
-        }
-        self.motion, self.felt_ns = np.concatenate(list(motion.values()), axis=1), t_ns
-        return {"force": self.counts, **motion}
+        self.felt_ns = t_ns
+        return super().measure(reading, t_ns)
 
     def stream(self, t_ns: int, name: str) -> Transmissions:
         """Return one packet for each finger."""
         self.sequence = self.sequence + 1 & 0xFFFF
-        touch = self.layout.on_wire(self.counts).reshape(len(FINGERS), -1)
+        touch = self.layout.on_wire(self.counts["force"]).reshape(len(FINGERS), -1)
         return [
             PACKET.pack(side=self.side, board=k, sequence=self.sequence, payload=self._payload(k, touch[k]))
             for k in range(len(FINGERS))
@@ -152,9 +145,10 @@ class DigityExohand(Device):
 
     def _payload(self, finger: int, touch: np.ndarray) -> bytes:
         time, step = self.felt_ns // 1000, self.period_ns // 1000
+        motion = np.concatenate([self.counts[each][finger] for each in MOTION_SCALES])
         made = {
             "angles": lambda ident: ANGLES.pack(id=ident, time=time, step=step, angles=self.angles),
-            "imu": lambda ident: IMU.pack(id=ident, time=time, step=step, motion=self.motion[finger]),
+            "imu": lambda ident: IMU.pack(id=ident, time=time, step=step, motion=motion),
             "touch": lambda ident: TOUCH.pack(id=ident, time=time, touch=touch),
         }
         return bytes([len(self.records)]) + b"".join(

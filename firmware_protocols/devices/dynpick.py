@@ -15,20 +15,15 @@ Wire: 921600 8N1 through a CP210x bridge (10C4:EA60). The host sends letters; an
 Try it: ``tactemu run dynpick``, then send ``R``.
 """
 
-from __future__ import annotations
-
 from typing import Annotated
 
-import numpy as np
 
 from firmware_protocols import (
-    USB, Axis, Column, Command, Counts, Device, Option, Reading, Sense, Serial, Transmissions, fact_table, points,
-    quantize,
+    USB, Axis, Column, Device, Option, Sense, Serial, Tool, Transmissions, command_table, fact_table, points, xyz,
 )  # fmt: skip
 
 REST_COUNTS = 8192
 MAX_COUNTS = 16383
-COUNTS_PER_DEG = 16.0
 PERIOD_NS = 2_000_000
 DIVIDERS = "1248"
 SENSITIVITY_WIDTHS = (6, 6, 6, 7, 7, 7)
@@ -54,6 +49,21 @@ class DynPick(Device):
     evidence = ("driver",)
     sources = (f"{TORK} src/main.cpp, doc/index.rst", f"{UMEMOTO} DynPick.py", f"{RUST} src/lib.rs")
     judge = f"{TORK}, {UMEMOTO}, {RUST}"
+    documented = command_table("""
+        @ tork-a/dynpick_driver@d5ea649 src/main.cpp, doc/index.rst
+        ? read                  'R'      30 ..{24} 0D 0A
+        zero                    'O'
+        each second conversion  '2F'
+        divider                 '2F'; '0F'  32 0D 0A
+        @ UmemotoCtrl/Matlab-Python-for-Dynpick@4bb2812 DynPick.py
+        start                   'S'
+        stop                    'E'
+        ? temperature           'T'      ..{4} 0D 0A
+        ? version               'V'      *
+        @ Amelia10007/dynpick-force-torque-sensor-rs@89f6db0 src/lib.rs
+        ? sensitivity           'p'      ..{44} 0D 0A
+    """)
+    documented_with = None
     facts = fact_table(f"""
         stated touch: six numbers of four hexadecimal digits, 8192 is zero @ {TORK} src/main.cpp:237-249
         stated touch: z points towards the tool mount @ {TORK} urdf/dynpick_WEF-6A200_macro.xacro:40-50
@@ -80,9 +90,7 @@ class DynPick(Device):
     def __init__(
         self,
         *,
-        tool: Annotated[
-            tuple[float, float, float], Option("point of contact on the tool, from the sensor's origin", unit="m")
-        ] = (0.0, 0.0, 0.05),
+        tool: Tool = (0.0, 0.0, 0.05),
         counts_per_newton: Annotated[
             float, Option("scale of the three forces", unit="1/N", low=1e-3, high=99999)
         ] = 50.0,
@@ -92,45 +100,15 @@ class DynPick(Device):
         version: Annotated[str, Option("answer to V: product and firmware")] = "DynPick 1.00",
     ):
         self.layout = points({"tool": tool})
-        self.scale = np.array([counts_per_newton] * 3 + [counts_per_newton_metre] * 3)
+        self.scale = [counts_per_newton] * 3 + [counts_per_newton_metre] * 3
+        limits = {"sense": "wrench", "low": 0, "high": MAX_COUNTS, "rest": REST_COUNTS}
         self.columns = (
-            *(
-                Column(
-                    name=f"{letter}{axis}", axis=axis, sense="wrench", unit=unit, counts_per_unit=scale,
-                    low=0, high=MAX_COUNTS, rest=REST_COUNTS,
-                )
-                for letter, unit, scale in (("F", "N", counts_per_newton), ("M", "Nm", counts_per_newton_metre))
-                for axis in AXES
-            ),
-            Column(name="T", sense="temperature", unit="degC", counts_per_unit=COUNTS_PER_DEG,
-                   low=0, high=0xFFFF, rest=400),
-        )  # fmt: skip
-        self.version = version
-        self.felt = self.zero = np.zeros((1, 6))
-        self.tick, self.streaming, self.digit, self.divider = 0, False, "", DIVIDERS[0]
-
-    @property
-    def commands(self) -> tuple[Command, ...]:
-        """The letters, each with its answer."""
-        tork, umemoto, rust = self.sources
-        return (
-            Command(name="read", request="52", reply="30 ..{24} 0D 0A", origin=tork, safe=True),
-            Command(name="sensitivity", request="70", reply="..{44} 0D 0A", origin=rust, safe=True),
-            Command(name="zero", request="4F", origin=tork),
-            Command(name="each second conversion", request="32 46", origin=tork),
-            Command(name="divider", request="30 46", reply="32 0D 0A", after=("32 46",), origin=tork),
-            Command(name="start", request="53", origin=umemoto),
-            Command(name="stop", request="45", origin=umemoto),
-            Command(name="temperature", request="54", reply="..{4} 0D 0A", origin=umemoto, safe=True),
-            Command(name="version", request="56", reply="*", origin=umemoto, safe=True),
+            *xyz("Fx Fy Fz", unit="N", counts_per_unit=counts_per_newton, **limits),
+            *xyz("Mx My Mz", unit="Nm", counts_per_unit=counts_per_newton_metre, **limits),
+            Column(name="T", sense="temperature", unit="degC", counts_per_unit=16.0, low=0, high=0xFFFF, rest=400),
         )
-
-    def measure(self, reading: Reading, t_ns: int) -> Counts:
-        """Return, by sense, Fx Fy Fz Mx My Mz, 8192 for zero, ``(1, 6)``; temperature [1/16 deg C] ``(1,)``."""
-        self.felt = reading["wrench"]
-        self.counts = quantize(self.felt - self.zero, self.scale, 0, MAX_COUNTS, rest=REST_COUNTS)
-        self.warmth = quantize(reading["temperature"], COUNTS_PER_DEG)
-        return {"wrench": self.counts, "temperature": self.warmth}
+        self.version = version
+        self.tick, self.streaming, self.digit, self.divider = 0, False, "", DIVIDERS[0]
 
     def stream(self, t_ns: int, name: str) -> Transmissions:
         """Return one line, between S and E."""
@@ -142,7 +120,7 @@ class DynPick(Device):
 
     def _reading(self) -> str:
         tick, self.tick = self.tick, (self.tick + 1) % 10
-        return f"{tick}" + "".join(f"{count:04X}" for count in self.counts[0].tolist())
+        return f"{tick}" + "".join(f"{count:04X}" for count in self.counts["wrench"][0].tolist())
 
     def _answer(self, letter: str) -> list[str]:
         digit, self.digit = self.digit, letter if letter.isdigit() else ""
@@ -152,9 +130,9 @@ class DynPick(Device):
         if letter == "R":
             return [self._reading()]
         if letter == "p":
-            return [",".join(f"{scale:.5f}"[:width] for scale, width in zip(self.scale.tolist(), SENSITIVITY_WIDTHS))]
+            return [",".join(f"{scale:.5f}"[:width] for scale, width in zip(self.scale, SENSITIVITY_WIDTHS))]
         if letter == "T":
-            return [f"{self.warmth[0]:04X}"]
+            return [f"{self.counts['temperature'][0]:04X}"]
         if letter == "V":
             return [self.version]
         if letter == "F" and digit == "0":
@@ -164,7 +142,7 @@ class DynPick(Device):
         elif letter in "SE":
             self.streaming = letter == "S"
         elif letter == "O":
-            self.zero = self.felt
+            self.zero = self.present
         else:
             self.counters["unknown_command"] += 1
         return []

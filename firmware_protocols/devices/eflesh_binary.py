@@ -15,15 +15,13 @@ Other eFlesh boards send the stream of ``anyskin``; this board's other firmware 
 Try it: ``tactemu run eflesh_binary``, then ``skin_reader(port, 921600, ...)`` of eflesh_calib/skin_stream.py.
 """
 
-from __future__ import annotations
-
 from typing import Annotated, Literal
 
 import numpy as np
 
 from firmware_protocols import (
-    USB, Axis, Column, Counts, Device, Frame, Layout, LinearMagnet, Option, Patch, Quantity, Reading, Restart, Rollover,
-    Serial, Transmissions, fact_table,
+    USB, Counts, Device, FieldGains, Frame, Layout, LinearMagnet, Option, Patch, Quantity, Reading, Restart, Rollover,
+    Sees, Serial, Transmissions, fact_table, xyz,
 )  # fmt: skip
 
 FRAME = Frame("""
@@ -40,7 +38,6 @@ REST_UT = (7800.0, 6200.0, 6000.0, -3700.0, 4400.0)
 """Bz of the untouched skin at each chip."""
 STEP_UT = np.array([0.150, 0.150, 0.242])
 """The steps of x, y and z with RES_16; RES_19 drops three bits."""
-AXES: tuple[Axis, ...] = ("x", "y", "z")
 
 
 class EfleshBinary(Device):
@@ -78,14 +75,8 @@ class EfleshBinary(Device):
         resolution: Annotated[Literal[16, 19], Option("RES of the chips; with 16 a press wraps around")] = 19,
         missing: Annotated[tuple[int, ...], Option("sensors that do not answer", low=1, high=5)] = (),
         zero_frames: Annotated[bool, Option("the oversampling is too slow: two frames of three are zero")] = False,
-        gains: Annotated[
-            tuple[float, float, float],
-            Option("field per force along x, y and z of a sensor, z out of the skin", unit="uT/N"),
-        ] = (500.0, 500.0, -1000.0),
-        sees: Annotated[
-            Literal["force", "field"],
-            Option("force times `gains`, or the field that a transducer of the scene gives"),
-        ] = "force",
+        gains: FieldGains = (500.0, 500.0, -1000.0),
+        sees: Sees = "force",
     ):
         self.sees: Quantity = sees
         self.senses = (self.sees,)
@@ -95,10 +86,7 @@ class EfleshBinary(Device):
             patches=(Patch(name="skin", start=0, rows=0, cols=5, pitch=PITCH_M),),
         )
         self.step, self.wraps = STEP_UT * 2.0 ** (resolution - 16), resolution == 16
-        self.columns = tuple(
-            Column(name=f"B{axis}", axis=axis, unit="uT", counts_per_unit=1.0, low=-0x8000 * step, high=0x7FFF * step)
-            for axis, step in zip(AXES, self.step.tolist())
-        )
+        self.columns = xyz("Bx By Bz", unit="uT", counts_per_unit=1.0, low=-0x8000 * self.step, high=0x7FFF * self.step)
         rest = np.array([(0.0, 0.0, z) for z in REST_UT])
         self.magnet = LinearMagnet(gain=np.sign(rest[:, 2:]) * gains, offset=rest)
         self.answering = ~np.isin(np.arange(1, 6), missing)[:, None]

@@ -29,8 +29,8 @@ from typing import Annotated
 import numpy as np
 
 from firmware_protocols import (
-    Column, Command, Counts, Device, Motors, Option, Reading, RegisterMap, Registers, Rs485, Sense, Sent, Transmissions,
-    fact_table, points, quantize,
+    Column, Counts, Device, Motors, Option, Reading, RegisterMap, Registers, Rs485, Sense, Sent, Transmissions,
+    command_table, fact_table, points, quantize,
 )  # fmt: skip
 from firmware_protocols.protocols.feetech import ServoLine
 
@@ -250,6 +250,28 @@ class FeetechSts3215(Device):
         "ftservo/ftservo-wiki@9522ce1 official-specs.json (speeds)",
     )
     judge = "feetech-servo-sdk 1.0.0, lerobot 0.4.4"
+    documented = command_table(
+        """
+        @ as lerobot 0.4.4 sends it
+        ? ping     01 02 01 FB                          01 02 00 FC
+        ? ping all   FE 02 01 FE
+            01 02 00 FC, 02 02 00 FB, 03 02 00 FA, 04 02 00 F9, 05 02 00 F8, 06 02 00 F7  one after another
+        ? model    01 04 02 03 02 F3                    01 04 00 09 03 EE
+        ? position   01 04 02 38 02 BE                    01 04 00 .. .. ..
+        torque on  01 04 03 28 01 CE                    01 02 00 FC
+        offset     02 05 03 1F 54 09 79                 02 02 00 FB
+        reg write  01 05 04 2A 00 08 C3                 01 02 00 FC
+        action     FE 02 05 FA                          -  what reg writes ordered
+        ? positions  FE 0A 82 38 02 01 02 03 04 05 06 26
+            01 04 00 .. .. .., 02 04 00 .. .. .., 03 04 00 .. .. .., 04 04 00 .. .. .., 05 04 00 .. .. ..,
+            06 04 00 .. .. ..
+        goals      FE 0A 83 2A 02 01 00 08 02 64 09 D0
+        @ vendor's memory table; sum by feetech-servo-sdk 1.0.0
+        middle     01 04 03 28 80 4F                    01 02 00 FC  here is 2048
+        500 kbaud  01 04 03 06 01 F0                    01 02 00 FC
+        """,
+        head="FF FF",
+    )
     facts = fact_table(f"""
         assumed touch: full torque 2.94 Nm; load is what the motor does against an outside load @ {_READ}
         stated identity: model 777; firmwares of all servos agree @ lerobot 0.4.4 motors/feetech/tables.py, feetech.py
@@ -347,50 +369,3 @@ class FeetechSts3215(Device):
         }
 
     # -- datasheet -------------------------------------------------------------------------------------------------
-
-    @property
-    def commands(self) -> tuple[Command, ...]:
-        """Each instruction, to an arm with default options."""
-        driver, table = "as lerobot 0.4.4 sends it", "vendor's memory table; sum by feetech-servo-sdk 1.0.0"
-        done = "FF FF 01 02 00 FC"
-        if self.options:
-            return ()
-        return (
-            Command(name="ping", request="FF FF 01 02 01 FB", reply=done, origin=driver, safe=True),
-            Command(
-                name="ping all",
-                request="FF FF FE 02 01 FE",
-                reply=[f"FF FF {ident:02X} 02 00 {0xFD - ident:02X}" for ident in range(1, 7)],
-                about="one after another",
-                origin=driver,
-                safe=True,
-            ),
-            Command(
-                name="model",
-                request="FF FF 01 04 02 03 02 F3",
-                reply="FF FF 01 04 00 09 03 EE",
-                origin=driver,
-                safe=True,
-            ),
-            Command(
-                name="position",
-                request="FF FF 01 04 02 38 02 BE",
-                reply="FF FF 01 04 00 .. .. ..",
-                origin=driver,
-                safe=True,
-            ),
-            Command(name="torque on", request="FF FF 01 04 03 28 01 CE", reply=done, origin=driver),
-            Command(name="middle", request="FF FF 01 04 03 28 80 4F", reply=done, about="here is 2048", origin=table),
-            Command(name="offset", request="FF FF 02 05 03 1F 54 09 79", reply="FF FF 02 02 00 FB", origin=driver),
-            Command(name="reg write", request="FF FF 01 05 04 2A 00 08 C3", reply=done, origin=driver),
-            Command(name="action", request="FF FF FE 02 05 FA", about="what reg writes ordered", origin=driver),
-            Command(
-                name="positions",
-                request="FF FF FE 0A 82 38 02 01 02 03 04 05 06 26",
-                reply=[f"FF FF {ident:02X} 04 00 .. .. .." for ident in range(1, 7)],
-                origin=driver,
-                safe=True,
-            ),
-            Command(name="goals", request="FF FF FE 0A 83 2A 02 01 00 08 02 64 09 D0", origin=driver),
-            Command(name="500 kbaud", request="FF FF 01 04 03 06 01 F0", reply=done, origin=table),
-        )

@@ -19,13 +19,13 @@ Try it: ``tactemu run flexitac``, then ``FlexiTacSensor(port).read()``. The stoc
 boards are flashed: ``tactemu run flexitac rows=16``. The text: ``tactemu run vitac_3d``.
 """
 
-from __future__ import annotations
-
 from typing import Annotated
 
 import numpy as np
 
-from firmware_protocols import Column, Counts, Device, Option, Reading, Serial, Transmissions, fact_table, grid_layout
+from firmware_protocols import (
+    Column, Counts, Device, HalfForce, Option, Reading, Serial, Transmissions, fact_table, grid_layout,
+)  # fmt: skip
 
 MARKER = b"\xaa\x55"
 ADC_MAX = 1023
@@ -64,7 +64,7 @@ class FlexiTac(Device):
         rows: Annotated[int, Option("rows, as in the firmware of the board", low=1, high=256)] = 12,
         cols: Annotated[int, Option("columns, as in the firmware of the board", low=1, high=256)] = 32,
         baseline: Annotated[int, Option("10-bit ADC value of an untouched taxel", low=0, high=ADC_MAX - 1)] = 80,
-        half_force: Annotated[float, Option("normal force half way from rest to full scale", unit="N", low=1e-6)] = 1.0,
+        half_force: HalfForce = 1.0,
     ):
         self.title = f"FlexiTac {rows} x {cols} tactile matrix"
         self.layout = grid_layout(rows, cols, PITCH_M, name="matrix")
@@ -107,7 +107,7 @@ class ViTac3d(FlexiTac):
         self,
         *,
         baseline: Annotated[int, Option("10-bit ADC value of an untouched taxel", low=0, high=ADC_MAX - 1)] = 80,
-        half_force: Annotated[float, Option("normal force half way from rest to full scale", unit="N", low=1e-6)] = 1.0,
+        half_force: HalfForce = 1.0,
     ):
         super().__init__(rows=16, cols=16, baseline=baseline, half_force=half_force)
         self.title = "3D-ViTac 16 x 16 tactile matrix, text"

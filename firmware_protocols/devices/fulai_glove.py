@@ -26,15 +26,13 @@ scaling to newtons. A 0 before a taxel at 1022 or 4088 forms the tail inside a f
 Try it: ``tactemu run fulai_glove``, then ``tactile-stream PORT G-001 left``.
 """
 
-from __future__ import annotations
-
 from typing import Annotated, Literal
 
 import numpy as np
 
 from firmware_protocols import (
-    Column, Command, Counts, Device, Frame, Layout, Lines, Option, Patch, Reading, Serial, Transmissions, fact_table,
-    quantize, stack,
+    Column, Command, Counts, Device, Frame, HalfForce, Layout, Lines, Option, Patch, Reading, Serial, Transmissions,
+    fact_table, quantize, stack,
 )  # fmt: skip
 
 FRAME = Frame("""
@@ -100,7 +98,7 @@ class FulaiGlove(Device):
         identity: Annotated[bool, Option("answers `bridge info get`; old firmware does not")] = True,
         firmware: Annotated[str, Option("version in the identity, without spaces")] = "3.5.0",
         baseline: Annotated[int, Option("ADC value of an untouched taxel", low=0, high=ADC_MAX - 1)] = 100,
-        half_force: Annotated[float, Option("normal force half way from rest to full scale", unit="N", low=1e-6)] = 1.0,
+        half_force: HalfForce = 1.0,
     ):
         self.title = f"Fulai tactile glove V{hardware}, {hand}"
         self.rate_hz = 80.0 if hardware == "3.2" else 100.0

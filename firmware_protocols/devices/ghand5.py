@@ -29,15 +29,13 @@ Forces are in 0.1 N. The hand also has CAN-FD and EtherCAT, which are not in thi
 Try it: ``tactemu run ghand5``, then send 31 04 10 80 00 10 F1 1E; or ``GHand(ProductType.GHand5, CommType.RS485)``.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Literal
 
 import numpy as np
 
 from firmware_protocols import (
-    Axis, Column, Command, Counts, Device, Motors, Option, Reading, RegisterMap, Registers, Rs485, Transmissions,
+    Axis, Column, Counts, Device, Motors, Option, Reading, RegisterMap, Registers, Rs485, Transmissions, command_table,
     fact_table, filled, place, quantize, stack,
 )  # fmt: skip
 from firmware_protocols.protocols.modbus import Banks, Rtu, silence_ns
@@ -115,6 +113,38 @@ class GHand5(Device):
     evidence = ("driver",)
     sources = (f"{_SDK} (the vendor's own)",)
     judge = _SDK
+    documented = command_table(
+        """
+        ? state and resultants        04 10 80 00 10 F1 1E                 04 20 1F 00 ..{30} ..{2}
+        ? taxels of the thumb         04 10 90 00 39 31 05                 04 72 ..{114} ..{2}
+        ? taxels of the index finger  04 10 C9 00 2F 60 D8                 04 5E ..{94} ..{2}
+        ? taxels of the middle finger   04 10 F8 00 2F 31 17                 04 5E ..{94} ..{2}
+        ? taxels of the ring finger   04 11 27 00 2F 01 11                 04 5E ..{94} ..{2}
+        ? taxels of the little finger   04 11 56 00 2F 51 0A                 04 5E ..{94} ..{2}
+        ? name                        04 10 00 00 08 F0 FC                 04 10 ..{16} ..{2}
+        ? hardware version            04 10 08 00 08 71 3E                 04 10 ..{16} ..{2}
+        ? firmware version            04 10 10 00 08 F1 39
+            04 10 76 31 2E 30 2E 30 00 00 00 00 00 00 00 00 00 00 B5 CC
+        ? serial number               04 10 18 00 08 70 FB
+            04 10 00 00 00 00 00 00 00 00 00 00 00 00 00 00 00 01 DB E8
+        ? side                        04 10 20 00 01 31 30                 04 02 00 01 38 F4
+        ? state and temperature       04 10 21 00 02 20 F1                 04 04 00 00 00 19 0A 4D
+        ? joints                      04 10 23 00 36 80 E6                 04 6C ..{108} ..{2}
+        ? unit                        03 00 00 00 01 81 FA                 03 02 00 31 39 94
+        ? drivers                     03 20 07 00 03 BA 3A                 03 06 00 01 00 00 00 00 48 B4
+        clear faults                  06 00 01 01 00 DC 6A                 =
+        initialise                    06 00 02 00 01 EC 3A                 =
+        stop                          06 00 10 00 01 4C 3F                 =
+        mode: position                06 00 10 00 00 8D FF                 =
+        the thumb's MCP to 30 deg     10 00 11 00 02 04 01 2C 64 64 27 71  10 00 11 00 02 14 3D
+        touch on                      06 00 2B 01 00 FD A2                 =
+        touch off                     06 00 2B 02 00 FD 52                 =
+        zero                          06 00 2B 04 00 FE F2                 =
+        read coils: no such function  01 00 00 00 01 F8 3A                 81 01 81 9F
+        """,
+        head="31",
+        origin="gli-sdk/GHand-Python-SDK@3ebbadf; CRC by a second program",
+    )
     facts = fact_table(f"""
         stated touch: resultants and taxels are 0.1 N @ {_SDK} src/ghand/comm/ethercat_protocol.py:157
         stated touch: taxels of each finger @ {_SDK} config/ghand5.json:25 (introduction.rst: 52)
@@ -220,52 +250,6 @@ class GHand5(Device):
     def joints(self, t_ns: int) -> Mapping[str, float]:
         """Return the angles of the joints that have a motor [rad], by name."""
         return dict(zip([list(JOINTS)[k] for k in DRIVEN_JOINTS], np.deg2rad(self.motors.positions(t_ns)).tolist()))
-
-    @property
-    def commands(self) -> tuple[Command, ...]:
-        """Requests for touch and identity, and orders, to a hand with default options."""
-        if self.options:
-            return ()
-        origin = f"{_SDK}; CRC by a second program"
-        return tuple(
-            Command(
-                name=name,
-                request=f"31 {request}",
-                reply=f"31 {reply or request}",
-                origin=origin,
-                safe=request[:2] in ("03", "04"),
-            )
-            for name, request, reply in _EXAMPLES
-        )
-
-
-_EXAMPLES = (
-    # name, request, answer, without the unit; a write of one register comes back as it was
-    ("state and resultants", "04 10 80 00 10 F1 1E", "04 20 1F 00 ..{30} ..{2}"),
-    ("taxels of the thumb", "04 10 90 00 39 31 05", "04 72 ..{114} ..{2}"),
-    ("taxels of the index finger", "04 10 C9 00 2F 60 D8", "04 5E ..{94} ..{2}"),
-    ("taxels of the middle finger", "04 10 F8 00 2F 31 17", "04 5E ..{94} ..{2}"),
-    ("taxels of the ring finger", "04 11 27 00 2F 01 11", "04 5E ..{94} ..{2}"),
-    ("taxels of the little finger", "04 11 56 00 2F 51 0A", "04 5E ..{94} ..{2}"),
-    ("name", "04 10 00 00 08 F0 FC", "04 10 ..{16} ..{2}"),
-    ("hardware version", "04 10 08 00 08 71 3E", "04 10 ..{16} ..{2}"),
-    ("firmware version", "04 10 10 00 08 F1 39", "04 10 76 31 2E 30 2E 30 00 00 00 00 00 00 00 00 00 00 B5 CC"),
-    ("serial number", "04 10 18 00 08 70 FB", "04 10 00 00 00 00 00 00 00 00 00 00 00 00 00 00 00 01 DB E8"),
-    ("side", "04 10 20 00 01 31 30", "04 02 00 01 38 F4"),
-    ("state and temperature", "04 10 21 00 02 20 F1", "04 04 00 00 00 19 0A 4D"),
-    ("joints", "04 10 23 00 36 80 E6", "04 6C ..{108} ..{2}"),
-    ("unit", "03 00 00 00 01 81 FA", "03 02 00 31 39 94"),
-    ("drivers", "03 20 07 00 03 BA 3A", "03 06 00 01 00 00 00 00 48 B4"),
-    ("clear faults", "06 00 01 01 00 DC 6A", ""),
-    ("initialise", "06 00 02 00 01 EC 3A", ""),
-    ("stop", "06 00 10 00 01 4C 3F", ""),
-    ("mode: position", "06 00 10 00 00 8D FF", ""),
-    ("the thumb's MCP to 30 deg", "10 00 11 00 02 04 01 2C 64 64 27 71", "10 00 11 00 02 14 3D"),
-    ("touch on", "06 00 2B 01 00 FD A2", ""),
-    ("touch off", "06 00 2B 02 00 FD 52", ""),
-    ("zero", "06 00 2B 04 00 FE F2", ""),
-    ("read coils: no such function", "01 00 00 00 01 F8 3A", "81 01 81 9F"),
-)
 
 
 def _counts(forces: np.ndarray) -> np.ndarray:

@@ -3,8 +3,6 @@
 The datasheet of the skin is :mod:`firmware_protocols.devices.icub_skin`.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import NamedTuple

@@ -35,8 +35,6 @@ Try it: ``tactemu run icub_skin --port can:socketcan:vcan0``, then for each boar
 ``for m in 4D0014F0 50000202010022 0700; do cansend vcan0 201#$m; done; candump vcan0``
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Annotated, ClassVar, Literal
 

@@ -14,8 +14,6 @@ Triangles join side to side, every other one upside down, and bend with the surf
 of a fingertip are taxels.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -3,8 +3,6 @@
 The datasheet of the hand is :mod:`firmware_protocols.devices.inspire_rh56dftp`.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -36,9 +36,7 @@ Try it: ``tactemu run inspire_rh56dftp --port tcp:127.0.0.1:6000``, then ``RH56D
 ``tactemu run inspire_rh56dftp line=native``, then ``RH56Driver(port).connect()`` of pyrh56.
 """
 
-from __future__ import annotations
-
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Annotated, Literal
 
 import numpy as np
@@ -205,10 +203,6 @@ class InspireRh56dftp(Device):
         over = (forces > np.array(self.registers.all("force_set"))) & (self.motors.goals < now)
         if over.any():
             self.motors.go(np.where(over, ends, np.nan), t_ns)
-
-    def joints(self, t_ns: int) -> Mapping[str, float]:
-        """Return how far each actuator is closed [rad], by name."""
-        return self.motors.joints(t_ns)
 
     # -- requests --------------------------------------------------------------------------------------------------
 

@@ -54,8 +54,6 @@ Try it: ``tactemu run linker_hand_l6 --port can:udp_multicast:239.74.163.2``, th
 ``linkerbot.L6("left", "239.74.163.2", "udp_multicast").force_sensor.get_blocking()``.
 """
 
-from __future__ import annotations
-
 from typing import Annotated, ClassVar, Literal
 
 from firmware_protocols import Option, assumed, fact_table, stated

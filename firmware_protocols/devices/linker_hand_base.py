@@ -3,8 +3,6 @@
 The datasheet of the hands is :mod:`firmware_protocols.devices.linker_hand`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from functools import reduce
 from operator import or_
@@ -138,10 +136,6 @@ class LinkerHand(Device[CanFrame]):
         self.counts = quantize(self.layout.push(reading["force"]), COUNTS_PER_NEWTON, 0, 255).astype(np.uint8)
         self.quantities = four_quantities(tips.reshape(len(FINGERS), -1, 3).sum(axis=1))
         return self.counts
-
-    def joints(self, t_ns: int) -> Mapping[str, float]:
-        """Return how far each joint of a hand with six is closed [rad], by name."""
-        return self.motors.joints(t_ns) if self.motors else {}
 
     def receive(self, data: CanFrame, t_ns: int, port: str) -> Transmissions[CanFrame]:
         """Answer one request frame; frames for other hands, and undocumented ones, get no answer."""

@@ -19,8 +19,6 @@ Evidence: the vendor's SDK reads and writes these; no manual was seen. The same 
 Try it: ``tactemu run linker_hand_l10_rs485``, then ``28 06 00 46 00 02 EE 27`` and ``28 04 00 48 00 60 77 CD``.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Annotated, Literal
 

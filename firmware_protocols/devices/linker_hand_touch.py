@@ -3,8 +3,6 @@
 The datasheet of the hands is :mod:`firmware_protocols.devices.linker_hand`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

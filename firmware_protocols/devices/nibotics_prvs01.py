@@ -14,8 +14,6 @@ distinguishes them by the length. The only known driver does not show the palm.
 Try it: ``tactemu run nibotics_prvs01``, then ``NI_PRVS01(port)`` of ``nibotics``.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Annotated, Literal
 

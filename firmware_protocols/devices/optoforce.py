@@ -19,15 +19,13 @@ Try it: ``tactemu exec optoforce -- python``, then ``OptoForce16(speed_hz=100).c
 text.
 """
 
-from __future__ import annotations
-
 from typing import Annotated, Literal
 
 import numpy as np
 
 from firmware_protocols import (
-    NO_PACKET, SOUND, USB, Broken, Column, Command, Counts, Device, Frame, Layout, LowPass, Option, Packets, Patch,
-    Reading, Rollover, Sense, Serial, Transmissions, fact_table, points, quantize,
+    NO_PACKET, SOUND, USB, Broken, Column, Counts, Device, Frame, Layout, LowPass, Option, Packets, Patch, Reading,
+    Rollover, Sense, Serial, Transmissions, command_table, fact_table, points, quantize,
 )  # fmt: skip
 from firmware_protocols.sums import sum16
 
@@ -101,6 +99,15 @@ class OptoForce(Device):
         "shadow-robot/optoforce@fe3c086 (an independent driver that agrees), issue 31 (326 captured bytes, 6 axes)",
     )
     judge = "optoforce 0.3.0, shadow-robot/optoforce@fe3c086"
+    documented = command_table("""
+        @ optoforce@88cfbf5 __init__.py connect()
+        100 Hz, 15 Hz filter      AA 00 32 03 0A 04 00 00 ED  AA 00 50 01 00 00 FB
+        1000 Hz, no filter, zero  AA 00 32 03 01 00 FF 01 DF  AA 00 50 01 00 00 FB
+        stop                      AA 00 32 03 00 04 00 00 E3  AA 00 50 01 00 00 FB
+        @ shadow-robot/optoforce@fe3c086
+        ? serial number           AB 00 12 08 00 C5           AA 00 12 08 ..{8} ..{2}
+    """)
+    documented_with = None
     facts = fact_table("""
         stated touch: counts of each axis over a number of the sensor's sensitivity report are N @ optoforce 0.3.0
             reading.py:4-6, shadow-robot/optoforce README.md (Quickstart), config/*.yaml
@@ -157,25 +164,6 @@ class OptoForce(Device):
         self.felt = self.zero = np.zeros((len(places), len(self.scale)))
         self.streaming, self.counter, self.status = True, 0, 0
         self.counts_samples = counter == "samples"
-
-    @property
-    def commands(self) -> tuple[Command, ...]:
-        """Configurations, and the request for the serial number."""
-        accepted, origin = "AA 00 50 01 00 00 FB", "optoforce@88cfbf5 __init__.py connect()"
-        return (
-            Command(name="100 Hz, 15 Hz filter", request="AA 00 32 03 0A 04 00 00 ED", reply=accepted, origin=origin),
-            Command(
-                name="1000 Hz, no filter, zero", request="AA 00 32 03 01 00 FF 01 DF", reply=accepted, origin=origin
-            ),
-            Command(name="stop", request="AA 00 32 03 00 04 00 00 E3", reply=accepted, origin=origin),
-            Command(
-                name="serial number",
-                request="AB 00 12 08 00 C5",
-                reply="AA 00 12 08 ..{8} ..{2}",
-                origin="shadow-robot/optoforce@fe3c086",
-                safe=True,
-            ),
-        )
 
     # -- readings --------------------------------------------------------------------------------------------------
 

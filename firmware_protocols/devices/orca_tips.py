@@ -5,8 +5,6 @@ order on the wire. After the tables of orca-core 0.12.0 (MIT licence),
 hardware/sensing/models/touch-sensor-*/config.yaml.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from firmware_protocols import Layout, Patch

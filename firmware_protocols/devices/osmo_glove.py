@@ -21,14 +21,12 @@ of the magnetometers in the first minutes, and a field with one axis at exactly 
 Try it: ``tactemu run osmo_glove``, then the reader of osmo_tactile_glove's labs/glove2robot/utils/bowie.py.
 """
 
-from __future__ import annotations
-
 import struct
 from typing import Annotated, Literal
 
 from firmware_protocols import (
-    USB, Axis, Column, Counts, Device, LinearMagnet, Option, Reading, Rollover, Serial, Transmissions, cobs, fact_table,
-    points, quantize,
+    USB, Counts, Device, FieldGains, LinearMagnet, Option, Reading, Rollover, Serial, Transmissions, cobs, fact_table,
+    points, quantize, xyz,
 )  # fmt: skip
 
 SOURCE = "jessicayin/osmo_tactile_glove@e0465b6"
@@ -43,7 +41,6 @@ LINK_SPACING_M = 0.02
 """The distance from link to link of a finger."""
 SECOND_CHIP_SPACING_M = 0.006
 """The distance from the first magnetometer of a board to the second."""
-AXES: tuple[Axis, ...] = ("x", "y", "z")
 COUNTS_PER_UT = 32768 / 5000
 RANGE_COUNTS = round(2000 * COUNTS_PER_UT)
 REST_FIELD_UT = (-38.0, 21.0, 412.0)
@@ -63,10 +60,7 @@ class OsmoGlove(Device):
     kind = "glove"
     ports = (Serial(baud=9600, usb=USB(0x2833, 0xB015, "Meta AI", "BowieGlove", "123456789")),)
     rate_hz = 50.0
-    columns = tuple(
-        Column(name=a, axis=a, unit="uT", counts_per_unit=COUNTS_PER_UT, low=-RANGE_COUNTS, high=RANGE_COUNTS)
-        for a in AXES
-    )
+    columns = xyz("x y z", unit="uT", counts_per_unit=COUNTS_PER_UT, low=-RANGE_COUNTS, high=RANGE_COUNTS)
     rollovers = (Rollover(name="index", bits=32, state="index"),)
     evidence = ("firmware", "driver")
     sources = (
@@ -102,10 +96,7 @@ class OsmoGlove(Device):
         sensors: Annotated[
             Literal["fingertips", "all"], Option("link 1 of each finger, or all four links, as in the firmware")
         ] = "fingertips",
-        gains: Annotated[
-            tuple[float, float, float],
-            Option("field per force along x, y and z of a sensor, z out of the skin", unit="uT/N"),
-        ] = (60.0, 60.0, -90.0),
+        gains: FieldGains = (60.0, 60.0, -90.0),
         orientation: Annotated[
             tuple[float, float, float, float], Option("quaternion x, y, z, w of every board", low=-1, high=1)
         ] = (0.02, -0.05, 0.1, 0.99),
@@ -140,12 +131,8 @@ class OsmoGlove(Device):
             time, sensor = divmod(since_ns, 1_000_000_000), LINKS_PER_FINGER * finger + link + 1
             first, second = (_message(*time, *field) for field in fields[2 * k : 2 * k + 2])
             quat = _message(*time, *self.orientation, 3.0)
-            for number, parts in (
-                (sensor, (first,)),
-                (sensor + SECOND_SENSOR_OFFSET, (second,)),
-                (sensor, (None, quat)),
-            ):
-                messages.append(cobs(_message(index, finger + 1, link + 1, number, *parts)))
+            parts = (sensor, first), (sensor + SECOND_SENSOR_OFFSET, second), (sensor, None, quat)
+            messages += [cobs(_message(index, finger + 1, link + 1, *part)) for part in parts]
         self.index = self.index + 1 & 0xFFFFFFFF
         return messages
 

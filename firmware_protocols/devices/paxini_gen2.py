@@ -20,13 +20,11 @@ a set mode reply shows sub command C0 09; here the reply repeats the request's.
 Try it: ``tactemu run paxini_gen2``, then the driver of Gabriel-Ning/paxini_driver at 460800.
 """
 
-from __future__ import annotations
-
 import struct
 from typing import Annotated
 
 from firmware_protocols import (
-    MORE, SOUND, Broken, Command, Frame, Option, Packets, Sent, Serial, Transmissions, fact_table,
+    MORE, SOUND, Broken, Frame, Option, Packets, Sent, Serial, Transmissions, command_table, fact_table,
 )  # fmt: skip
 from firmware_protocols.devices.paxini_modules import GAP_NS, TAXELS_BY_MODEL, Model, Px6axDevice
 from firmware_protocols.sums import lrc8
@@ -100,6 +98,22 @@ class PaxiniGen2(Px6axDevice):
         "Gabriel-Ning/paxini_driver@113ab44 paxini_driver.py l.94-96, 165",
     )
     judge = DRIVER
+    documented = command_table(
+        """
+        @ vendor PDF V1.5
+        ? version    01 60 A0 01 00 00 F0                 01 60 A0 01 00 *
+        set mode     01 70 C0 0C 01 00 05 AF              01 70 C0 0C 00 00 00 B5
+        ? get mode   01 70 C0 0D 00 00 B4                 01 70 C0 0D 00 01 00 05 AE
+        select port  01 70 B1 0A 01 00 00 C5              01 70 B1 0A 00 00 00 C6
+        ? read taxels  00 70 C0 06 05 00 7B 0E 04 1E 00 0C  00 70 C0 06 00 24 00 00 7B 0E 04 1E 00 ..{30} ..
+        @ Gabriel-Ning/paxini_driver@113ab44 l.165
+        zero         01 70 B0 02 02 00 03 01 C9
+            01 70 B0 02 06 01 00 00 C8  write user config 03 = 01; the error byte is wrong on the real box, too
+        """,
+        head="55 AA 7B 7B 0E",
+        tail="55 AA 7D 7D",
+    )
+    documented_with = ("version", "mode_time_s", "zero_error")
     facts = fact_table(f"""
         stated configuration: error codes 0 to 7 @ {PDF} appendix
         stated configuration: modes and ports of each model @ {PDF} table 1-0
@@ -136,55 +150,6 @@ class PaxiniGen2(Px6axDevice):
         self.zero_error = zero_error
         self.mode, self.selected = 5, self.places[0] if self.places else 0
         self.packets = Packets(HEAD, _size, _check, counters=self.counters, gap_ns=GAP_NS, broken=True)
-
-    @property
-    def commands(self) -> tuple[Command, ...]:
-        """Every command of the vendor's table, to a box with one L5325."""
-        if self.places is not None or self.models != ("L5325",):
-            return ()
-        pdf = "vendor PDF V1.5"
-        return (
-            Command(
-                name="version",
-                request="55 AA 7B 7B 0E 01 60 A0 01 00 00 F0 55 AA 7D 7D",
-                reply="55 AA 7B 7B 0E 01 60 A0 01 00 * 55 AA 7D 7D",
-                origin=pdf,
-                safe=True,
-            ),
-            Command(
-                name="set mode",
-                request="55 AA 7B 7B 0E 01 70 C0 0C 01 00 05 AF 55 AA 7D 7D",
-                reply="55 AA 7B 7B 0E 01 70 C0 0C 00 00 00 B5 55 AA 7D 7D",
-                origin=pdf,
-            ),
-            Command(
-                name="get mode",
-                request="55 AA 7B 7B 0E 01 70 C0 0D 00 00 B4 55 AA 7D 7D",
-                reply="55 AA 7B 7B 0E 01 70 C0 0D 00 01 00 05 AE 55 AA 7D 7D",
-                origin=pdf,
-                safe=True,
-            ),
-            Command(
-                name="select port",
-                request="55 AA 7B 7B 0E 01 70 B1 0A 01 00 00 C5 55 AA 7D 7D",
-                reply="55 AA 7B 7B 0E 01 70 B1 0A 00 00 00 C6 55 AA 7D 7D",
-                origin=pdf,
-            ),
-            Command(
-                name="read taxels",
-                request="55 AA 7B 7B 0E 00 70 C0 06 05 00 7B 0E 04 1E 00 0C 55 AA 7D 7D",
-                reply="55 AA 7B 7B 0E 00 70 C0 06 00 24 00 00 7B 0E 04 1E 00 ..{30} .. 55 AA 7D 7D",
-                origin=pdf,
-                safe=True,
-            ),
-            Command(
-                name="zero",
-                request="55 AA 7B 7B 0E 01 70 B0 02 02 00 03 01 C9 55 AA 7D 7D",
-                reply="55 AA 7B 7B 0E 01 70 B0 02 06 01 00 00 C8 55 AA 7D 7D",
-                about="write user config 03 = 01; the error byte is wrong on the real box, too",
-                origin="Gabriel-Ning/paxini_driver@113ab44 l.165",
-            ),
-        )
 
     def _refuse(self, packet: Broken) -> Transmissions:
         """Return an error reply with the fields of the broken request."""

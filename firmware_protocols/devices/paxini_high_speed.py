@@ -29,8 +29,6 @@ Try it: ``tactemu run paxini_high_speed``, then ``HighSpeedHandBoard(port)`` of 
 orca_touch``, then ``TactileClient(HandSerialLink(port))`` of ``orca_core``.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator, Mapping
 from typing import Annotated, ClassVar, Literal
@@ -38,7 +36,8 @@ from typing import Annotated, ClassVar, Literal
 import numpy as np
 
 from firmware_protocols import (
-    MORE, SOUND, USB, Broken, Command, Frame, Option, Packets, Restart, Serial, Transmissions, fact_table, place, stack,
+    MORE, SOUND, USB, Broken, Frame, Option, Packets, Restart, Serial, Transmissions, command_table, fact_table, place,
+    stack,
 )  # fmt: skip
 from firmware_protocols.devices.orca_tips import tip
 from firmware_protocols.devices.paxini_modules import HIGH_COUNTS, LOW_COUNTS, Model, Px6axDevice
@@ -123,6 +122,18 @@ class PaxiniHighSpeed(Px6axDevice):
         "orca-core 0.12.0 hardware/sensing/constants.py, tactile_protocol.py (taxel registers)",
     )
     judge = "paxini-sdk 0.1.0, lerobot-robot-so101-paxini 0.1.0"
+    documented = command_table("""
+        @ frames of paxini-sdk 0.1.0
+        ? fitted modules       55 AA 00 03 10 00 04 00 EA     AA 55 00 03 10 00 04 00 44 44 04 00 5E
+        ? taxels of each       55 AA 00 03 30 00 38 00 96     AA 55 00 03 30 00 38 00 ..{56} ..
+        ? resultant of module 2  55 AA 00 03 0C 05 06 00 E7     AA 55 00 03 0C 05 06 00 ..{6} ..
+        ? taxels of module 18  55 AA 00 03 00 34 5D 00 6D     AA 55 00 03 00 34 5D 00 ..{93} ..
+        resultants only        55 AA 00 10 16 00 01 00 01 D9  AA 55 00 10 16 00 01 00 00 DA
+        push                   55 AA 00 10 17 00 01 00 01 D8  AA 55 00 10 17 00 01 00 00 D9
+        push no more           55 AA 00 10 17 00 01 00 00 D9  AA 55 00 10 17 00 01 00 00 D9
+        calibrate              55 AA 00 17 02 00 01 00 01 E6  AA 55 00 17 02 00 01 00 00 E7
+        restart                55 AA 00 10 22 00 01 00 01 CD  AA 55 00 10 22 00 01 00 00 CE
+    """)
     facts = fact_table(f"""
         stated timing: 91 pushes a second @ {LEROBOT} METADATA, configuration_paxini.py l.30
         stated identity: the version is a text (15 bytes are read) @ paxini-sdk 0.1.0 registers.py l.13
@@ -239,29 +250,6 @@ class PaxiniHighSpeed(Px6axDevice):
         self.counters["refused"] += 1
         return [reply(b"", ERROR | (BAD_LENGTH if function in (READ, WRITE) else BAD_FUNCTION))]
 
-    @property
-    def commands(self) -> tuple[Command, ...]:
-        """Each request of the hosts, to a board with five tips."""
-        if self.options:
-            return ()
-        done = "AA 55 00 10 17 00 01 00 00 D9"
-        return tuple(
-            Command(
-                name=name, request=request, reply=reply, origin="frames of paxini-sdk 0.1.0", safe=request[9:11] == "03"
-            )
-            for name, request, reply in (
-                ("fitted modules", "55 AA 00 03 10 00 04 00 EA", "AA 55 00 03 10 00 04 00 44 44 04 00 5E"),
-                ("taxels of each", "55 AA 00 03 30 00 38 00 96", "AA 55 00 03 30 00 38 00 ..{56} .."),
-                ("resultant of module 2", "55 AA 00 03 0C 05 06 00 E7", "AA 55 00 03 0C 05 06 00 ..{6} .."),
-                ("taxels of module 18", "55 AA 00 03 00 34 5D 00 6D", "AA 55 00 03 00 34 5D 00 ..{93} .."),
-                ("resultants only", "55 AA 00 10 16 00 01 00 01 D9", "AA 55 00 10 16 00 01 00 00 DA"),
-                ("push", "55 AA 00 10 17 00 01 00 01 D8", done),
-                ("push no more", "55 AA 00 10 17 00 01 00 00 D9", done),
-                ("calibrate", "55 AA 00 17 02 00 01 00 01 E6", "AA 55 00 17 02 00 01 00 00 E7"),
-                ("restart", "55 AA 00 10 22 00 01 00 01 CD", "AA 55 00 10 22 00 01 00 00 CE"),
-            )
-        )
-
 
 _ORCA = "orca-core 0.12.0 hardware/sensing"
 _READ = "orca-core 0.12.0 constants.py, hardware/ (whole); orcahand/orca_core@c783006 scripts/, docs/"
@@ -298,6 +286,18 @@ class OrcaTouch(PaxiniHighSpeed):
         "orca-core 0.12.0 sensing/models/touch-sensor-{thumb,finger,pinky}/config.yaml (taxels)",
     )
     judge = "orca-core 0.12.0"
+    documented = command_table("""
+        @ frames of orca-core 0.12.0
+        ? who              4F 52 43 41 5F 49 44 3F 0A              4F 52 43 41 3A 53 45 4E 53 4F 52 0A
+        ? who, in full     4F 52 43 41 5F 49 4E 46 4F 3F 0A        4F 52 43 41 3A 53 45 4E 53 4F 52 3B * 0A
+        ? fitted tips      55 AA 00 03 10 00 04 00 EA              AA 55 00 03 10 00 04 00 44 44 04 00 5E
+        ? extension        55 AA 00 03 00 61 04 00 99              AA 55 00 03 00 61 04 00 4F 58 00 02 F0
+        ? name of the thumb  55 AA 00 03 00 62 20 00 7C              AA 55 00 03 00 62 20 00 50 58 53 52 * ..
+        zero of all        55 AA 00 10 10 61 04 00 04 5A 52 1F AD  AA 55 00 10 10 61 01 00 00 7F
+        how that went      55 AA 00 10 10 61 04 00 04 5A 52 1F AD; 55 AA 00 03 20 61 10 00 6D
+            AA 55 00 03 20 61 10 00 02 03 01 *
+        push               55 AA 00 10 17 00 01 00 01 D8           AA 55 00 10 17 00 01 00 00 D9
+    """)
     facts = _ORCA_FACTS
     parts: ClassVar[Mapping[str, str]] = {
         "thumb": "DP18A", "index": "DP18B", "middle": "DP18B", "ring": "DP18B", "pinky": "DP18C",
@@ -350,32 +350,6 @@ class OrcaTouch(PaxiniHighSpeed):
         replies = super().receive(data, t_ns, port)
         self.counters["skipped_bytes"] -= sum(len(found[0]) for found in QUERY.finditer(text))
         return [*outs, *replies]
-
-    @property
-    def commands(self) -> tuple[Command, ...]:
-        """ORCA's own requests, to a hand with default options."""
-        if self.options:
-            return ()
-        return tuple(
-            Command(
-                name=name,
-                request=request,
-                reply=reply,
-                origin="frames of orca-core 0.12.0",
-                after=after,
-                safe=not after and (request[9:11] == "03" or name.startswith("who")),
-            )
-            for name, request, reply, after in (
-                ("who", "4F 52 43 41 5F 49 44 3F 0A", "4F 52 43 41 3A 53 45 4E 53 4F 52 0A", ()),
-                ("who, in full", "4F 52 43 41 5F 49 4E 46 4F 3F 0A", "4F 52 43 41 3A 53 45 4E 53 4F 52 3B * 0A", ()),
-                ("fitted tips", "55 AA 00 03 10 00 04 00 EA", "AA 55 00 03 10 00 04 00 44 44 04 00 5E", ()),
-                ("extension", "55 AA 00 03 00 61 04 00 99", "AA 55 00 03 00 61 04 00 4F 58 00 02 F0", ()),
-                ("name of the thumb", "55 AA 00 03 00 62 20 00 7C", "AA 55 00 03 00 62 20 00 50 58 53 52 * ..", ()),
-                ("zero of all", ZERO_ALL, "AA 55 00 10 10 61 01 00 00 7F", ()),
-                ("how that went", "55 AA 00 03 20 61 10 00 6D", "AA 55 00 03 20 61 10 00 02 03 01 *", (ZERO_ALL,)),
-                ("push", "55 AA 00 10 17 00 01 00 01 D8", "AA 55 00 10 17 00 01 00 00 D9", ()),
-            )
-        )
 
 
 ZERO_ALL = "55 AA 00 10 10 61 04 00 04 5A 52 1F AD"

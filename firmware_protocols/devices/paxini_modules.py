@@ -9,17 +9,13 @@ A module is a pad of taxels that each measure three force components. In its mem
 0.1 N per count. Fz counts a push as positive; Fx and Fy follow the taxel's own axes.
 """
 
-from __future__ import annotations
-
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from typing import ClassVar, Literal
 
 import numpy as np
 
-from firmware_protocols import (
-    Broken, Column, Counts, Device, Layout, Packets, Reading, Transmissions, filled, place, stack,
-)  # fmt: skip
+from firmware_protocols import Broken, Column, Counts, Device, Layout, Reading, Transmissions, filled, place, stack
 
 TAXELS_BY_MODEL: Mapping[str, int] = {
     "S1813E": 31, "S1813C": 51, "S2015": 52, "S2716": 116, "S3013": 96, "M2826": 127,
@@ -49,7 +45,6 @@ class Px6axDevice(Device):
         Column(name="Fz", axis="z", unit="N", counts_per_unit=1 / NEWTONS_PER_COUNT, low=0, high=255, push=1),
     )
     taxel_counts: ClassVar[Mapping[str, int]] = TAXELS_BY_MODEL
-    packets: Packets
 
     def _power_up(
         self, models: str | Sequence[str], places: Sequence[int] | None, layout: Layout | None = None

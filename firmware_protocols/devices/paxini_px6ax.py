@@ -20,12 +20,10 @@ Try it: ``tactemu run paxini_px6ax``, then ``SingleSensorBoard(port, device_id=3
 ``paxini_sdk``.
 """
 
-from __future__ import annotations
-
 from typing import Annotated, Any
 
 from firmware_protocols import (
-    MORE, SOUND, USB, Broken, Command, Frame, Option, Packets, Serial, Transmissions, fact_table,
+    MORE, SOUND, USB, Broken, Frame, Option, Packets, Serial, Transmissions, command_table, fact_table,
 )  # fmt: skip
 from firmware_protocols.devices.paxini_modules import GAP_NS, Model, Px6axDevice
 from firmware_protocols.sums import lrc8
@@ -97,6 +95,19 @@ class PaxiniPx6ax(Px6axDevice):
         f"{ROS2} paxini_hardware/src/tactile_sensor.cpp, config/sensors.yaml; helper_scripts/UI_sensor.py",
     )
     judge = "paxini-sdk 0.1.0, lerobot-robot-so101-paxini 0.1.0, fengjh97/paxini@e8e6bcc"
+    documented = command_table("""
+        @ yknxh/paxini-toolkit@1596843 tests/test_codec.py
+        ? version             55 AA 09 00 03 00 FB D4 17 00 00 64 00 AB
+            AA 55 6E 00 03 00 FB D4 17 00 00 64 00 01 50 41 58 49 4E 49 20 ..{93} ..
+        ? resultant           55 AA 09 00 03 00 FB F0 03 00 00 03 00 04
+            AA 55 0D 00 03 00 FB F0 03 00 00 03 00 01 ..{3} ..
+        ? resultant and taxels  55 AA 09 00 03 00 FB F0 03 00 00 7B 00 8C
+            AA 55 85 00 03 00 FB F0 03 00 00 7B 00 01 ..{123} ..
+        zero                  55 AA 0A 00 03 00 79 03 00 00 00 01 00 01 76
+            AA 55 0A 00 03 00 79 03 00 00 00 01 00 00 77  the present force becomes zero
+        @ paxini-sdk 0.1.0 serial_converter.py
+        zero, off             55 AA 0A 00 03 00 79 03 00 00 00 01 00 00 77  AA 55 0A 00 03 00 79 03 00 00 00 01 00 00 77
+    """)
     facts = fact_table(f"""
         stated identity: USB 1A86:55D3 @ {TOOLKIT} paxkit/device/transport.py l.11 (seen on a real one)
         stated identity: the port's description holds CH343 @ fengjh97/paxini@e8e6bcc paxini_sensor.py l.207
@@ -132,49 +143,6 @@ class PaxiniPx6ax(Px6axDevice):
         texts = (version or f"PAXINI PXSR-STD{PART_CODES[model]}-v1.0.5" for model in self.models)
         self.versions = [text.encode("ascii")[:VERSION_BYTES].ljust(VERSION_BYTES, b"\0") for text in texts]
         self.packets = Packets(REQUEST.head, _size, _check, counters=self.counters, gap_ns=GAP_NS, broken=True)
-
-    @property
-    def commands(self) -> tuple[Command, ...]:
-        """The actions on a single S1813E."""
-        if self.options:
-            return ()
-        captured, tables = "yknxh/paxini-toolkit@1596843 tests/test_codec.py", "paxini-sdk 0.1.0 serial_converter.py"
-        return (
-            Command(
-                name="version",
-                request="55 AA 09 00 03 00 FB D4 17 00 00 64 00 AB",
-                reply="AA 55 6E 00 03 00 FB D4 17 00 00 64 00 01 50 41 58 49 4E 49 20 ..{93} ..",
-                origin=captured,
-                safe=True,
-            ),
-            Command(
-                name="resultant",
-                request="55 AA 09 00 03 00 FB F0 03 00 00 03 00 04",
-                reply="AA 55 0D 00 03 00 FB F0 03 00 00 03 00 01 ..{3} ..",
-                origin=captured,
-                safe=True,
-            ),
-            Command(
-                name="resultant and taxels",
-                request="55 AA 09 00 03 00 FB F0 03 00 00 7B 00 8C",
-                reply="AA 55 85 00 03 00 FB F0 03 00 00 7B 00 01 ..{123} ..",
-                origin=captured,
-                safe=True,
-            ),
-            Command(
-                name="zero",
-                request="55 AA 0A 00 03 00 79 03 00 00 00 01 00 01 76",
-                reply="AA 55 0A 00 03 00 79 03 00 00 00 01 00 00 77",
-                about="the present force becomes zero",
-                origin=captured,
-            ),
-            Command(
-                name="zero, off",
-                request="55 AA 0A 00 03 00 79 03 00 00 00 01 00 00 77",
-                reply="AA 55 0A 00 03 00 79 03 00 00 00 01 00 00 77",
-                origin=tables,
-            ),
-        )
 
     def _refuse(self, packet: Broken) -> Transmissions:
         """Return a reply with a status and the fields of the broken request."""

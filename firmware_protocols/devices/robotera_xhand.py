@@ -25,8 +25,6 @@ the hand's protocol.
 Try it: ``tactemu run robotera_xhand``, then send the version request ``55 AA FE 80 13 00 00 EF C3`` at 3000000.
 """
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Mapping
 from typing import Annotated, Literal
@@ -34,10 +32,9 @@ from typing import Annotated, Literal
 import numpy as np
 
 from firmware_protocols import (
-    MORE, SOUND, Axis, Column, Command, Counts, Device, Frame, Motors, Option, Packets, Reading, Refused, RegisterMap,
-    Registers, Restart, Rs485, Sense, Transmissions, fact_table, filled, place, points, quantize, stack,
+    Counts, Device, Frame, Motors, Option, Packets, Reading, RegisterMap, Registers, Request, Restart, Rs485, Sense,
+    Transmissions, command, command_table, fact_table, filled, place, points, quantize, stack, xyz,
 )  # fmt: skip
-from firmware_protocols.sums import crc16_xmodem
 
 MESSAGE = Frame("""
     message, either direction
@@ -80,17 +77,17 @@ MAP = RegisterMap(
     """,
     size=512,
 )
-ZERO_COMMAND = 0x12
-VERSION_COMMAND = 0x13
-RESTART_COMMAND = 0x14
 BROADCAST = 0xFF
 FIRST_HAND = 0x80
 FIRST_TIP = 0x11
 DONE = b"\x10\0"
+SEARCH = "55 AA FE FF 15 04 00 14 00 BA 00 A2 4A"
+ASK_SIDE = "55 AA FE 80 15 04 00 14 00 01 00 9B E1"
+MOVE_EXAMPLE = f"55 AA FE 80 02 20 01 {'00' * 288} 05 FD"
 JOINTS = 12
+N_TIPS = 5
 POINTS_PER_TIP = 120
 POSITION_MODE = 3
-AXES: tuple[Axis, ...] = ("x", "y", "z")
 JOINT_VERSION = b"\x07\0\0\x01"
 RESTART_NS = 500_000_000
 FINGERTIP_CENTRES_M = {
@@ -120,6 +117,8 @@ class RoboteraXhand(Device):
         f"{_SDK} include/communiation_interface.hpp, data_type.hpp, lib/libxhand_control.so 1.2.10 (the vendor's own)",
         "wanweiwei07/wrs@552ce47 wrs/robot_con/xhand/xhand_x.py, data_type.py",
     )
+    origin = "as the vendor's library 1.2.10 sends it, and takes the answer"
+    documented = command_table("no such register  55 AA FE 80 15 04 00 00 02 01 00 6F E6", origin="CRC by crcmod")
     judge = "yoimika/xhand_control_python@b61a82d (RobotEra's libxhand_control.so 1.2.10), wanweiwei07/wrs@552ce47"
     facts = fact_table(f"""
         stated touch: x and y of a point are int8, z is uint8 @ {_SDK} include/data_type.hpp:62
@@ -153,170 +152,130 @@ class RoboteraXhand(Device):
         serial: Annotated[str, Option("serial number of at most 32 characters of ASCII")] = "XH1R000000000001",
         version: Annotated[str, Option("version of the palm: major.minor.patch")] = "1.1.3",
     ):
-        self.counts_per_newton = counts_per_newton
         major, minor, patch = (int(number) for number in version.split("."))
         self.version = struct.pack("<HBB", patch, minor, major)
-        self.low, self.high = np.array([-128, -128, 0]), np.array([127, 127, 255])
-        if z == "signed":
-            self.low[2], self.high[2] = -128, 127
-        self.columns = tuple(
-            Column(name=axis, axis=axis, low=low, high=high, push=1 if axis == "z" else 0)
-            for axis, low, high in zip(AXES, self.low.tolist(), self.high.tolist())
-        )
+        limits = {"low": [-128, -128, -128 if z == "signed" else 0], "high": [127, 127, 127 if z == "signed" else 255]}
+        self.columns = xyz("x y z", assumed_per_unit=counts_per_newton, push=1, **limits)
         self.layout = stack(
             *(
                 place(filled(POINTS_PER_TIP, 0.016, 0.02, name=name, link=name), base)
                 for name, base in FINGERTIP_CENTRES_M.items()
             )
         )
+        self.present = self.zero = np.zeros((len(self.layout), 3))
         self.tip = TIP.bind(taxels=POINTS_PER_TIP)
-        self.packets = Packets(MESSAGE.head, _size, _check, counters=self.counters, gap_ns=50_000_000)
+        self.packets = Packets(MESSAGE, by="command", counters=self.counters, gap_ns=50_000_000)
         kept = {"id": hand_id, **self.flash}
         self.registers = Registers(MAP, kept={"side": ord(side[0].upper()), "serial": _text(serial), **kept})
         low, high = (np.deg2rad(self.registers.all(name)) for name in ("low", "high"))
         self.motors = Motors(np.zeros(JOINTS), low=low, high=high, time_constant_s=0.0, speed_limit=5.0)
         self.counts = np.zeros((len(self.layout), 3), np.int64)
-        self.felt = self.zero = np.zeros((len(self.layout), 3))
         self.tips, self.warmth = (
-            np.zeros((len(FINGERTIP_CENTRES_M), 3), np.int64),
-            np.full(len(FINGERTIP_CENTRES_M), 25),
+            np.zeros((N_TIPS, 3), np.int64),
+            np.full(N_TIPS, 25),
         )
 
     def measure(self, reading: Reading, t_ns: int) -> Counts:
         """Return raw counts of each point, x and y -128..127, z 0..255, shape ``(600, 3)``."""
-        self.felt = self.layout.to_taxel_frame(reading["force"]) * [1, 1, -1]
-        forces = self.felt - self.zero
-        self.counts = self._counts(forces)
-        self.tips = self._counts(forces.reshape(len(FINGERTIP_CENTRES_M), POINTS_PER_TIP, 3).sum(1))
+        self.counts = super().measure(reading, t_ns)["force"]
+        forces = (self.present - self.zero).reshape(N_TIPS, POINTS_PER_TIP, 3).sum(1)
+        low, high = ([getattr(column, limit) for column in self.columns] for limit in ("low", "high"))
+        self.tips = quantize(forces, self.columns[0].scale or 0.0, np.array(low), np.array(high))
         self.warmth = quantize(reading["temperature"], 1.0, 0, 255)
         return self.counts
 
-    def _counts(self, forces: np.ndarray) -> np.ndarray:
-        return np.clip(quantize(forces, self.counts_per_newton, -128, 255), self.low, self.high)
-
-    def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
-        """Answer messages, which arrive in chunks of any size."""
-        return [answer for packet in self.packets.cut(data, t_ns) for answer in self._answer(packet, t_ns)]
-
-    def _answer(self, packet: bytes, t_ns: int) -> list[bytes | Restart]:
-        source, target, command, data = packet[2], packet[3], packet[4], packet[7:-2]
-        own = FIRST_HAND + self.registers["id"]
-        part = target in range(JOINTS) or target in range(FIRST_TIP, FIRST_TIP + len(FINGERTIP_CENTRES_M))
-        if target not in (own, BROADCAST) and not (part and command in (VERSION_COMMAND, ZERO_COMMAND)):
-            self.counters["other_address"] += 1
-            return []
-        if command == RESTART_COMMAND and not data:
-            return [Restart(RESTART_NS)]
-        reply = self._obey(command, data, target, t_ns)
-        if reply is None:
-            self.counters["unknown_command"] += 1
-        return [MESSAGE.pack(source=own, target=source, command=command, data=reply)] if reply else []
-
-    def _obey(self, command: int, data: bytes, target: int, t_ns: int) -> bytes | None:
-        """Return the data of the answer, empty for no answer, or None if the command is unknown."""
-        try:
-            match command, len(data):
-                case (0x02, 288):
-                    self._move(data, t_ns)
-                    return self._state(t_ns)
-                case (0x05, 0):
-                    self.flash.update(self.registers.kept())
-                    return DONE
-                case (0x12, 0):
-                    self._set_zero(target)
-                    return b""
-                case (0x13, 0):
-                    return JOINT_VERSION if target < FIRST_HAND else self.version
-                case (0x15, 4):
-                    address, n = struct.unpack("<HH", data)
-                    return data[:2] + self.registers.read(address, n)
-                case (0x16, n) if n > 2:
-                    self.registers.write(int.from_bytes(data[:2], "little"), data[2:])
-                    return DONE
-                case (0x17, 48):
-                    return b"\0"
-        except Refused:
-            self.counters["refused"] += 1
-            return b""
-        return None
-
-    def _set_zero(self, target: int) -> None:
-        """Make the present forces on one tip, or on all, the zero."""
-        zero = self.zero.copy().reshape(len(FINGERTIP_CENTRES_M), POINTS_PER_TIP, 3)
-        tips = [target - FIRST_TIP] if target < FIRST_HAND else slice(None)
-        zero[tips] = self.felt.reshape(zero.shape)[tips]
-        self.zero = zero.reshape(self.felt.shape)
-
-    def _move(self, data: bytes, t_ns: int) -> None:
+    @command(MOVE_EXAMPLE, "55 AA 80 FE 02 A0 08 ..{2208} ..{2}", name="state", origin="xhand_x.py, data_type.py")
+    def move(self, request: Request):
+        """Go where the orders say, and return the state."""
         goals = np.full(JOINTS, np.nan)
-        for number, gain, _, _, position, _, mode in JOINT_ORDER.iter_unpack(data):
+        for number, gain, _, _, position, _, mode in JOINT_ORDER.iter_unpack(request.data):
             if number < JOINTS and gain > 0 and mode == POSITION_MODE and np.isfinite(position):
                 goals[number] = position
-        self.motors.go(goals, t_ns)
+        self.motors.go(goals, request.t_ns)
+        return self._state(request.t_ns)
+
+    @command("55 AA FE 80 05 00 00 2C 32", "55 AA 80 FE 05 02 00 10 00 D4 1B")
+    def save(self, request: Request):
+        """Keep what was written."""
+        self.flash.update(self.registers.kept())
+        return DONE
+
+    @command("55 AA FE 11 12 00 00 F4 44", name="zero the thumb's tip")
+    def set_zero(self, request: Request):
+        """Make the present forces on one tip, or on all, the zero."""
+        zero = self.zero.copy().reshape(N_TIPS, POINTS_PER_TIP, 3)
+        tips = [request.target - FIRST_TIP] if request.target < FIRST_HAND else slice(None)
+        zero[tips] = self.present.reshape(zero.shape)[tips]
+        self.zero = zero.reshape(self.present.shape)
+        return ()
+
+    @command("55 AA FE 80 13 00 00 EF C3", "55 AA 80 FE 13 04 00 03 00 01 01 A4 EC", name="version", safe=True)
+    @command(
+        "55 AA FE 00 13 00 00 D7 1E", "55 AA 80 FE 13 04 00 07 00 00 01 64 15", name="version of joint 0", safe=True
+    )
+    def version_of(self, request: Request):
+        """Return the version of a joint, or of the palm."""
+        return JOINT_VERSION if request.target < FIRST_HAND else self.version
+
+    @command(on=0x14, data="")
+    def restart(self, request: Request):
+        """Restart the hand."""
+        return [Restart(RESTART_NS)]
+
+    @command(
+        "55 AA FE FF 15 04 00 14 00 BA 00 A2 4A",
+        "55 AA 80 FE 15 BC 00 14 00 52 ..{185} ..{2}",
+        name="search",
+        safe=True,
+    )
+    @command(
+        "55 AA FE 80 15 04 00 14 00 01 00 9B E1",
+        "55 AA 80 FE 15 03 00 14 00 52 F8 61",
+        name="side",
+        data="<HH",
+        safe=True,
+    )
+    def read_registers(self, request: Request):
+        """Return registers."""
+        return request.data[:2] + self.registers.read(*request.values)
+
+    @command(
+        "55 AA FE 80 16 07 00 36 00 78 68 61 6E 64 39 00",
+        "55 AA 80 FE 16 02 00 10 00 5C F1",
+        name="name xhand",
+        data="*",
+    )
+    def write_registers(self, request: Request):
+        """Store registers."""
+        self.registers.write(int.from_bytes(request.data[:2], "little"), request.data[2:])
+        return DONE
+
+    @command(on=0x17, data="48s")
+    def calibrate(self, request: Request):
+        """Answer, without effect."""
+        return b"\0"
+
+    def accepts(self, request: Request) -> bool:
+        """Return True for a request to this hand; zeros and versions also to a joint or a tip."""
+        parts = (*range(JOINTS), *range(FIRST_TIP, FIRST_TIP + N_TIPS)) if request.command in (0x12, 0x13) else ()
+        request.own = FIRST_HAND + self.registers["id"]  # a new id is in force for the next request
+        return request.target in (request.own, BROADCAST, *parts)
+
+    def reply(self, request: Request, content: bytes) -> Transmissions:
+        """Return the answer, from the hand itself."""
+        return [MESSAGE.pack(source=request.own, target=request.source, command=request.command, data=content)]
 
     def _state(self, t_ns: int) -> bytes:
         positions = self.motors.positions(t_ns).astype(np.float32)
         joints = JOINT.pack_many(JOINTS, number=np.arange(JOINTS), position=positions, temperature=25)
-        wire = self.layout.on_wire(self.counts & 0xFF).reshape(len(FINGERTIP_CENTRES_M), POINTS_PER_TIP, 3)
+        wire = self.layout.on_wire(self.counts & 0xFF).reshape(N_TIPS, POINTS_PER_TIP, 3)
         warm = np.repeat(self.warmth[:, None], 21, axis=1)
-        return b"".join(
-            joints
-            + self.tip.pack_many(len(FINGERTIP_CENTRES_M), force=self.tips & 0xFF, points=wire, temperatures=warm)
-        )
+        return b"".join(joints + self.tip.pack_many(N_TIPS, force=self.tips & 0xFF, points=wire, temperatures=warm))
 
     def joints(self, t_ns: int) -> Mapping[str, float]:
         """Return the angles of the joints [rad], by name."""
         return {f"joint {k}": position for k, position in enumerate(self.motors.positions(t_ns).tolist())}
 
-    @property
-    def commands(self) -> tuple[Command, ...]:
-        """Each command, to a hand with default options; the move has no gains, so that it orders nothing."""
-        if self.registers["id"] or self.options:
-            return ()
-        done = "10 00"
-        return (
-            Command(
-                name="version", request="55 AA FE 80 13 00 00 EF C3", reply="55 AA 80 FE 13 04 00 03 00 01 01 A4 EC",
-                origin=_SENT, safe=True,
-            ),
-            Command(
-                name="version of joint 0", request="55 AA FE 00 13 00 00 D7 1E",
-                reply="55 AA 80 FE 13 04 00 07 00 00 01 64 15", origin=_SENT, safe=True,
-            ),
-            Command(name="state", request=_STILL, reply="55 AA 80 FE 02 A0 08 ..{2208} ..{2}", origin=_RECORDS),
-            Command(
-                name="search", request="55 AA FE FF 15 04 00 14 00 BA 00 A2 4A",
-                reply="55 AA 80 FE 15 BC 00 14 00 52 ..{185} ..{2}", origin=_SENT, safe=True,
-            ),
-            Command(
-                name="side", request="55 AA FE 80 15 04 00 14 00 01 00 9B E1",
-                reply="55 AA 80 FE 15 03 00 14 00 52 F8 61", origin=_SENT, safe=True,
-            ),
-            Command(
-                name="name xhand", request="55 AA FE 80 16 07 00 36 00 78 68 61 6E 64 39 00",
-                reply=f"55 AA 80 FE 16 02 00 {done} 5C F1", origin=_SENT,
-            ),
-            Command(
-                name="save", request="55 AA FE 80 05 00 00 2C 32", reply=f"55 AA 80 FE 05 02 00 {done} D4 1B",
-                origin=_SENT,
-            ),
-            Command(name="zero the thumb's tip", request="55 AA FE 11 12 00 00 F4 44", origin=_SENT),
-            Command(name="no such register", request="55 AA FE 80 15 04 00 00 02 01 00 6F E6", origin="CRC by crcmod"),
-        )  # fmt: skip
-
-
-_SENT = "as the vendor's library 1.2.10 sends it, and takes the answer"
-_RECORDS = "xhand_x.py, data_type.py (ORDER of its records)"
-_STILL = "55 AA FE 80 02 20 01" + "00" * 288 + "05 FD"
-
 
 def _text(text: str) -> np.ndarray:
     return np.frombuffer(text.encode("ascii")[:32].ljust(32, b"\0"), np.uint8)
-
-
-def _size(data: bytes) -> int:
-    return 9 + int.from_bytes(data[5:7], "little") if len(data) > 6 else MORE
-
-
-def _check(packet: bytes) -> str:
-    return SOUND if crc16_xmodem(packet[:-2]) == int.from_bytes(packet[-2:], "little") else "bad_checksum"

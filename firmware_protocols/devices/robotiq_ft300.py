@@ -13,15 +13,13 @@ wire (200 N) breaks a frame for drivers that split there.
 Try it: ``tactemu run robotiq_ft300``, then ``FT300Stream(port, 1).get_force_torque_raw()``.
 """
 
-from __future__ import annotations
-
 from typing import Annotated
 
 import numpy as np
 
 from firmware_protocols import (
-    Axis, Column, Command, Counts, Device, Frame, Option, Reading, RegisterMap, Registers, Sense, Serial, Transmissions,
-    fact_table, points, quantize,
+    Axis, Column, Command, Counts, Device, Frame, Option, Reading, RegisterMap, Registers, Sense, Serial, Tool,
+    Transmissions, fact_table, points, quantize,
 )  # fmt: skip
 from firmware_protocols.protocols.modbus import Banks, Rtu, silence_ns
 
@@ -103,9 +101,7 @@ class RobotiqFt300(Device):
     def __init__(
         self,
         *,
-        tool: Annotated[
-            tuple[float, float, float], Option("point of contact on the tool, from the sensor's origin", unit="m")
-        ] = (0.0, 0.0, 0.05),
+        tool: Tool = (0.0, 0.0, 0.05),
         streams: Annotated[
             bool, Option("stream from power-up, as hardware does; if false, only Modbus is in use")
         ] = True,

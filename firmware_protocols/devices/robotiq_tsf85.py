@@ -28,15 +28,13 @@ packet (option ``static_hz``).
 Try it: ``tactemu run robotiq_tsf85``, then ``RobotiqTactileSensor(port=...).configure(update_period_ms=10)``.
 """
 
-from __future__ import annotations
-
 from typing import Annotated, Literal
 
 import numpy as np
 
 from firmware_protocols import (
-    MORE, USB, Column, Command, Counts, Device, Frame, Layout, Option, Packets, Reading, Restart, Sense, Serial,
-    Transmissions, fact_table, grid_layout, int16, place, points, quantize, stack,
+    MORE, USB, Column, Counts, Device, Frame, Layout, Option, Packets, Reading, Restart, Sense, Serial, Transmissions,
+    command_table, fact_table, grid_layout, int16, place, points, quantize, stack,
 )  # fmt: skip
 
 PACKET = Frame("""
@@ -88,6 +86,19 @@ class RobotiqTsf85(Device):
         "pyrobotiqtactile 0.1.2",
     )
     judge = f"pyrobotiqtactile 0.1.2, {VENDOR}"
+    documented = command_table(
+        """
+        ? version                     E3 00     E3 05 312e312e38
+        ? read once                   61 00     61 AC 10 ..{171}
+        autosend synchronous, 10 ms   58 01 0A
+        autosend asynchronous, 10 ms  59 01 0A
+        stop                          58 01 00
+        bootloader                    E2 00     -  restarts the firmware
+        """,
+        head="9A 00",
+        origin="robotiq/tactile_sensors@8cb0219 sensor_quickstart/protocol.py l.18-22, 119-125",
+    )
+    documented_with = ("counts_per_newton", "baseline", "static_hz")
     facts = fact_table(f"""
         stated touch: fields, their types, big-endian @ {PROTOCOL}:172-250
         stated touch: 7 rows of 4, row-major, first at the top left @ {VENDOR} sdk_cpp/README.md:132-143
@@ -137,29 +148,6 @@ class RobotiqTsf85(Device):
         self.autosend: int | None = None
         self.counts = self.now = np.full(len(self.layout), baseline)
         self.hold_ns, self.due_ns = round(1e9 / static_hz) if static_hz else 0, 0
-
-    @property
-    def commands(self) -> tuple[Command, ...]:
-        """The five commands of both vendor drivers."""
-        origin = "robotiq/tactile_sensors@8cb0219 sensor_quickstart/protocol.py l.18-22, 119-125"
-        version = f"9A 00 E3 {len(self.version):02X} {self.version.hex()}"
-        size = 93 if self.magnetometer else 86
-        together = [f"9A 00 61 {2 * size:02X} 10 ..{{{2 * size - 1}}}"]
-        each = [f"9A 00 61 {size:02X} {kind} ..{{{size - 1}}}" for kind in ("10", "14")]
-        return (
-            Command(name="version", request="9A 00 E3 00", reply=version, origin=origin, safe=True),
-            Command(
-                name="read once",
-                request="9A 00 61 00",
-                reply=together if self.together else each,
-                origin=origin,
-                safe=True,
-            ),
-            Command(name="autosend synchronous, 10 ms", request="9A 00 58 01 0A", origin=origin),
-            Command(name="autosend asynchronous, 10 ms", request="9A 00 59 01 0A", origin=origin),
-            Command(name="stop", request="9A 00 58 01 00", origin=origin),
-            Command(name="bootloader", request="9A 00 E2 00", about="restarts the firmware", origin=origin),
-        )
 
     def measure(self, reading: Reading, t_ns: int) -> Counts:
         """Return static counts, uint16 range, shape ``(56,)``: finger 0 row by row, then finger 1."""

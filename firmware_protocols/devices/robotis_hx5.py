@@ -26,8 +26,6 @@ the k-th address of ``read_places`` (122), ``write_data`` (799) goes to ``write_
 Try it: ``tactemu run robotis_hx5``, then ``PacketHandler(2.0).readTxRx(port, 110, 1102, 9)`` of ``dynamixel_sdk``.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, Literal
 

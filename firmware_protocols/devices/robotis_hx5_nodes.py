@@ -3,8 +3,6 @@
 The datasheet of the hand is :mod:`firmware_protocols.devices.robotis_hx5`.
 """
 
-from __future__ import annotations
-
 import struct
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence

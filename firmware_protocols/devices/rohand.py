@@ -42,16 +42,14 @@ calibrated, 3 value out of its range, 4 a motor stuck, 5 failed, 6 not saved.
 Try it: ``tactemu run rohand``, then ``02 03 08 34 00 1E 86 5F`` for the index finger's dots.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Literal
 
 import numpy as np
 
 from firmware_protocols import (
-    Column, Command, Counts, Device, Layout, Motors, Option, Reading, Refused, RegisterMap, Registers, Restart, Rs485,
-    Transmissions, fact_table, grid_layout, place, quantize, stack,
+    Column, Counts, Device, Layout, Motors, Option, Reading, Refused, RegisterMap, Registers, Restart, Rs485,
+    Transmissions, command_table, fact_table, grid_layout, place, quantize, stack,
 )  # fmt: skip
 from firmware_protocols.protocols.modbus import Banks, Rtu, silence_ns
 
@@ -165,6 +163,45 @@ class RoHand(Device):
         "unienv-rohand 0.0.1a2 roh_registers_v1.py, rohand.py (1085..1174, units, angles open and closed)",
     )
     judge = "oymotion/roh_gen2_demos@026e86b, unienv-rohand 0.0.1a2"
+    documented = command_table(
+        """
+        @ oymotion/roh_gen2_demos@026e86b common/roh_registers_v2.py
+        ? dots of the thumb               03 07 D0 00 12 C5 79                 03 24 ..{36} ..{2}
+        ? dots of the index finger        03 08 34 00 1E 86 5F                 03 3C ..{60} ..{2}
+        ? dots of the middle finger       03 08 98 00 1E 46 7E                 03 3C ..{60} ..{2}
+        ? dots of the ring finger         03 08 FC 00 1E 07 A1                 03 3C ..{60} ..{2}
+        ? dots of the little finger       03 09 60 00 10 47 B7                 03 20 ..{32} ..{2}
+        ? dots of the palm                03 09 C4 00 1C 06 51                 03 38 ..{56} ..{2}
+        ? kind of touch                   03 04 F1 00 01 D4 FA                 03 02 00 00 FC 44
+        ? hardware                        03 03 EB 00 01 F4 49                 03 02 20 01 24 44
+        ? forces                          03 04 97 00 06 75 27                 03 0C ..{12} ..{2}
+        zero the forces                   10 03 F8 00 01 02 00 01 55 D8        10 03 F8 00 01 80 4F
+        @ oymotion/roh_firmware@4697700 protocol/OHandModBusRTUProtocol_EN.md
+        ? protocol                        03 03 E8 00 01 04 49                 03 02 02 00 FD 24
+        ? firmware                        03 03 E9 00 01 55 89                 03 02 ..{2} ..{2}
+        ? unit                            03 03 ED 00 01 14 48                 03 02 00 02 7D 85
+        ? cause of exception 4            03 03 EE 00 01 E4 48                 03 02 00 00 FC 44
+        unit 248: exception 4             06 03 ED 00 F8 18 0A                 86 04 B3 A3
+        calibrate                         06 03 F4 00 01 09 8F                 =
+        initialise                        06 03 F5 00 01 58 4F                 =
+        restart                           06 03 F6 00 00 69 8F                 =
+        @ unienv-rohand 0.0.1a2 roh_registers_v1.py, rohand.py (1085..1174, units, angles open and closed)
+        ? states                          03 04 3D 00 06 55 07                 03 0C ..{12} ..{2}
+        ? currents                        03 04 51 00 06 95 1A                 03 0C ..{12} ..{2}
+        ? positions                       03 04 79 00 06 15 12                 03 0C ..{12} ..{2}
+        ? angles                          03 04 8D 00 06 54 E0                 03 0C ..{12} ..{2}
+        limit a force                     06 04 5B 3A 98 EA 10                 =
+        slow the thumb                    06 04 65 40 00 A9 16                 =
+        bend the thumb                    06 04 6F 80 00 D9 14                 =
+        two angles                        10 04 83 00 02 04 07 D0 36 B0 90 C7  10 04 83 00 02 B1 23
+        @ Modbus application protocol V1.1b3, 7
+        ? beyond the map: illegal address   03 27 10 00 01 8F 48                 83 02 30 F1
+        write a version: illegal address  06 03 E8 00 01 C8 49                 86 02 33 A1
+        read coils: illegal function      01 03 E8 00 01 7D 89                 81 01 71 90
+        ? read too much: illegal value    03 03 E8 00 7E 45 A9                 83 03 F1 31
+        """,
+        head="02",
+    )
     facts = fact_table(f"""
         stated touch: dots, parts, bytes of each generation's touch @ {_DEMOS} force_chart.py:120
         stated touch: forces of fingers are mN (first generation) @ {_DOC}:242
@@ -306,22 +343,6 @@ class RoHand(Device):
         self.registers.reset(*ORDERS)
         return written
 
-    @property
-    def commands(self) -> tuple[Command, ...]:
-        """Requests to a hand with dots and default options."""
-        if self.touch != "dots" or self.unit != 2:
-            return ()
-        return tuple(
-            Command(
-                name=name,
-                request=f"02 {request}",
-                reply=f"02 {reply or request}",
-                origin=origin,
-                safe=request[:2] in ("03", "04"),
-            )
-            for name, request, reply, origin in _EXAMPLES
-        )
-
 
 def _columns(touch: Touch) -> tuple[Column, ...]:
     if touch == "dots":
@@ -348,40 +369,3 @@ def _hand(touch: Touch) -> Layout:
         if touch != "finger" or n_points:
             pads.append(place(grid_layout(rows, cols, pitch, name=name, link=name), (*PART_CENTRES_M[name], 0.0)))
     return stack(*pads)
-
-
-_DEMO, _DOCUMENT, _V1 = RoHand.sources
-_STANDARD = "Modbus application protocol V1.1b3, 7"
-_EXAMPLES = (
-    # name, request, answer, without the unit; CRC by pymodbus; a write of one register comes back as it was
-    ("dots of the thumb", "03 07 D0 00 12 C5 79", "03 24 ..{36} ..{2}", _DEMO),
-    ("dots of the index finger", "03 08 34 00 1E 86 5F", "03 3C ..{60} ..{2}", _DEMO),
-    ("dots of the middle finger", "03 08 98 00 1E 46 7E", "03 3C ..{60} ..{2}", _DEMO),
-    ("dots of the ring finger", "03 08 FC 00 1E 07 A1", "03 3C ..{60} ..{2}", _DEMO),
-    ("dots of the little finger", "03 09 60 00 10 47 B7", "03 20 ..{32} ..{2}", _DEMO),
-    ("dots of the palm", "03 09 C4 00 1C 06 51", "03 38 ..{56} ..{2}", _DEMO),
-    ("kind of touch", "03 04 F1 00 01 D4 FA", "03 02 00 00 FC 44", _DEMO),
-    ("protocol", "03 03 E8 00 01 04 49", "03 02 02 00 FD 24", _DOCUMENT),
-    ("firmware", "03 03 E9 00 01 55 89", "03 02 ..{2} ..{2}", _DOCUMENT),
-    ("hardware", "03 03 EB 00 01 F4 49", "03 02 20 01 24 44", _DEMO),
-    ("unit", "03 03 ED 00 01 14 48", "03 02 00 02 7D 85", _DOCUMENT),
-    ("cause of exception 4", "03 03 EE 00 01 E4 48", "03 02 00 00 FC 44", _DOCUMENT),
-    ("states", "03 04 3D 00 06 55 07", "03 0C ..{12} ..{2}", _V1),
-    ("currents", "03 04 51 00 06 95 1A", "03 0C ..{12} ..{2}", _V1),
-    ("forces", "03 04 97 00 06 75 27", "03 0C ..{12} ..{2}", _DEMO),
-    ("positions", "03 04 79 00 06 15 12", "03 0C ..{12} ..{2}", _V1),
-    ("angles", "03 04 8D 00 06 54 E0", "03 0C ..{12} ..{2}", _V1),
-    ("zero the forces", "10 03 F8 00 01 02 00 01 55 D8", "10 03 F8 00 01 80 4F", _DEMO),
-    ("unit 248: exception 4", "06 03 ED 00 F8 18 0A", "86 04 B3 A3", _DOCUMENT),
-    ("calibrate", "06 03 F4 00 01 09 8F", "", _DOCUMENT),
-    ("initialise", "06 03 F5 00 01 58 4F", "", _DOCUMENT),
-    ("restart", "06 03 F6 00 00 69 8F", "", _DOCUMENT),
-    ("limit a force", "06 04 5B 3A 98 EA 10", "", _V1),
-    ("slow the thumb", "06 04 65 40 00 A9 16", "", _V1),
-    ("bend the thumb", "06 04 6F 80 00 D9 14", "", _V1),
-    ("two angles", "10 04 83 00 02 04 07 D0 36 B0 90 C7", "10 04 83 00 02 B1 23", _V1),
-    ("beyond the map: illegal address", "03 27 10 00 01 8F 48", "83 02 30 F1", _STANDARD),
-    ("write a version: illegal address", "06 03 E8 00 01 C8 49", "86 02 33 A1", _STANDARD),
-    ("read coils: illegal function", "01 03 E8 00 01 7D 89", "81 01 71 90", _STANDARD),
-    ("read too much: illegal value", "03 03 E8 00 7E 45 A9", "83 03 F1 31", _STANDARD),
-)

@@ -22,15 +22,14 @@ have a fraction, which the model drops.
 Try it: ``tactemu run seed_fts3``, then read lines.
 """
 
-from __future__ import annotations
-
 import re
 from typing import Annotated, Literal
 
 import numpy as np
 
 from firmware_protocols import (
-    USB, Column, Command, Counts, Device, Lines, Option, Reading, Serial, Transmissions, fact_table, points, quantize,
+    USB, Column, Counts, Device, Lines, Option, Reading, Serial, Transmissions, command_table, fact_table, points,
+    quantize,
 )  # fmt: skip
 
 FINGER_SPACING_M = 0.02
@@ -62,6 +61,26 @@ class SeedFts3(Device):
         "seedrobotics/ros2_sensor_pkg@a920d6c script/read_publish_sensor_node.py; seedrobotics/ros_fts README",
     )
     judge = "seedrobotics/SensorTools@a4b7613, seedrobotics/ros2_sensor_pkg@a920d6c"
+    documented = command_table("""
+        @ SensorTools@a4b7613 SensorTool.py
+        enabletime                 656e61626c6574696d65                                        23 4F 4B 0D 0A
+        disabletime                64697361626c6574696d65                                      23 4F 4B 0D 0A
+        calibrate                  63616c696272617465                                          23 4F 4B 0D 0A
+        setepoch,1700000000,250    73657465706f63682c313730303030303030302c323530              23 4F 4B 0D 0A
+        setperiod,40               736574706572696f642c3430                                    23 4F 4B 0D 0A
+        dumpsensors                64756d7073656e736f7273                                      23 4F 4B 0D 0A
+        dumponboard                64756d706f6e626f617264                                      23 4F 4B 0D 0A
+        resume                     726573756d65                                                23 4F 4B 0D 0A
+        ? getversion               67657476657273696f6e
+            23 4F 4B 2C 312e302e30 0D 0A
+        ? softwareversion          736f66747761726576657273696f6e
+            23 4F 4B 2C 312e302e30 0D 0A
+        setepoch with a fraction   73657465706f63682c313738313030333036302e343337353239332c30  23 4F 4B 0D 0A
+        @ ros2_sensor_pkg@a920d6c read_publish_sensor_node.py
+        setperiod,20, with CR LF   73 65 74 70 65 72 69 6F 64 2C 32 30 0D 0A                   23 4F 4B 0D 0A
+        setperiod with a fraction  736574706572696f642c35302e30                                23 4F 4B 0D 0A
+    """)
+    documented_with = ("sensors", "counts_per_newton")
     facts = fact_table("""
         stated touch: whole numbers in mN, up to 3 kg; counts by a command that is not in the model @
             kb.seedrobotics.com fts3_pressuresensor; ros_fts README.md:63
@@ -107,36 +126,6 @@ class SeedFts3(Device):
         self.felt = self.zero = np.zeros((len(fitted), 3))
         self.lines_in = Lines(counters=self.counters, longest=64)
         self.says_time, self.epoch_ms = True, 0
-
-    @property
-    def commands(self) -> tuple[Command, ...]:
-        """All commands of the vendor's tool, without an end, and one with that of the ROS node."""
-        lines = (b"enabletime", b"disabletime", b"calibrate", b"setepoch,1700000000,250", b"setperiod,40", *DUMPS)
-        versions = (b"getversion", b"softwareversion")
-        tool, node = "SensorTools@a4b7613 SensorTool.py", "ros2_sensor_pkg@a920d6c read_publish_sensor_node.py"
-        version = f"23 4F 4B 2C {self.version.hex()} 0D 0A"
-        return (
-            *(Command(name=each.decode(), request=each.hex(), reply="23 4F 4B 0D 0A", origin=tool) for each in lines),
-            *(
-                Command(name=each.decode(), request=each.hex(), reply=version, origin=tool, safe=True)
-                for each in versions
-            ),
-            Command(
-                name="setepoch with a fraction",
-                request=b"setepoch,1781003060.4375293,0".hex(),
-                reply="23 4F 4B 0D 0A",
-                origin=tool,
-            ),
-            Command(
-                name="setperiod,20, with CR LF",
-                request="73 65 74 70 65 72 69 6F 64 2C 32 30 0D 0A",
-                reply="23 4F 4B 0D 0A",
-                origin=node,
-            ),
-            Command(
-                name="setperiod with a fraction", request=b"setperiod,50.0".hex(), reply="23 4F 4B 0D 0A", origin=node
-            ),
-        )
 
     def measure(self, reading: Reading, t_ns: int) -> Counts:
         """Return x, y, z of each fitted sensor, shape ``(n, 3)``, a push positive; 0 for an axis that is missing."""

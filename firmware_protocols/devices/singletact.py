@@ -22,8 +22,6 @@ named, else from 128, and writes ``02 location count data FF``. What else is wri
 Try it: ``tactemu run singletact``, then send FF FF FF FF 04 64 01 01 80 06 FF FE FE FE FE.
 """
 
-from __future__ import annotations
-
 from typing import Annotated, Literal
 
 from firmware_protocols import (

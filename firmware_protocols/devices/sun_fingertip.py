@@ -7,12 +7,10 @@ Wire: 1 000 000 8N1 for wired fingers; the driver's default is 500 000 (option `
 Try it: ``tactemu run sun_fingertip``, then send ``a``.
 """
 
-from __future__ import annotations
-
 from typing import Annotated, Literal
 
 from firmware_protocols import (
-    Column, Command, Counts, Device, Frame, Option, Reading, Serial, Transmissions, fact_table, grid_layout, quantize,
+    Column, Device, Frame, Option, Serial, Transmissions, command_table, fact_table, grid_layout,
 )  # fmt: skip
 
 FRAME = Frame("""
@@ -35,6 +33,8 @@ class SunFingertip(Device):
     evidence = ("driver",)
     sources = ("marcocostanzo/tactile_sensor_ros@149032e",)
     judge = "marcocostanzo/tactile_sensor_ros@149032e"
+    documented = command_table("? read  61  ..{50}", origin="marcocostanzo/tactile_sensor_ros@149032e")
+    documented_with = None
     facts = fact_table(f"""
         stated touch: 25 values of 12 bits, low byte first, x * 3.3 / 4096 V; rows, columns: parameters @ {DRIVER}
             src/read_tactile_serial_node.cpp:115-121
@@ -58,21 +58,11 @@ class SunFingertip(Device):
         counts_per_newton: Annotated[float, Option("scale of a taxel", unit="1/N", low=1e-6)] = 400.0,
     ):
         self.ports = (Serial(baud=baud),)
-        self.columns = (Column(name="voltage", low=0, high=4095, rest=baseline, push=1),)
+        self.columns = (
+            Column(name="voltage", low=0, high=4095, rest=baseline, assumed_per_unit=counts_per_newton, push=1),
+        )
         self.layout = grid_layout(ROWS, COLS, PITCH_M)
         self.frame = FRAME.bind(wire_order=self.layout.wire_order)
-        self.baseline, self.counts_per_newton = baseline, counts_per_newton
-
-    @property
-    def commands(self) -> tuple[Command, ...]:
-        """The only command."""
-        return (Command(name="read", request="61", reply="..{50}", origin=self.sources[0], safe=True),)
-
-    def measure(self, reading: Reading, t_ns: int) -> Counts:
-        """Return the counts of each taxel, 0..4095, shape ``(25,)``."""
-        push = self.layout.push(reading["force"])
-        self.counts = quantize(push, self.counts_per_newton, 0, 4095, rest=self.baseline)
-        return self.counts
 
     def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
         """Answer letters, one frame each."""

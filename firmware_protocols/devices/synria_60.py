@@ -12,16 +12,14 @@ force zero, 2 restores the zero of power-up. The driver also subtracts the value
 Try it: ``tactemu run synria_60``, then ``TactilePressureSDK(port)`` of ``tactile_sdk``.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Annotated
 
 import numpy as np
 
 from firmware_protocols import (
-    Column, Command, Counts, Device, Frame, Option, Reading, Refused, RegisterMap, Registers, Rs485, Transmissions,
-    fact_table, grid_layout, quantize,
+    Column, Counts, Device, Frame, Option, Reading, Refused, RegisterMap, Registers, Rs485, Transmissions,
+    command_table, fact_table, grid_layout, quantize,
 )  # fmt: skip
 from firmware_protocols.protocols.modbus import Banks, Rtu
 
@@ -74,6 +72,21 @@ class Synria60(Device):
     evidence = ("driver",)
     sources = ("tactile-pressure-sdk 2.0.0 tactile_sdk/protocol/constants.py, modbus_rtu.py, api/ (the vendor's own)",)
     judge = "tactile-pressure-sdk 2.0.0"
+    documented = command_table(
+        """
+        ? all values                     42 80 11                       42 78 00 ..{120} ..{2}
+        ? model                          41 01 D1 90                    41 01 ..{9} ..{2}
+        ? no such text                   41 05 D0 53                    C1 03 31 91
+        ? points                         03 00 0F 00 01 B4 09           03 02 00 3C B8 55
+        zero                             06 00 12 00 01 E8 0F           =
+        ? read what can only be written  03 00 11 00 01 D4 0F           83 02 C0 F1
+        a kind that is not               06 00 0D 00 02 99 C8           86 03 02 61
+        write several: no such function  10 00 0D 00 01 02 00 01 66 8D  90 01 8D C0
+        """,
+        head="01",
+        origin="tactile-pressure-sdk 2.0.0; CRC by its calculate_crc16()",
+    )
+    documented_with = ("counts_per_newton", "model", "firmware")
     facts = fact_table(f"""
         stated touch: ADC values of 12 bits (or 16, as the firmware is); mN end at 65535 @ {_README} l.999
         stated touch: one module's ADC reads 559 at 100 mN, 2284 at 1000 mN of a point @ {_README} l.975
@@ -152,27 +165,3 @@ class Synria60(Device):
             self.zero = self.push if self.registers["zero"] == 1 else self.first
         self._convert()
         return written
-
-    @property
-    def commands(self) -> tuple[Command, ...]:
-        """Requests to unit 1."""
-        if self.registers["unit"] != 1:
-            return ()
-        origin = "tactile-pressure-sdk 2.0.0; CRC by its calculate_crc16()"
-        return tuple(
-            Command(name=name, request=request, reply=reply, origin=origin, safe=request[3:5] in ("03", "41", "42"))
-            for name, request, reply in _ASKED
-        )
-
-
-_ASKED = (
-    # name, request, reply
-    ("all values", "01 42 80 11", "01 42 78 00 ..{120} ..{2}"),
-    ("model", "01 41 01 D1 90", "01 41 01 ..{9} ..{2}"),
-    ("no such text", "01 41 05 D0 53", "01 C1 03 31 91"),
-    ("points", "01 03 00 0F 00 01 B4 09", "01 03 02 00 3C B8 55"),
-    ("zero", "01 06 00 12 00 01 E8 0F", "01 06 00 12 00 01 E8 0F"),
-    ("read what can only be written", "01 03 00 11 00 01 D4 0F", "01 83 02 C0 F1"),
-    ("a kind that is not", "01 06 00 0D 00 02 99 C8", "01 86 03 02 61"),
-    ("write several: no such function", "01 10 00 0D 00 01 02 00 01 66 8D", "01 90 01 8D C0"),
-)

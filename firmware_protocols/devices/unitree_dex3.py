@@ -24,8 +24,6 @@ Try it: ``tactemu run unitree_dex3``, then ``ChannelFactoryInitialize(0, "lo")``
 ``rt/dex3/left/state``.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Annotated, Literal
 

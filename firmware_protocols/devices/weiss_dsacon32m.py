@@ -28,15 +28,13 @@ skips up to five frames before an answer, and gives up on anything else.
 Try it: ``tactemu run weiss_dsacon32m``, then send AA AA AA 02 00 00.
 """
 
-from __future__ import annotations
-
 from typing import Annotated
 
 import numpy as np
 
 from firmware_protocols import (
-    MORE, SOUND, Column, Command, Counts, Device, Frame, Option, Packets, Reading, Rollover, Serial, Transmissions,
-    fact_table, grid_layout, quantize, stack,
+    MORE, SOUND, Column, Counts, Device, Frame, Option, Packets, Reading, Rollover, Serial, Transmissions,
+    command_table, fact_table, grid_layout, quantize, stack,
 )  # fmt: skip
 from firmware_protocols.sums import crc16_weiss
 
@@ -158,8 +156,6 @@ FINGER_PARTS = {"proximal": (14, 0.03), "distal": (13, 0.09)}
 """The rows of each part, and its place along the finger [m]."""
 FINGER_SPACING_M = 0.04
 
-READS = ("controller", "sensor", "matrix 5", "sensitivity of matrix 0", "threshold of matrix 0")
-
 
 class WeissDsacon32m(Device):
     """A controller of two matrices in each of three fingers, which a driver polls or which stream."""
@@ -174,6 +170,33 @@ class WeissDsacon32m(Device):
     evidence = ("driver",)
     sources = (f"{SDH}dsa.cpp, dsa.h, crc.h, crc.cpp (the vendor's own)", f"{RECORDINGS} (gain, threshold, period)")
     judge = "ipab-slmc/SDHLibrary-CPP@0217d4e"
+    documented = command_table(
+        """
+        stop                              03 03 00 00 00 00 8D 00           03 02 00 00 00 4B B9
+        ? controller                      01 00 00                          01 12 00 00 00 ..{16} ..{2}
+        ? sensor                          02 00 00                          02 0C 00 00 00 06 00 ..{8} ..{2}
+        ? matrix 5                        0B 01 00 05 6E AB
+            0B 34 00 00 00 ..{8} 06 00 0D 00 ..{38} ..{2}
+        ? sensitivity of matrix 0         12 01 00 00 8F DB
+            12 0B 00 00 00 02 00 00 00 3F 00 00 00 3F 61 E9
+        ? threshold of matrix 0           14 01 00 00 03 C1                 14 04 00 00 00 00 00 C6 91
+        sensitivity 0.75 of matrix 4      0F 06 00 00 04 00 00 40 3F 3A A9  0F 02 00 00 00 81 76
+        sensitivity of the factory        0F 06 00 03 00 00 00 00 00 41 14  0F 02 00 00 00 81 76
+        threshold 100 of all              13 04 00 02 00 64 00 92 4C        13 02 00 00 00 70 04
+        threshold 150 of matrix 1, kept   13 04 00 80 01 96 00 30 A5
+        matrix 6: no such                 0B 01 00 06 0D 9B                 0B 02 00 18 00 62 52
+        sensitivity 2: out of range       0F 06 00 00 00 00 00 00 40 C8 3C  0F 02 00 1B 00 9D 8D
+        unknown id                        7F 00 00                          7F 02 00 0D 00 D3 74
+        threshold, too short              13 02 00 00 00 70 04              13 02 00 0C 00 B5 54
+        one frame                         03 03 00 80 00 00 8D 02           03 02 00 00 00 4B B9
+        one frame, run-length coded       03 03 00 81 00 00 2F 68           03 02 00 00 00 4B B9
+        frames unasked                    03 03 00 80 1E 00 8E 1C           03 02 00 00 00 4B B9
+        frames unasked, run-length coded  03 03 00 81 1E 00 2C 76           03 02 00 00 00 4B B9
+        """,
+        head="AA AA AA",
+        origin="SDHLibrary-CPP@0217d4e dsa.cpp; CRC by its table, worked out apart",
+    )
+    documented_with = None
     facts = fact_table(f"""
         stated touch: texels row by row, matrix by matrix @ {SDH}dsa.cpp:488, 973
         stated touch: matrix = 2 finger + part, proximal before distal @ {SDH}dsa.h:644
@@ -234,26 +257,6 @@ class WeissDsacon32m(Device):
         self.packets = Packets(MESSAGE.head, _size, _check, counters=self.counters, longest=64)
         self.pushing = self.once = False
         self.flags = self.clock_ms = 0
-
-    @property
-    def commands(self) -> tuple[Command, ...]:
-        """The library's requests at open, settings, and its ways to read."""
-        origin = "SDHLibrary-CPP@0217d4e dsa.cpp; CRC by its table, worked out apart"
-        done = "AA AA AA 03 02 00 00 00 4B B9"
-        return tuple(
-            Command(name=name, request=f"AA AA AA {request}", reply=reply, origin=origin, safe=name in READS)
-            for name, request, reply in (
-                ("stop", "03 03 00 00 00 00 8D 00", done),
-                ("controller", "01 00 00", "AA AA AA 01 12 00 00 00 ..{16} ..{2}"),
-                ("sensor", "02 00 00", "AA AA AA 02 0C 00 00 00 06 00 ..{8} ..{2}"),
-                ("matrix 5", "0B 01 00 05 6E AB", "AA AA AA 0B 34 00 00 00 ..{8} 06 00 0D 00 ..{38} ..{2}"),
-                *_EXAMPLES,
-                ("one frame", "03 03 00 80 00 00 8D 02", done),
-                ("one frame, run-length coded", "03 03 00 81 00 00 2F 68", done),
-                ("frames unasked", "03 03 00 80 1E 00 8E 1C", done),
-                ("frames unasked, run-length coded", "03 03 00 81 1E 00 2C 76", done),
-            )
-        )
 
     def measure(self, reading: Reading, t_ns: int) -> Counts:
         """Return the counts of each texel, 0..4095, shape ``(486,)``."""
@@ -367,18 +370,3 @@ def _run_length(values: np.ndarray) -> np.ndarray:
     lengths = np.full(units.sum(), MAX_RUN_TEXELS)
     lengths[np.cumsum(units) - 1] = runs - MAX_RUN_TEXELS * (units - 1)
     return np.repeat(values[begins], units) | lengths << 12
-
-
-_EXAMPLES = (
-    # name, request without the preamble, answer
-    ("sensitivity of matrix 0", "12 01 00 00 8F DB", "AA AA AA 12 0B 00 00 00 02 00 00 00 3F 00 00 00 3F 61 E9"),
-    ("threshold of matrix 0", "14 01 00 00 03 C1", "AA AA AA 14 04 00 00 00 00 00 C6 91"),
-    ("sensitivity 0.75 of matrix 4", "0F 06 00 00 04 00 00 40 3F 3A A9", "AA AA AA 0F 02 00 00 00 81 76"),
-    ("sensitivity of the factory", "0F 06 00 03 00 00 00 00 00 41 14", "AA AA AA 0F 02 00 00 00 81 76"),
-    ("threshold 100 of all", "13 04 00 02 00 64 00 92 4C", "AA AA AA 13 02 00 00 00 70 04"),
-    ("threshold 150 of matrix 1, kept", "13 04 00 80 01 96 00 30 A5", None),
-    ("matrix 6: no such", "0B 01 00 06 0D 9B", "AA AA AA 0B 02 00 18 00 62 52"),
-    ("sensitivity 2: out of range", "0F 06 00 00 00 00 00 00 40 C8 3C", "AA AA AA 0F 02 00 1B 00 9D 8D"),
-    ("unknown id", "7F 00 00", "AA AA AA 7F 02 00 0D 00 D3 74"),
-    ("threshold, too short", "13 02 00 00 00 70 04", "AA AA AA 13 02 00 0C 00 B5 54"),
-)

@@ -29,17 +29,14 @@ as much, high byte first (wts-ft); an option chooses.
 Try it: ``tactemu run weiss_wts``, then send AA AA AA 30 00 00 CA CF.
 """
 
-from __future__ import annotations
-
 from typing import Annotated, Literal
 
 import numpy as np
 
 from firmware_protocols import (
-    MORE, SOUND, Column, Command, Counts, Device, Frame, Option, Packets, Reading, Rollover, Sense, Serial,
-    Transmissions, fact_table, grid_layout, int16, points, quantize,
+    Column, Counts, Device, Frame, Option, Packets, Reading, Request, Rollover, Sense, Serial, Transmissions, command,
+    command_table, fact_table, grid_layout, int16, points,
 )  # fmt: skip
-from firmware_protocols.sums import crc16_weiss
 
 MESSAGE = Frame("""
     message, either direction
@@ -69,44 +66,10 @@ SYSTEM = Frame("""
     2     00 10            firmware    1.0.0, four bits each from the highest, then its kind
     4     <u4              serial
 """)
-LOOP_BACK = 0x06
-PUSHED = 0x00
-SINGLE = 0x20
-START = 0x21
-STOP = 0x22
-TARE = 0x23
-MATRIX_INFO = 0x30
-SET_THRESHOLD = 0x34
-THRESHOLD = 0x35
-SET_GAIN = 0x36
-GAIN = 0x37
-TYPE = 0x38
-TEMPERATURE = 0x46
-SYSTEM_INFO = 0x50
-SET_TAG = 0x51
-TAG = 0x52
-READS = (
-    "loop",
-    "matrix",
-    "temperature",
-    "threshold",
-    "gain",
-    "type",
-    "system",
-    "tag",
-    "one frame, after the next scan",
-)
 MAX_PAYLOAD_BYTES = 64
-PAYLOAD_BYTES = {
-    **dict.fromkeys((STOP, MATRIX_INFO, THRESHOLD, GAIN, TYPE, TEMPERATURE, SYSTEM_INFO, TAG), (0,)),
-    **dict.fromkeys((SINGLE, TARE), (0, 1)),
-    **dict.fromkeys((LOOP_BACK, SET_TAG), range(MAX_PAYLOAD_BYTES)),
-    **{START: (3,), SET_THRESHOLD: (2,), SET_GAIN: (1,)},
-}
+PUSHED, SINGLE = 0x00, 0x20
+WITHOUT_PAYLOAD = (0x22, 0x30, 0x35, 0x37, 0x38, 0x46, 0x50, 0x52)
 DONE = b"\0\0"
-NONE_EXPECTED = b"\x0c\0"
-NOT_ENOUGH = b"\x0d\0"
-UNKNOWN_ID = b"\x0e\0"
 
 SCAN_PERIOD_NS = 10_000_000
 PITCH_M = 0.0034
@@ -126,10 +89,6 @@ class WeissWts(Device):
     ports = (Serial(baud=115200, usb=True),)
     senses = ("force", Sense("temperature", at=BOARD))
     rate_hz = 1e9 / SCAN_PERIOD_NS
-    columns = (
-        Column(name="texel", low=0, high=FULL_SCALE_COUNTS, push=1),
-        Column(name="T", sense="temperature", unit="degC", counts_per_unit=10.0, low=-0x8000, high=0x7FFF, rest=250),
-    )
     rollovers = (Rollover(name="time", bits=32, step=1000, clock=True, state="clock_ms"),)
     evidence = ("driver",)
     sources = (
@@ -138,6 +97,17 @@ class WeissWts(Device):
         f"{MANUAL} (ids, byte order, USB)",
     )
     judge = f"{CPP}, {PYTHON}"
+    origin = f"{CPP}; CRC by a second program"
+    documented = command_table(
+        """
+        unknown id            31 00 00 68 A5        31 02 00 0E 00 70 81
+        a payload too many    30 01 00 00 6B 12     30 02 00 0C 00 4D 10
+        a payload too short   21 01 00 00 4D 16     21 02 00 0D 00 BE 60
+        """,
+        head="AA AA AA",
+        origin=origin,
+    )
+    documented_with = ("values", "counts_per_newton")
     facts = fact_table(f"""
         stated touch: words of several bytes are sent low byte first @ {MANUAL}, page 4
         stated touch: values low byte first from byte 5 of a frame @ {CPP} src/wts_driver.cpp:349
@@ -176,120 +146,124 @@ class WeissWts(Device):
         self.title = f"Weiss WTS tactile matrix, {rows}x{cols}"
         self.layout = grid_layout(rows, cols, PITCH_M)
         self.rows, self.cols, self.serial = rows, cols, serial
-        self.sixteenths, self.counts_per_newton = values == "sixteenths", counts_per_newton
+        self.sixteenths = values == "sixteenths"
+        self.columns = (
+            Column(name="texel", low=0, high=FULL_SCALE_COUNTS, assumed_per_unit=counts_per_newton, push=1),
+            Column(
+                name="T", sense="temperature", unit="degC", counts_per_unit=10.0, low=-0x8000, high=0x7FFF, rest=250
+            ),
+        )
         self.type = (sensor_type or f"WTS-FT-{cols:02}{rows:02}-34").encode("latin-1", "replace")
         self.tag = self.flash.get("tag", tag.encode("latin-1", "replace"))
-        self.packets = Packets(MESSAGE.head, _size, _check, counters=self.counters, longest=MAX_PAYLOAD_BYTES + 8)
-        self.pushed = self.zero = np.zeros(len(self.layout))
-        self.warmth = np.zeros(1)
+        self.packets = Packets(MESSAGE, by="id", counters=self.counters, max_data=MAX_PAYLOAD_BYTES)
         self.pushing, self.singles, self.threshold, self.gain = False, 0, 0, 0
         self.clock_ms = 0
 
-    @property
-    def commands(self) -> tuple[Command, ...]:
-        """All requests, to a 14 x 6 with default options."""
-        if self.options.keys() - {"values", "counts_per_newton"}:
-            return ()
-        origin = f"{CPP}; CRC by a second program"
-        return tuple(
-            Command(
-                name=name,
-                request=f"AA AA AA {request}",
-                reply=reply and f"AA AA AA {reply}",
-                origin=origin,
-                safe=name in READS,
-            )
-            for name, request, reply in _EXAMPLES
-        )
-
     def measure(self, reading: Reading, t_ns: int) -> Counts:
         """Return, by sense, counts of the texels, 0..4095, ``(rows * cols,)``; temperature [0.1 deg C] ``(1,)``."""
-        self.pushed = self.layout.push(reading["force"])
-        texels = quantize(self.pushed - self.zero, self.counts_per_newton, 0, FULL_SCALE_COUNTS)
-        self.texels = np.where(texels < self.threshold, 0, texels)
-        self.warmth = quantize(reading["temperature"], 10.0, -0x8000, 0x7FFF)
-        return {"force": self.texels, "temperature": self.warmth}
+        super().measure(reading, t_ns)
+        self.counts["force"][self.counts["force"] < self.threshold] = 0
+        return self.counts
 
     def stream(self, t_ns: int, name: str) -> Transmissions:
         """Return the frames that were requested, then one of the stream."""
-        texels = self.layout.on_wire(self.texels)
+        texels = self.layout.on_wire(self.counts["force"])
         values = (16 * texels).astype(">u2") if self.sixteenths else texels.astype("<u2")
         frame = FRAME.pack(time=t_ns // 1_000_000 + self.clock_ms, values=values.tobytes())
         asked, self.singles = self.singles, 0
         answers = [MESSAGE.pack(id=SINGLE, payload=DONE + frame)] * asked
         return answers + [MESSAGE.pack(id=PUSHED, payload=frame)] * self.pushing
 
-    def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
-        """Answer messages, which arrive in chunks of any size."""
-        return [out for packet in self.packets.cut(data, t_ns) for out in self._obey(packet[3], packet[6:-2])]
+    @command("AA AA AA 06 02 00 12 34 E8 CF", "AA AA AA 06 04 00 00 00 12 34 AD 02", data="*", safe=True)
+    def loop(self, request: Request):
+        """Return the payload."""
+        return request.payload
 
-    def _obey(self, request: int, payload: bytes) -> list[bytes]:
-        wanted = PAYLOAD_BYTES.get(request)
-        if wanted is None or len(payload) not in wanted:
-            self.counters["unknown_command" if wanted is None else "bad_length"] += 1
-            wrong = UNKNOWN_ID if wanted is None else NONE_EXPECTED if max(wanted) == 0 else NOT_ENOUGH
-            return [MESSAGE.pack(id=request, payload=wrong)]
-        if request == SINGLE:
-            self.singles += 1
-            return []
-        return [MESSAGE.pack(id=request, payload=DONE + (self._information(request) or self._do(request, payload)))]
+    @command("AA AA AA 20 01 00 00 8F 83", name="one frame, after the next scan", safe=True)
+    @command("AA AA AA 20 00 00 4A A3", name="one frame, without flags")
+    def ask_for_a_frame(self, request: Request):
+        """Remember that a frame was requested; it follows the next scan."""
+        self.singles += 1
+        return ()
 
-    def _information(self, request: int) -> bytes:
-        """Return the information that ``request`` asks for; empty if it is an order."""
-        if request == MATRIX_INFO:
-            cell = [round(PITCH_M * 1e5)] * 2
-            return MATRIX.pack(columns=self.cols, rows=self.rows, cell=cell, full_scale=FULL_SCALE_COUNTS)
-        if request == SYSTEM_INFO:
-            return SYSTEM.pack(serial=self.serial)
-        known = {THRESHOLD: self.threshold.to_bytes(2, "little"), GAIN: bytes([self.gain]), TYPE: self.type}
-        return {**known, TAG: self.tag, TEMPERATURE: int16(self.warmth, "<")}.get(request, b"")
+    @command("AA AA AA 21 03 00 00 14 00 D9 AB", "AA AA AA 21 02 00 00 00 28 04", name="frames every 20 ms", data="<BH")
+    @command("AA AA AA 21 03 00 00 00 00 F5 5C", "AA AA AA 21 02 00 00 00 28 04", name="frames of each scan")
+    def start(self, request: Request):
+        """Start the stream, with flags and a period [ms]."""
+        self.pushing, self.period_ns = True, 1_000_000 * request.values[1] or SCAN_PERIOD_NS
 
-    def _do(self, request: int, payload: bytes) -> bytes:
-        """Execute an order, and return the data of its answer."""
-        if request == START:
-            self.pushing = True
-            self.period_ns = 1_000_000 * int.from_bytes(payload[1:], "little") or SCAN_PERIOD_NS
-        elif request == STOP:
-            self.pushing = False
-        elif request == TARE:
-            self.zero = np.zeros(len(self.layout)) if payload == b"\0" else self.pushed
-        elif request == SET_THRESHOLD:
-            self.threshold = int.from_bytes(payload, "little")
-        elif request == SET_GAIN:
-            self.gain = payload[0]
-        elif request == SET_TAG:
-            self.tag = self.flash["tag"] = payload
-        return payload if request == LOOP_BACK else b""
+    @command("AA AA AA 22 00 00 0E 76", "AA AA AA 22 02 00 00 00 A7 2E", name="no more frames")
+    def stop(self, request: Request):
+        """Stop the stream."""
+        self.pushing = False
 
+    @command("AA AA AA 23 00 00 AC 1C", "AA AA AA 23 02 00 00 00 3C D7", name="tare")
+    @command("AA AA AA 23 01 00 00 D8 1E", "AA AA AA 23 02 00 00 00 3C D7", name="no tare")
+    def tare(self, request: Request):
+        """Make the present forces zero, or drop the zero."""
+        self.zero = np.zeros(len(self.layout)) if request.payload == b"\0" else self.present
 
-def _size(data: bytes) -> int:
-    return MORE if len(data) < 6 else 8 + int.from_bytes(data[4:6], "little")
+    @command("AA AA AA 30 00 00 CA CF", "AA AA AA 30 0C 00 00 00 06 00 0E 00 54 01 54 01 FF 0F 59 3E", safe=True)
+    def matrix(self, request: Request):
+        """Return rows, columns and cells."""
+        cell = [round(PITCH_M * 1e5)] * 2
+        return MATRIX.pack(columns=self.cols, rows=self.rows, cell=cell, full_scale=FULL_SCALE_COUNTS)
 
+    @command("AA AA AA 34 02 00 64 00 8E C7", "AA AA AA 34 02 00 00 00 82 C3", name="threshold 100", data="<H")
+    def set_threshold(self, request: Request):
+        """Set the threshold."""
+        self.threshold = request.value
 
-def _check(packet: bytes) -> str:
-    return SOUND if crc16_weiss(packet[:-2]) == int.from_bytes(packet[-2:], "little") else "bad_checksum"
+    @command("AA AA AA 35 00 00 F1 2C", "AA AA AA 35 04 00 00 00 00 00 0C F7", name="threshold", safe=True)
+    def get_threshold(self, request: Request):
+        """Return the threshold."""
+        return self.threshold.to_bytes(2, "little")
 
+    @command("AA AA AA 36 01 00 80 6F 99", "AA AA AA 36 02 00 00 00 96 10", name="gain 128", data="B")
+    def set_gain(self, request: Request):
+        """Keep the gain."""
+        self.gain = request.value
 
-_EXAMPLES = (
-    # name, request, answer, without the preamble
-    ("loop", "06 02 00 12 34 E8 CF", "06 04 00 00 00 12 34 AD 02"),
-    ("matrix", "30 00 00 CA CF", "30 0C 00 00 00 06 00 0E 00 54 01 54 01 FF 0F 59 3E"),
-    ("temperature", "46 00 00 86 B7", "46 04 00 00 00 ..{2} ..{2}"),
-    ("tare", "23 00 00 AC 1C", "23 02 00 00 00 3C D7"),
-    ("no tare", "23 01 00 00 D8 1E", "23 02 00 00 00 3C D7"),
-    ("frames every 20 ms", "21 03 00 00 14 00 D9 AB", "21 02 00 00 00 28 04"),
-    ("frames of each scan", "21 03 00 00 00 00 F5 5C", "21 02 00 00 00 28 04"),
-    ("no more frames", "22 00 00 0E 76", "22 02 00 00 00 A7 2E"),
-    ("one frame, after the next scan", "20 01 00 00 8F 83", None),
-    ("threshold 100", "34 02 00 64 00 8E C7", "34 02 00 00 00 82 C3"),
-    ("threshold", "35 00 00 F1 2C", "35 04 00 00 00 00 00 0C F7"),
-    ("gain 128", "36 01 00 80 6F 99", "36 02 00 00 00 96 10"),
-    ("gain", "37 00 00 B5 F9", "37 03 00 00 00 00 DF 28"),
-    ("type", "38 00 00 EA CF", "38 10 00 00 00 57 54 53 2D 46 54 2D 30 36 31 34 2D 33 34 FB F3"),
-    ("system", "50 00 00 DB 87", "50 0A 00 00 00 01 01 00 10 01 00 00 00 CA 60"),
-    ("new tag", "51 04 00 6C 65 66 74 6F E7", "51 02 00 00 00 EC 62"),
-    ("tag", "52 00 00 9F 52", "52 05 00 00 00 77 74 73 45 40"),
-    ("unknown id", "31 00 00 68 A5", "31 02 00 0E 00 70 81"),
-    ("a payload too many", "30 01 00 00 6B 12", "30 02 00 0C 00 4D 10"),
-    ("a payload too short", "21 01 00 00 4D 16", "21 02 00 0D 00 BE 60"),
-)
+    @command("AA AA AA 37 00 00 B5 F9", "AA AA AA 37 03 00 00 00 00 DF 28", name="gain", safe=True)
+    def get_gain(self, request: Request):
+        """Return the gain."""
+        return bytes([self.gain])
+
+    @command(
+        "AA AA AA 38 00 00 EA CF",
+        "AA AA AA 38 10 00 00 00 57 54 53 2D 46 54 2D 30 36 31 34 2D 33 34 FB F3",
+        name="type",
+        safe=True,
+    )
+    def get_type(self, request: Request):
+        """Return the type as text."""
+        return self.type
+
+    @command("AA AA AA 46 00 00 86 B7", "AA AA AA 46 04 00 00 00 ..{2} ..{2}", safe=True)
+    def temperature(self, request: Request):
+        """Return the temperature [0.1 deg C]."""
+        return int16(self.counts["temperature"], "<")
+
+    @command("AA AA AA 50 00 00 DB 87", "AA AA AA 50 0A 00 00 00 01 01 00 10 01 00 00 00 CA 60", safe=True)
+    def system(self, request: Request):
+        """Return versions and the serial number."""
+        return SYSTEM.pack(serial=self.serial)
+
+    @command("AA AA AA 51 04 00 6C 65 66 74 6F E7", "AA AA AA 51 02 00 00 00 EC 62", name="new tag", data="*")
+    def set_tag(self, request: Request):
+        """Keep the tag in flash."""
+        self.tag = self.flash["tag"] = request.payload
+
+    @command("AA AA AA 52 00 00 9F 52", "AA AA AA 52 05 00 00 00 77 74 73 45 40", name="tag", safe=True)
+    def get_tag(self, request: Request):
+        """Return the tag."""
+        return self.tag
+
+    def reply(self, request: Request, content: bytes) -> Transmissions:
+        """Return the answer: id, status and content."""
+        return [MESSAGE.pack(id=request.id, payload=DONE + content)]
+
+    def refused(self, request: Request, why: str) -> Transmissions:
+        """Return the answer with an error."""
+        error = 14 if why == "unknown_command" else 12 if request.id in WITHOUT_PAYLOAD else 13
+        return [MESSAGE.pack(id=request.id, payload=error.to_bytes(2, "little"))]

@@ -15,8 +15,6 @@ scans consists of parts of two, as it counts values and ignores their start.
 Try it: ``tactemu run wiresens values=120``, then the ``SerialReceiver`` of WiReSensPy.
 """
 
-from __future__ import annotations
-
 import json
 from typing import Annotated
 

@@ -26,18 +26,16 @@ localhost``, or the emulator ``--port ws:0.0.0.0:5000``.
 Try it: ``tactemu run xela_server``, then ``websocket.create_connection("ws://127.0.0.1:5000").recv()``.
 """
 
-from __future__ import annotations
-
 import json
 from typing import Annotated, Literal
 
 import numpy as np
 
 from firmware_protocols import (
-    Column, Counts, Device, LinearMagnet, Option, Reading, Rollover, Transmissions, WebSocket, fact_table, grid_layout,
-    place, quantize, stack,
+    Counts, Device, FieldGains, LinearMagnet, Option, Reading, Rollover, Transmissions, WebSocket, fact_table,
+    grid_layout, place, quantize, stack,
 )  # fmt: skip
-from firmware_protocols.devices.xela_uskin import GAIN_UT_PER_N, PITCH_M, REST_FIELD_UT, UT_PER_COUNT
+from firmware_protocols.devices.xela_uskin import GAIN_UT_PER_N, PITCH_M, REST_FIELD_UT, UT_PER_COUNT, raw_columns
 
 Model = Literal["uSPa44", "uSPa46", "uSPa22", "uSPa21", "uSPa11", "XR1944", "XR1844"]
 SIZES_BY_MODEL: dict[str, tuple[int, int]] = {
@@ -86,10 +84,7 @@ class XelaServer(Device):
         *,
         models: Annotated[Model | tuple[Model, ...], Option("one sensor, or several by position")] = "uSPa46",
         calibrated: Annotated[bool, Option("send forces too, as set in xServ.ini")] = False,
-        gains: Annotated[
-            tuple[float, float, float],
-            Option("field per force along x, y and z of a taxel, z out of the skin", unit="uT/N"),
-        ] = GAIN_UT_PER_N,
+        gains: FieldGains = GAIN_UT_PER_N,
         epoch: Annotated[float, Option("Unix time at power-up", unit="s", low=0.0)] = 1_700_000_000.0,
     ):
         self.models = (models,) if isinstance(models, str) else models or ("uSPa46",)
@@ -99,12 +94,7 @@ class XelaServer(Device):
             pads.append(place(grid_layout(rows, cols, PITCH_M, name=str(k)), (x + cols * PITCH_M / 2, 0.0, 0.0)))
             x += cols * PITCH_M + 0.01
         self.layout = stack(*pads)
-        rest = [round(field / UT_PER_COUNT) for field in REST_FIELD_UT]
-        push = -1 if gains[2] > 0 else 1
-        self.columns = tuple(
-            Column(name=axis.upper(), axis=axis, low=0, high=0xFFFF, rest=at, push=push if axis == "z" else 0)
-            for axis, at in zip(("x", "y", "z"), rest)
-        )
+        self.columns = raw_columns(gains[2])
         self.magnet = LinearMagnet(gain=gains, offset=REST_FIELD_UT)
         self.message = 0
 

@@ -21,16 +21,14 @@ from 0x720 on. Evidence: two published drivers, one for each generation, run; ne
 Try it: ``tactemu run xela_uskin --port can:socketcan:vcan0``, then ``cansend vcan0 201#0700; candump vcan0``.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Annotated, Literal
 
 import numpy as np
 
 from firmware_protocols import (
-    Can, CanFrame, Column, Command, Counts, Device, Frame, LinearMagnet, Option, Reading, Transmissions, fact_table,
-    grid_layout, quantize,
+    Can, CanFrame, Column, Command, Counts, Device, FieldGains, Frame, LinearMagnet, Option, Reading, Transmissions,
+    fact_table, grid_layout, quantize, xyz,
 )  # fmt: skip
 
 TAXEL = Frame("""
@@ -46,6 +44,7 @@ REST_FIELD_UT = (2400.0, 2400.0, 2100.0)
 GAIN_UT_PER_N = (300.0, 300.0, -500.0)
 
 
+Board = Annotated[int, Option("number set by the switches of the board", low=1, high=15)]
 _ARQ = "uskin_can_drivers@081807b"
 _ASSUMED = fact_table("""
     assumed touch: 0.1 uT per count, 300 uT/N in the plane, 500 uT/N along the normal, 24000/24000/21000 counts at rest
@@ -54,6 +53,12 @@ _ASSUMED = fact_table("""
     assumed configuration: silent after power-up; whatever else is sent gets silence @ both drivers
     assumed timing: 100 Hz @ both drivers
 """)
+
+
+def raw_columns(gain_z: float) -> tuple[Column, ...]:
+    """Return the columns X, Y, Z of raw counts; a press raises Z if its gain is negative."""
+    rest = [round(field / UT_PER_COUNT) for field in REST_FIELD_UT]
+    return xyz("X Y Z", low=0, high=0xFFFF, rest=rest, push=-1 if gain_z > 0 else 1)
 
 
 class XelaUskin(Device[CanFrame]):
@@ -84,11 +89,8 @@ class XelaUskin(Device[CanFrame]):
         self,
         *,
         ids: Annotated[Literal["board", "grid"], Option("id scheme of the product generation")] = "board",
-        board: Annotated[int, Option("number set by the switches of the board", low=1, high=15)] = 1,
-        gains: Annotated[
-            tuple[float, float, float],
-            Option("field per force along x, y and z of a taxel, z out of the skin", unit="uT/N"),
-        ] = GAIN_UT_PER_N,
+        board: Board = 1,
+        gains: FieldGains = GAIN_UT_PER_N,
     ):
         self.ports = (Can(filters=((0x200 | board, 0x7FF),), addressed=((0x200 | board, 0x70F),)),)
         row, col = np.divmod(np.arange(self.rows * self.cols), self.cols)
@@ -97,12 +99,7 @@ class XelaUskin(Device[CanFrame]):
         self.layout = replace(grid_layout(self.rows, self.cols, PITCH_M, name="uskin"), wire_order=order)  # type: ignore[arg-type]
         taxel_ids = 0x100 | row << 4 | col if by_grid else 0x700 | board << 4 | row * self.cols + col
         self.ids = self.layout.on_wire(taxel_ids).tolist()
-        rest_x, rest_y, rest_z = (round(field / UT_PER_COUNT) for field in REST_FIELD_UT)
-        self.columns = (
-            Column(name="X", axis="x", low=0, high=0xFFFF, rest=rest_x),
-            Column(name="Y", axis="y", low=0, high=0xFFFF, rest=rest_y),
-            Column(name="Z", axis="z", low=0, high=0xFFFF, rest=rest_z, push=-1 if gains[2] > 0 else 1),
-        )
+        self.columns = raw_columns(gains[2])
         self.magnet = LinearMagnet(gain=gains, offset=REST_FIELD_UT)
         self.command_id, self.streaming = 0x200 | board, False
 
@@ -159,12 +156,9 @@ class XelaUskin4x6(XelaUskin):
     def __init__(
         self,
         *,
-        board: Annotated[int, Option("number set by the switches of the board", low=1, high=15)] = 1,
+        board: Board = 1,
         first_id: Annotated[int, Option("identifier of row 0, column 0", low=0, high=0x7FF - 0x35)] = 0x100,
-        gains: Annotated[
-            tuple[float, float, float],
-            Option("field per force along x, y and z of a taxel, z out of the skin", unit="uT/N"),
-        ] = GAIN_UT_PER_N,
+        gains: FieldGains = GAIN_UT_PER_N,
     ):
         super().__init__(ids="grid", board=board, gains=gains)
         self.ids = [first_id - 0x100 + ident for ident in self.ids]

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import warp as wp
 
-from firmware_protocols.device import VECTORS
+from firmware_protocols.senses import VECTORS
 from tactemu.base.errors import TactemuError
 from tactemu.datasets.shards import STATE, Column, RowBuffer, Shard, Writer, saved, shards_of
 from tactemu.datasets.spec import DatasetSpec

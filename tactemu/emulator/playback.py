@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from firmware_protocols import Device
-from firmware_protocols.device import VECTORS
+from firmware_protocols.senses import VECTORS
 from tactemu.base.errors import SceneError, TactemuError
 from tactemu.scene.placement import AMBIENT
 from tactemu.truth import read_log

@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from firmware_protocols import Device
-from firmware_protocols.device import CONTACT, VECTORS
+from firmware_protocols.senses import CONTACT, VECTORS
 from tactemu.base.errors import SceneError, SourceError
 from tactemu.geometry import rotation
 from tactemu.geometry.motion import Pose

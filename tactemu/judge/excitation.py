@@ -14,7 +14,7 @@ import numpy as np
 
 from firmware_protocols import Device, Reading, calls
 from firmware_protocols.check.readings import METRES_PER_NEWTON, reading_of
-from firmware_protocols.device import CONTACT
+from firmware_protocols.senses import CONTACT
 
 Mode = Literal["untouched", "random", "steps"]
 STEP = 32

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from firmware_protocols import Device
-from firmware_protocols.device import TOUCH
 from firmware_protocols.options import checked, declared
+from firmware_protocols.senses import TOUCH
 from tactemu.base.errors import DeviceError, SceneError, nearest
 from tactemu.base.options import numbers
 from tactemu.geometry import rotation

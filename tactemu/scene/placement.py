@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 import numpy as np
 
 from firmware_protocols import Device, Sense
-from firmware_protocols.device import CONTACT, VECTORS
+from firmware_protocols.senses import CONTACT, VECTORS
 from tactemu.base.errors import SceneError
 from tactemu.base.options import numbers
 from tactemu.geometry import rotation

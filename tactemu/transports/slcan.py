@@ -10,7 +10,7 @@ from collections import Counter
 
 from firmware_protocols import Can, CanFrame, Connector, WireFrame
 from firmware_protocols.frames import FD_LENGTHS
-from firmware_protocols.framing import Lines
+from firmware_protocols.stuffing import Lines
 from tactemu.base.errors import TransportError
 from tactemu.transports.pty import PtyTransport
 from tactemu.transports.transport import Closed, Event, Received

@@ -15,7 +15,7 @@ def test_the_packet_of_the_protocol_page():
     device = fp.create("digity_exohand", records=("touch",))
     sample(device, t_ns=20_000_000)
     device.preset("sequence", 6)
-    device.counts[12:18] = [0, 0, 1234, 4095, 0, 0]
+    device.counts["force"][12:18] = [0, 0, 1234, 4095, 0, 0]
     assert device.stream(20_000_000, "")[2] == FINGER_2
 
 

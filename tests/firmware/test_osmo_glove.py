@@ -3,7 +3,7 @@
 from collections import Counter
 
 import firmware_protocols as fp
-from firmware_protocols.framing import Cobs
+from firmware_protocols.stuffing import Cobs
 from tests.firmware.feeding import sample, send
 
 

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from firmware_protocols.device import Rollover
+from firmware_protocols.senses import Rollover
 from tactemu.judge.rollover_counter import MAX_JUMP_DIVISOR, RolloverCounter
 
 SPEED = 500.0

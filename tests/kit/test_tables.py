@@ -288,3 +288,72 @@ def test_a_field_that_clips_keeps_its_byte_order_beside_another():
         2   >u2 clip    second
     """)
     assert frame.pack(first=1, second=2) == b"\x01\x00\x00\x02" and frame.pack(first=1, second=-5)[2:] == b"\x00\x00"
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("0  <i2 x 3 gyro  [1 / 131 deg/s]", "put two spaces between the type '<i2 x 3' and the name 'gyro'"),
+        ("0  u1 n = len(d)  of what follows", "put two spaces between the type 'u1' and the name 'n = len(d)'"),
+        ("0 u1  a", "put two spaces between the offset '0' and the type 'u1'"),
+        ("0  u1  a of all", "'a of all' is no name: letters, digits and _; put two spaces behind 'a'"),
+        ("0  RECORD  a", "expected `RECORD x n`"),
+    ],
+)
+def test_a_missing_space_is_named_with_its_column(line, message):
+    with pytest.raises(TableError) as error:
+        Frame("broken\n" + line, RECORD=Frame("record\n0  u1  a"))
+    assert message in str(error.value)
+
+
+CONTACT = Frame("""
+    contact
+    0     u1     id
+    1     <i2    x
+""")
+CONTACTS = Frame(
+    """
+    contacts
+    0     A5             head
+    1     u1             n = count(contacts)
+    2     <u2            size = total - 4
+    4     CONTACT x n    contacts
+    last  sum8           sum
+    """,
+    CONTACT=CONTACT,
+)
+
+
+def test_records_are_counted_packed_and_unpacked():
+    contacts = [{"id": 1, "x": -2}, {"id": 7, "x": 300}]
+    frame = CONTACTS.pack(contacts=contacts)
+    assert frame[:4] == bytes([0xA5, 2, 7, 0]) and frame[4:-1] == bytes([1, 0xFE, 0xFF, 7, 0x2C, 1])
+    assert CONTACTS.unpack(frame) == {"n": 2, "size": 7, "contacts": contacts}
+    assert CONTACTS.length_of(frame[:3]) == CONTACTS.length_of(frame[:4]) == 11
+    assert CONTACTS.unpack(frame[:4] + frame[5:]) is None
+    assert copy.deepcopy(CONTACTS) is CONTACTS and CONTACTS.pack(contacts=[])[1] == 0
+    again = Frame.__new__(Frame)
+    again.__setstate__(CONTACTS.__getstate__())
+    assert again.pack(contacts=contacts) == frame
+
+
+def test_a_frame_states_its_length_and_its_flaw():
+    frame = MESSAGE.pack(command=5, data=b"abc")
+    assert [MESSAGE.length_of(frame[:n]) for n in (2, 3)] == [0, len(frame)]
+    assert MESSAGE.length_of(frame, 2) == "bad_length"
+    assert MESSAGE.flaw(frame) == ""
+    assert MESSAGE.flaw(frame[:-3] + b"x" + frame[-2:]) == "bad_checksum"
+    assert MESSAGE.flaw(frame[:-1] + b"x") == "bad_tail"
+    with pytest.raises(TypeError, match="no field states its length"):
+        Frame("open\n0  bytes  data").length_of(b"abc")
+
+
+MESSAGE = Frame("""
+    message
+    0     A5       head
+    1     u1       command
+    2     u1       size = len(data)
+    3     bytes    data
+    ..    sum8     sum
+    ..    5A       tail
+""")

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import firmware_protocols
-from firmware_protocols.device import CONTACT
+from firmware_protocols.senses import CONTACT
 from tactemu.base.clock import VirtualClock
 from tactemu.base.errors import SceneError
 from tactemu.emulator.assembly import assemble

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import tactemu as tt
-from firmware_protocols.device import TOUCH, Quantity
+from firmware_protocols.senses import TOUCH, Quantity
 from tactemu.base.errors import SceneError
 from tactemu.scene.building import build_scene, make_devices
 from tactemu.scene.file import parse

@@ -1,0 +1,176 @@
+"""From requests to the methods that answer them, which declare them with :func:`~firmware_protocols.command`.
+
+A cutter (``self.packets``) cuts requests from what arrives. The one of a frame table tells them apart by a field
+(``Packets(MESSAGE, by="command", ...)``), which the examples of each method have, too; a cutter of lines by the whole
+line, or by the method's pattern. A method takes the :class:`Request` and returns what the firmware does; bytes, or
+``None`` for no bytes, are the content of one answer, which :meth:`Device.reply` frames.
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+from collections.abc import Hashable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from firmware_protocols.commands import Handled, handled_in
+from firmware_protocols.framing import Packets, Stage
+from firmware_protocols.registers import Refused
+from firmware_protocols.stuffing import Lines
+
+Device = Any
+"""A device: :mod:`firmware_protocols.device` imports this module, not the other way round."""
+
+
+class Request:
+    """A request; the fields of its table are attributes, too.
+
+    Attributes:
+        packet: its bytes, without the end of a line.
+        values: the numbers of its data, or the groups of its pattern; ``value`` is the first of them.
+        t_ns: the time at which its last byte arrived.
+        port: the port on which it arrived.
+    """
+
+    def __init__(self, packet: bytes, t_ns: int, port: str, fields: dict[str, Any]):
+        vars(self).update(packet=packet, t_ns=t_ns, port=port, values=(), value=None)
+        vars(self).update(fields)
+        self._fields = fields
+
+    def take(self, values: Sequence[Any]) -> None:
+        """Set the numbers of the data, or the groups of the pattern; a field of the table keeps its name."""
+        self.values = tuple(values)
+        if values and "value" not in self._fields:
+            self.value = values[0]
+
+    packet: bytes
+    values: tuple[Any, ...]
+    value: Any
+    t_ns: int
+    port: str
+
+    if TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Any: ...
+        def __setattr__(self, name: str, value: Any) -> None: ...
+
+
+@dataclass(frozen=True)
+class Handler:
+    """A method, with the requests that it answers."""
+
+    method: str
+    handled: Handled
+    lengths: frozenset[int]
+    """The lengths of the data in its examples."""
+
+    def accepts(self, data: bytes) -> bool:
+        """Return True if data has a valid length."""
+        form = self.handled.data
+        if form is None:
+            return not self.lengths or len(data) in self.lengths
+        return form == "*" or len(data) == struct.calcsize(form)
+
+    def values(self, data: bytes) -> tuple[Any, ...]:
+        """Return the numbers in data of a valid length."""
+        form = self.handled.data
+        return () if form in (None, "*") else struct.unpack(form, data)
+
+
+_HANDLERS: dict[tuple[type, str], tuple[dict[Hashable, Handler], list[Handler]]] = {}
+"""The handlers of each class: by key, and those with a pattern."""
+
+
+def answers(device: Device, data: bytes, t_ns: int, port: str) -> Iterator[Any]:
+    """Yield what a device does with bytes that arrive, request by request."""
+    cutter = device.packets
+    if not isinstance(cutter, Packets):
+        for packet in cutter.cut(data):
+            yield from answer(device, packet, t_ns, port)
+        return
+    cutter.feed(data, t_ns)
+    while (packet := cutter.take()) is not None:
+        yield from answer(device, packet, t_ns, port)
+
+
+def answer(device: Device, packet: bytes, t_ns: int, port: str) -> Sequence[Any]:
+    """Return what a device does with one request."""
+    cutter = device.packets
+    if isinstance(packet, Stage):
+        return _called(device, "staged", Request(packet, t_ns, port, {}))
+    if isinstance(cutter, Packets) and cutter.table is not None:
+        fields = cutter.table.unpack(packet) or {}
+        request = Request(packet, t_ns, port, fields)
+        if not device.accepts(request):
+            device.counters["other_address"] += 1
+            return ()
+        return _handled(device, request, fields.get(cutter.by), fields.get(cutter.table.open_field or "", b""))
+    return _matched(device, Request(packet, t_ns, port, {}))
+
+
+def handlers(device: Device) -> tuple[dict[Hashable, Handler], list[Handler]]:
+    """Return the handlers of a device's class: by the key of their requests, and those with a pattern."""
+    cutter = device.packets
+    known = type(device), getattr(cutter, "by", "")
+    if known not in _HANDLERS:
+        by_key: dict[Hashable, Handler] = {}
+        patterns = []
+        for method, handled in handled_in(type(device)).items():
+            keys, lengths = dict.fromkeys(handled.on), set()
+            for each in handled.commands:
+                key, size = _key_of(cutter, each.stages[0])
+                lengths |= {size} - {None}
+                keys |= {} if handled.on or key is None else {key: None}
+            handler = Handler(method, handled, frozenset(lengths))
+            by_key |= dict.fromkeys(keys if handled.pattern is None else (), handler)
+            patterns += [handler] if handled.pattern is not None else []
+        _HANDLERS[known] = by_key, patterns
+    return _HANDLERS[known]
+
+
+def _key_of(cutter: Any, frame: Any) -> tuple[Hashable, int | None]:
+    """Return the key of an example, and the length of its data; ``None`` where the cutter's table does not fit it."""
+    if isinstance(cutter, Packets) and cutter.table is not None:
+        fields = cutter.table.unpack(frame)
+        if fields is None:
+            return None, None
+        return fields[cutter.by], len(fields.get(cutter.table.open_field or "", b""))
+    if isinstance(cutter, Lines):
+        return frame.rstrip(cutter.ends), None
+    return frame, None
+
+
+def _handled(device: Device, request: Request, key: Hashable, data: bytes) -> Sequence[Any]:
+    found = handlers(device)[0].get(key)
+    if found is None or not found.accepts(data):
+        why = "unknown_command" if found is None else "bad_length"
+        device.counters[why] += 1
+        return device.refused(request, why)
+    request.take(found.values(data))
+    return _called(device, found.method, request)
+
+
+def _matched(device: Device, request: Request) -> Sequence[Any]:
+    """Return what the method does that declares this line or packet, or a pattern that fits it."""
+    by_key, patterns = handlers(device)
+    found, groups = by_key.get(request.packet), ()
+    for handler in patterns if found is None else ():
+        assert handler.handled.pattern is not None
+        if (match := re.fullmatch(handler.handled.pattern, request.packet)) is not None:
+            found, groups = handler, match.groups()
+            break
+    if found is None:
+        device.counters["unknown_command"] += 1
+        return device.refused(request, "unknown_command")
+    request.take(groups)
+    return _called(device, found.method, request)
+
+
+def _called(device: Device, method: str, request: Request) -> Sequence[Any]:
+    try:
+        done = getattr(device, method)(request)
+    except Refused:
+        device.counters["refused"] += 1
+        return device.refused(request, "refused")
+    return device.reply(request, done or b"") if done is None or isinstance(done, bytes) else done

@@ -1,0 +1,1 @@
+"""Two right devices, into which tests plant mistakes."""
