@@ -1,4 +1,4 @@
-"""From requests to the methods that answer them, which declare them with :func:`~firmware_protocols.command`.
+"""The way of requests to the methods that answer them, which declare them with :func:`~firmware_protocols.command`.
 
 A cutter (``self.packets``) cuts requests from what arrives. The one of a frame table tells them apart by a field
 (``Packets(MESSAGE, by="command", ...)``), which the examples of each method have, too; a cutter of lines by the whole

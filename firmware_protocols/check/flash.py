@@ -13,7 +13,7 @@ from firmware_protocols.check.report import Fault
 from firmware_protocols.registers import Refused, Reg
 
 Step = Callable[[Host, DeviceMemory], None]
-"""What a host does before or after a write, such as an order to save."""
+"""An action of a host before or after a write, such as an order to save."""
 
 
 def faults(subject: Subject) -> Iterator[Fault]:

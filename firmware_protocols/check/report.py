@@ -42,7 +42,7 @@ class Report:
     unpinned: tuple[str, ...] = ()
     """The changes of a declared fact with which all worked examples still pass."""
     notes: tuple[str, ...] = ()
-    """What no example pins: a rate that none states, a slow answer, what the device does with garbage."""
+    """The rate, if no example states it; a slow answer; the treatment of garbage."""
     examples: int = 0
     seconds: float = field(default=0.0, compare=False)
 
