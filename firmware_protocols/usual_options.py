@@ -1,4 +1,11 @@
-"""Options that many devices have, for the annotations of their ``__init__``."""
+"""Options that many devices have, for the annotations of their ``__init__``.
+
+A device gives name and default; text, unit and bounds stand here::
+
+    def __init__(self, *, gains: FieldGains = (1.0, 1.0, 1.0), sees: Sees = "force"): ...
+
+An option whose text names something of one device stands in that device.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +14,7 @@ from typing import Annotated, Literal
 from firmware_protocols.options import Option
 
 Vector = tuple[float, float, float]
+"""Numbers along x, y and z."""
 Tool = Annotated[Vector, Option("point of contact on the tool, from the sensor's origin", unit="m")]
 """The place at which a force-torque sensor's tool is touched."""
 FieldGains = Annotated[
