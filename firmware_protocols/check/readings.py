@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -18,9 +18,9 @@ NUMBERS_PER_POINT = {"force": 3, "displacement": 3, "acceleration": 3, "angular_
 METRES_PER_NEWTON = 1e-4
 """The compliance of the skin, for senses of depth and displacement [m/N]."""
 
-Pushes = ArrayLike | Mapping[str, Sequence]
-"""Pushes: one number for all taxels, one for each, images of patches by name [N]; or x, y, z of the force on each
-taxel, in the frame of its link [N]."""
+Pushes = ArrayLike | Mapping[str, Any]
+"""Pushes: one number for all taxels, one for each, images of patches by name [N], or the pushed taxels of an image,
+``{"2,0": 0.5}``; or x, y, z of the force on each taxel, in the frame of its link [N]."""
 
 
 def forces_of(device: Device, pushes: Pushes) -> np.ndarray:
@@ -42,8 +42,14 @@ def _pushes_of(device: Device, pushes: Pushes) -> np.ndarray:
     for name, rows in pushes.items():
         if name not in patches:
             raise ValueError(f"the example has an image of {name!r}, the layout's patches are {list(patches)}")
-        patch, image = patches[name], np.array(rows, float)
+        patch = patches[name]
         shape = (patch.rows, patch.cols) if patch.rows else (patch.cols,)
+        if isinstance(rows, Mapping):
+            image = np.zeros(shape)
+            for place, value in rows.items():
+                image[tuple(map(int, place.split(",")))] = value
+        else:
+            image = np.array(rows, float)
         if image.shape != shape:
             raise ValueError(f"patch {name!r} is {_shape_text(shape)}, the example's image {_shape_text(image.shape)}")
         newtons[patch.taxels] = image.ravel()

@@ -137,6 +137,8 @@ def mapped(counts: np.ndarray, how: dict[str, Any]) -> np.ndarray:
         values = values[points]
     if columns is not None:
         values = values[:, columns]
+    if how.get("sum"):
+        values = values.sum(axis=0)
     if "matrix" in how:
         values = np.asarray(how["matrix"]) @ values.ravel()
     values = values * np.asarray(how.get("scale", 1.0)) + np.asarray(how.get("offset", 0.0))
