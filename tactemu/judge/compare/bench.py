@@ -77,7 +77,9 @@ class BenchSource:
     imperfections = None
 
     def __init__(self, device: Device, readings: Readings):
-        self._device, self._readings = device, readings
+        self.readings = readings
+        """The law; another one holds from the next conversion on."""
+        self._device = device
         self._time_ns, self._values = -1, {}
 
     def sense(self, sense: Sense, t_ns: int, ground_truth: bool = False) -> np.ndarray:
@@ -87,10 +89,10 @@ class BenchSource:
         return self._values[sense.key]
 
     def _measured(self, t_ns: int) -> dict[str, np.ndarray]:
-        forces, values = self._readings.forces(self._device, t_ns), {}
+        forces, values = self.readings.forces(self._device, t_ns), {}
         for stream in self._device.periods:
             senses = self._device.senses_of(stream)
-            given = {each.key: value for each in senses if (value := self._readings.ambient(each, t_ns)) is not None}
+            given = {each.key: value for each in senses if (value := self.readings.ambient(each, t_ns)) is not None}
             of_stream = reading_of(self._device, forces, stream, **given).values
             values |= {each.key: _single(each, of_stream[each.key]) for each in senses}
         return values
@@ -146,7 +148,8 @@ class Bench:
         period = next((each for each in device.periods.values() if each), DEFAULT_PERIOD_NS)
         sampling = SampleClock(period_ns=period, shown_ns=shown_ns, skew_ppm=skew_ppm, name=NAME)
         wire = Wire(self.port, connector, truth=truth)
-        channel = Channel(NAME, device, BenchSource(device, readings), {connector.name: wire}, sampling)
+        self.source = BenchSource(device, readings)
+        channel = Channel(NAME, device, self.source, {connector.name: wire}, sampling)
         self.emulator = Emulator(None, [channel], clock=clock or VirtualClock(), truth=truth)
         self.emulator.open()
         for name, value in (presets or {}).items():

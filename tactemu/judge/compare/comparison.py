@@ -105,7 +105,10 @@ def compare(
     running = [each for each in model.started if _frames_in(before, [each])]
     answered = answers_of(exchanges, [*stream.classes, *running])
     result.asked = {name: len(got.contents) for name, got in answered.items()}
-    check_answers(model.answers, answered, bounds, bool(stream.contents), buffering_s, verdicts)
+    if answered and any(each.kind == "framing" for each in verdicts.protocol):
+        verdicts.unjudged.append("the answers: they cannot be told from the frames that come unasked")
+    else:
+        check_answers(model.answers, answered, bounds, bool(stream.contents), buffering_s, verdicts)
     after = [entry for exchange in exchanges for entry in exchange.entries]
     began = _frames_in(after, model.started)
     for made in model.started:

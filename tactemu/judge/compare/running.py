@@ -177,7 +177,7 @@ def _announce(commands: Sequence[Command], left_out: Sequence[Command], wanted: 
     if not commands:
         teller.say("nothing is sent" + ("" if wanted.listens else ": no request of this device is declared safe"))
     else:
-        teller.say(f"{len(commands)} requests are sent, several times each:")
+        teller.say("these requests are sent, several times each:")
     for each in commands:
         before = "".join(f"{request}, then " for request in each.after)
         mark = "" if each.safe else "   not declared safe"

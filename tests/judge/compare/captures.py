@@ -1,17 +1,17 @@
-"""Captures of sensors on the bench, in virtual time: the same dialogue as with a real one."""
+"""Captures of sensors on the bench: the dialogue with a real sensor, in virtual time."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import firmware_protocols as fp
 from firmware_protocols import Command, Device
-from firmware_protocols.frames import frame_of
 from tactemu.judge.compare.bench import Bench, Readings
-from tactemu.judge.compare.comparison import Comparison, compare
+from tactemu.judge.compare.comparison import Comparison, compare, late_commands
+from tactemu.judge.compare.dialogue import Dialogue
 from tactemu.judge.compare.model import Model, learn_model
-from tactemu.judge.compare.presses import Press
 from tactemu.truth.entries import Passage
 
 LISTENING_S = 6.0
@@ -31,32 +31,56 @@ def model_of(name: str, port: int = 0, commands: Sequence[Command] | None = None
     return learn_model(name, lambda **options: fp.create(name, **options), connector, asked)
 
 
-def capture_of(
+class BenchLink:
+    """A line to a sensor on the bench: time passes only while the dialogue waits."""
+
+    is_over = False
+    kept_bytes = 0
+
+    def __init__(self, bench: Bench):
+        self.bench = bench
+        self._begin_ns, self._begin = bench.now_ns, len(bench.log.entries)
+
+    @property
+    def now_ns(self) -> int:
+        return self.bench.now_ns - self._begin_ns
+
+    @property
+    def entries(self) -> list[Passage]:
+        kept = self.bench.log.entries[self._begin :]
+        passed = [each for each in kept if isinstance(each, Passage) and each.kind != "drop"]
+        return [each._replace(t_ns=each.t_ns - self._begin_ns) for each in passed]
+
+    def send(self, frame) -> None:
+        self.bench.port.driver.write(frame)
+
+    def receive(self, until_ns: int, enough: Callable[[], bool] = bool) -> None:
+        while (left_ns := until_ns - self.now_ns) > 0:
+            self.bench.run(min(left_ns, 5_000_000) * 1e-9)
+            if enough():
+                return
+
+
+def compared(
     model: Model, make: Callable[[], Device], readings: Readings, *, skew_ppm: float = 150.0, presses: bool = False
-) -> tuple[list[Passage], float, list[Press]]:
-    """Return the capture of a sensor, its length [s] and its presses."""
+) -> Comparison:
+    """Return the comparison of a sensor on the bench with a model; with ``presses``, somebody obeys the prompts."""
     device = make()
     connector = next(each for each in device.ports if each.name == model.connector.name)
-    start_s = device.boot_s + 0.05
-    pressed: list[Press] = []
-    if presses:
-        pressed = [Press(k, LISTENING_S + k, LISTENING_S + k + PRESS_S) for k in range(len(device.layout))]
-        held = {p.taxel: (p.begin_s + start_s, p.end_s + start_s) for p in pressed}
-        readings = replace(readings, pressed=held)
     with Bench(device, connector, readings, shown_ns=7_000_000_000, skew_ppm=skew_ppm) as bench:
-        bench.run(start_s)
-        begin_ns, begin = bench.now_ns, len(bench.log.entries)
-        bench.run(LISTENING_S + (len(device.layout) if presses else 0))
-        for k in range(26):
-            for answer in model.answers.values():
-                if k < 6 or (answer.made is not None and answer.made.numbers):
-                    bench.ask([frame_of(each) for each in answer.command.after], 0.05)
-                    bench.ask([answer.command.frame], answer.wait_s[1] + 0.05)
-        passed = [each for each in bench.log.entries[begin:] if isinstance(each, Passage) and each.kind != "drop"]
-        return [each._replace(t_ns=each.t_ns - begin_ns) for each in passed], (bench.now_ns - begin_ns) * 1e-9, pressed
+        bench.run(device.boot_s + 0.05)
+        link = BenchLink(bench)
+        dialogue = Dialogue(link, model)  # type: ignore[arg-type]
+        dialogue.listen(LISTENING_S)
+        dialogue.ask_all([answer.command for answer in model.answers.values()])
+        dialogue.ask_again(lambda: late_commands(model, link.entries, 0.0))
 
+        def obey(prompt: str) -> None:
+            pressed = {}
+            if found := re.search(r"press taxel (\d+)", prompt):
+                now_s = bench.now_ns * 1e-9
+                pressed = {int(found[1]): (now_s + 0.1, now_s + PRESS_S)}
+            bench.source.readings = replace(readings, pressed=pressed)
 
-def compared(model: Model, make: Callable[[], Device], readings: Readings, **more) -> Comparison:
-    """Return the comparison of a sensor on the bench with a model."""
-    entries, seconds, presses = capture_of(model, make, readings, **more)
-    return compare(model, entries, seconds=seconds, presses=presses)
+        pressed = dialogue.press(device, range(len(device.layout)), PRESS_S, obey) if presses else []
+        return compare(model, link.entries, seconds=link.now_ns * 1e-9, presses=pressed)

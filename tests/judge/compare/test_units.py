@@ -214,6 +214,19 @@ def test_a_setting_is_no_finding_of_the_protocol():
     assert "option `serial`" in str(result.verdicts.notes)
 
 
+def test_another_device_altogether_is_no_frame_of_the_model():
+    made = model_of("optoforce")
+
+    def other(**options):
+        device = fp.create("anyskin", **options)
+        device.receive = lambda data, t_ns, port: []
+        return device
+
+    result = compared(made, other, SPECIMEN)
+    assert [each.kind for each in result.verdicts.protocol] == ["framing"]
+    assert "cannot be told" in str(result.verdicts.unjudged)
+
+
 def test_a_stream_that_was_started_before_is_a_note():
     def started(**options):
         device = fp.create("weiss_wts", **options)
