@@ -47,6 +47,12 @@ def records_of(bench: Bench, run: int, since: int) -> list[Record]:
     return found
 
 
+def stages_of(command: Command) -> tuple[list[WireFrame], WireFrame]:
+    """Return the requests to send before a command's last one, its own earlier stages among them; and the last one."""
+    *earlier, last = command.stages
+    return [*map(frame_of, command.after), *earlier], last
+
+
 def form_of(record: Record) -> Form:
     """Return the form of a frame."""
     data = payload(record.frame)
@@ -55,11 +61,10 @@ def form_of(record: Record) -> Form:
 
 def ask(bench: Bench, command: Command, run: int, unasked: set[Form]) -> list[Asked]:
     """Send a command, and return its answer; none if there is none."""
-    requests = [frame_of(each) for each in (*command.after, command.request)]
+    before, request = stages_of(command)
     at = _last_sample(bench)
-    for request in requests[:-1]:
-        bench.ask([request], ANSWER_SLICE_S)
-    sent_ns = bench.ask(requests[-1:], ANSWER_SLICE_S + 0.0007 * (len(bench.log.entries) % 11))
+    bench.ask(before, ANSWER_SLICE_S)
+    sent_ns = bench.ask([request], ANSWER_SLICE_S + 0.0007 * (len(bench.log.entries) % 11))
     answers, waited_s = _answers(bench, run, at, sent_ns, unasked), ANSWER_SLICE_S
     longest_s = MIN_ANSWER_WAIT_S if command.reply is None else MAX_ANSWER_WAIT_S
     while waited_s < longest_s:

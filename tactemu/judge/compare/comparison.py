@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 
 from firmware_protocols import CanFrame, Column, Command, Device, WireFrame
-from firmware_protocols.frames import frame_of, text_of
+from firmware_protocols.frames import text_of
 from tactemu.judge.compare.answer_check import Answered, answers_of, check_answers, exchanges_of
+from tactemu.judge.compare.asking import stages_of
 from tactemu.judge.compare.cutting import ByteStream, cut
 from tactemu.judge.compare.findings import Verdicts
 from tactemu.judge.compare.frame_checks import check_frames
@@ -51,8 +52,8 @@ class Comparison:
 
 def requests_in(entries: Sequence[Passage], commands: Sequence[Command]) -> list[Command]:
     """Return the requests of a capture as commands: documented ones, and others without a documented answer."""
-    documented = {frame: command for command in commands for frame in [command.frame]}
-    before = {frame_of(each) for command in commands for each in command.after}
+    documented = {frame: command for command in commands for frame in [stages_of(command)[1]]}
+    before = {each for command in commands for each in stages_of(command)[0]}
     found: dict[WireFrame, Command] = {}
     for entry in entries:
         frame = entry.frame
@@ -88,7 +89,7 @@ def compare(
     """
     result = Comparison(model)
     verdicts = result.verdicts
-    names: dict[WireFrame, str] = {a.command.frame: a.command.name for a in model.answers.values()}
+    names: dict[WireFrame, str] = {stages_of(a.command)[1]: a.command.name for a in model.answers.values()}
     before, exchanges = exchanges_of(entries, names)
     result.listened_s = exchanges[0].sent_ns * 1e-9 if exchanges else seconds
     bounds = bounds_of(model)
@@ -122,7 +123,7 @@ def compare(
 
 def late_commands(model: Model, entries: Sequence[Passage], buffering_s: float) -> list[Command]:
     """Return the commands of which no answer was as early as the model's; more tries tell load from lateness."""
-    names: dict[WireFrame, str] = {a.command.frame: a.command.name for a in model.answers.values()}
+    names: dict[WireFrame, str] = {stages_of(a.command)[1]: a.command.name for a in model.answers.values()}
     answered = answers_of(exchanges_of(entries, names)[1], model.unasked)
     late = []
     for name, got in answered.items():

@@ -6,8 +6,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from firmware_protocols import CanFrame, Command, Device
-from firmware_protocols.frames import frame_of, payload
-from tactemu.judge.compare.asking import CAN_HEAD_BYTES
+from firmware_protocols.frames import payload
+from tactemu.judge.compare.asking import CAN_HEAD_BYTES, stages_of
 from tactemu.judge.compare.link import Link
 from tactemu.judge.compare.model import Answer, Model
 from tactemu.judge.compare.presses import Press, place_of
@@ -97,12 +97,13 @@ class Dialogue:
     def ask(self, command: Command, patience_s: float) -> bool:
         """Send a command once, wait for its answer, and return True if anything came."""
         answer = self.model.answers[command.name]
-        for request in command.after:
-            self.link.send(frame_of(request))
+        before, last = stages_of(command)
+        for request in before:
+            self.link.send(request)
             self.link.receive(self.link.now_ns + round((QUIET_S + 0.05) * 1e9))
         at = len(self.link.entries) + 1
         sent_ns = self.link.now_ns
-        self.link.send(command.frame)
+        self.link.send(last)
         if answer.made is None:
             self.link.receive(sent_ns + round(SILENCE_S * 1e9))
         elif self.model.unasked:

@@ -14,7 +14,7 @@ import numpy as np
 
 from firmware_protocols import CanFrame, Rollover, WireFrame
 from firmware_protocols.frames import payload
-from firmware_protocols.framing import Cobs, Ppp
+from firmware_protocols.stuffing import Cobs, Ppp
 from tactemu.judge.compare.sum_rules import SumRule, find
 
 MIN_FRAMES = 8

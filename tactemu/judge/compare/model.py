@@ -9,9 +9,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from firmware_protocols import Can, CanFrame, Command, Connector, Device, Serial, Tcp, Udp, WireFrame
-from firmware_protocols.frames import frame_of, payload
+from firmware_protocols.frames import payload
 from tactemu.base.errors import DeviceError
-from tactemu.judge.compare.asking import Asked, ask, form_of, literal_bytes, records_of
+from tactemu.judge.compare.asking import Asked, ask, form_of, literal_bytes, records_of, stages_of
 from tactemu.judge.compare.bench import Bench, Readings
 from tactemu.judge.compare.declared import declare
 from tactemu.judge.compare.frame_classes import (
@@ -240,7 +240,7 @@ def _started(make: Callable[..., Device], connector: Connector, unasked: Sequenc
     for command in [each for each in commands if not each.safe][:60]:
         with Bench(make(), connector, Readings(1, varies=True)) as bench:
             bench.run(device.boot_s + 0.05)
-            bench.ask([frame_of(each) for each in (*command.after, command.request)], 0.05)
+            bench.ask([*(stages := stages_of(command))[0], stages[1]], 0.05)
             at = len(bench.log.entries)
             bench.run(0.4)
             new = [each for each in records_of(bench, 0, at) if not is_known(each.frame, unasked)]

@@ -10,9 +10,11 @@ from pathlib import Path
 from typing import Any
 
 from firmware_protocols import Command, Connector, Device
+from firmware_protocols.frames import text_of
 from tactemu.base.errors import TactemuError
 from tactemu.emulator.replay import line_note
 from tactemu.judge.compare import presses as pressing
+from tactemu.judge.compare.asking import stages_of
 from tactemu.judge.compare.comparison import Comparison, compare, late_commands, requests_in
 from tactemu.judge.compare.dialogue import Dialogue
 from tactemu.judge.compare.link import MAX_KEPT_BYTES, Link, buffering_s, open_port
@@ -179,9 +181,10 @@ def _announce(commands: Sequence[Command], left_out: Sequence[Command], wanted: 
     else:
         teller.say("these requests are sent, several times each:")
     for each in commands:
-        before = "".join(f"{request}, then " for request in each.after)
+        before, last = stages_of(each)
+        requests = ", then ".join(map(text_of, [*before, last]))
         mark = "" if each.safe else "   not declared safe"
-        teller.say(f"  {each.name:32}  {_short(f'{before}{each.request}')}{mark}")
+        teller.say(f"  {each.name:32}  {_short(requests.upper())}{mark}")
     if left_out:
         names = ", ".join(each.name for each in left_out)
         teller.say(f"not sent, as they may change something (--ask-all sends them): {names}")
