@@ -31,6 +31,8 @@ from tactemu.fit.infer.sums import find_sum
 
 SILENCE_SHARE = 0.4
 """A pause is a silence if it is longer than this share of the pauses' 90th percentile."""
+STEADY_SHARE = 0.5
+"""The least share of pauses that are alike, if a chunk is a message."""
 SUM_MESSAGES = 3000
 STREAM_SHARE = 0.7
 MAX_ANSWER = 4096
@@ -147,8 +149,7 @@ def _with_answers(stream: bytes, framing: Framing, borders: list[int]) -> list[M
 def _doubt(group: Group, decide: str) -> None:
     """Make every field of a group likely: where its messages begin is not certain."""
     for each in group.fields:
-        if each.kind != "sum":
-            each.is_certain, each.decide = False, decide
+        each.is_certain, each.decide = False, decide
 
 
 def silences_of(chunks: Sequence[Chunk]) -> list[int] | None:
@@ -158,6 +159,9 @@ def silences_of(chunks: Sequence[Chunk]) -> list[int] | None:
     times = np.array([chunk.t_ns for chunk in chunks], float)
     pauses = np.diff(times)
     longest = np.quantile(pauses[pauses > 0], 0.9) if (pauses > 0).any() else 0
+    usual = np.median(pauses[pauses > 0]) if (pauses > 0).any() else 0
+    if (np.abs(pauses - usual) < 0.2 * usual).mean() > STEADY_SHARE:
+        longest = usual  # it sends at a steady rate; the longer pauses are the driver's
     offsets = np.cumsum([len(chunk.data) for chunk in chunks])[:-1]
     return offsets[(pauses > 0) & (pauses > SILENCE_SHARE * longest)].tolist()
 

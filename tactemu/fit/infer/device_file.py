@@ -21,6 +21,8 @@ from tactemu.fit.infer.segments import LEAST_ROWS
 
 MAX_GROUPS = 64
 DEFAULT_RATE_HZ = 100.0
+FULL_SCALE_N = 20.0
+"""The force at which a taxel of the draft reaches the end of its range that is farther from its rest."""
 TEMPLATES = Path(__file__).with_name("templates")
 
 
@@ -73,6 +75,7 @@ def device_file(draft: Draft, path: Path, captures: Sequence[Path]) -> str:
         low=repr(low),
         high=repr(high),
         rest=repr(rest),
+        scale=f"{max(high - rest, low - rest, key=abs) / FULL_SCALE_N:.6g}",
         rate=f"{_rate(draft):g}",
         dtype="np.float32" if is_float else "int",
         line=_line(draft),
@@ -92,8 +95,11 @@ def messages_of(draft: Draft) -> list[Message]:
         types[code] = types.get(code, 0) + len(line.fields)
     usual = max(types, key=lambda code: types[code], default="")
     messages, first = [], 0
+    answered: set[bytes] = set()
     for number, group in enumerate(groups[:MAX_GROUPS], 1):
-        own = [line for line in arrays[id(group)] if line.type.split()[0] == usual]
+        is_sent = draft.is_can or not group.question or group.question not in answered
+        answered |= {group.question} if group.question else set()
+        own = [line for line in arrays[id(group)] if is_sent and line.type.split()[0] == usual]
         message = Message(group, f"MESSAGE_{number}", max(own, key=lambda line: len(line.fields), default=None), first)
         first += message.count
         messages.append(message)

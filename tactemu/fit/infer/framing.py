@@ -21,9 +21,17 @@ CONSTANT_SHARE = 0.995
 MASK_BYTES = 12
 TIMED_SHARE = 0.6
 TRIED_SUMS = 120
+BEGUN_SHARE = 0.9
+"""The least share of the messages before which the line was silent, where there are other silences, too."""
+OTHER_SHARE = 0.3
 STRETCH = 300
 """The number of neighbouring messages whose constant bytes are looked for."""
 STRETCHES = 5
+LENGTH_BONUS = 4.0
+"""The weight of a length among the constants of a head, in bytes of the head."""
+MAX_LENGTH_AT = 12
+LEAST_TOLD = 16
+"""The least number that is taken for a length."""
 
 
 @dataclass
@@ -266,8 +274,26 @@ def _turns(constant: np.ndarray, values: np.ndarray) -> list[int]:
         for k in range(run):
             rest = [int(values[(begin + j) % size]) for j in range(k, run)]
             odd = sum(byte != 0 for byte in rest[:4]) + (-2 if rest[0] in (0, 0x0D, 0x0A) else 0.5)
+            head = [int(values[at]) if constant[at] else -1 for at in (begin + k + np.arange(MAX_LENGTH_AT + 2)) % size]
+            if rest[0] not in (0, 0x0D, 0x0A) and _tells_size(head, size):
+                odd += LENGTH_BONUS
             found.append((-odd + 0.01 * k + (0.3 if k else 0.0), int(begin + k) % size))
     return [turn for _, turn in sorted(found)][:40]
+
+
+def _tells_size(head: list[int], size: int) -> bool:
+    """Return True if constants at the beginning of a message are the number of the bytes behind them.
+
+    ``head`` has -1 for bytes that change.
+    """
+    for at in range(1, MAX_LENGTH_AT):
+        one, two = head[at], head[at + 1]
+        words = [(1, one)] if min(one, two) < 0 else [(1, one), (2, one | two << 8), (2, one << 8 | two)]
+        for width, value in words:
+            behind = size - at - width
+            if value >= LEAST_TOLD and value in (behind, behind - 1, behind - 2):
+                return True
+    return False
 
 
 def _timed_turn(silences: Sequence[int] | None, size: int, anchors: np.ndarray) -> int | None:
@@ -276,8 +302,12 @@ def _timed_turn(silences: Sequence[int] | None, size: int, anchors: np.ndarray) 
     if not len(known):
         return None
     before = anchors[np.searchsorted(anchors, known, side="right") - 1]
-    turn, count = Counter(((known - before) % size).tolist()).most_common(1)[0]
-    return turn if count > TIMED_SHARE * len(known) else None
+    turns = Counter(((known - before) % size).tolist()).most_common(2)
+    turn, count = turns[0]
+    is_alone = len(turns) < 2 or turns[1][1] < OTHER_SHARE * len(anchors)
+    if count > TIMED_SHARE * len(known) or (count > BEGUN_SHARE * len(anchors) and is_alone):
+        return turn
+    return None
 
 
 def _best_turn(stream: bytes, size: int, anchors: np.ndarray, turns: list[int]) -> tuple[int, FrameSum | None]:

@@ -12,7 +12,7 @@ from tactemu.fit.infer.costs import bits_of
 from tactemu.fit.infer.counters import find_counters
 from tactemu.fit.infer.fields import Field, Group
 from tactemu.fit.infer.links import Link
-from tactemu.fit.infer.proofs import Prover
+from tactemu.fit.infer.proofs import SLOW, Prover
 from tactemu.fit.infer.segments import LEAST_ROWS, find_runs
 from tactemu.fit.infer.sums import FrameSum
 
@@ -24,6 +24,10 @@ MAX_ROWS = 6000
 MAX_CELLS = 2_000_000
 LEAST_TEXT = 6
 """The least length of messages that are text if all of their bytes are printable."""
+LEAST_PROVEN, PROVEN_SHARE = 3, 0.15
+"""The fewest groups of one layout, and their least share, in which a field is certain, so that it is in the others."""
+LEAST_SUMMED = 12
+"""The fewest bytes of sums of a group that make its sum certain: in few messages it may hold by chance."""
 MAX_DEPTH = 3
 MAX_RANDOM_AT = 5
 """The offset below which a byte that comes in turn selects; behind it, the others must be smoother by it."""
@@ -203,7 +207,16 @@ def find_fields(
     if found is not None and _mostly_holds(found, group.rows):
         group.sum = found
         at = found.place(group.length)
-        taken.append(Field(at, found.width, "sum", found.order, is_certain=found.is_certain, why=str(found)))
+        taken.append(
+            Field(
+                at,
+                found.width,
+                "sum",
+                found.order,
+                is_certain=found.is_certain and len(group.rows) * found.width >= LEAST_SUMMED,
+                why=str(found),
+            )
+        )
     if length is not None and length.end <= group.length:
         taken.append(length)
     for at, (_, mask) in group.selectors.items():
@@ -244,16 +257,40 @@ def _mostly_holds(found: FrameSum, rows: np.ndarray) -> bool:
 
 
 def agree(groups: Sequence[Group]) -> None:
-    """Take back what is certain in groups of one length and identifier that contradict each other.
+    """Compare groups of one length and identifier, such as the rows of a matrix, that a selector distinguishes.
 
-    Values of 12 bits in one of them make single bytes of another doubtful, and two packings each other.
+    Where their layouts are equal, what is proven in many of them holds for the others. Where they contradict each
+    other, nothing is certain: values of 12 bits in one make single bytes of another doubtful, and two packings each
+    other.
     """
     alike: defaultdict[tuple[int | None, int], list[Group]] = defaultdict(list)
     for group in groups:
         alike[group.id, group.length].append(group)
     for same in alike.values():
+        _share_proofs([group for group in same if group.selectors])
         packed = [each for group in same for each in group.fields if each.width == 12]
         for each in [each for group in same for each in group.fields]:
             is_doubtful = bool(packed) and each.width == 8 and each.kind not in CERTAIN_KINDS
             if is_doubtful or (each.width == 12 and len({other.order for other in packed}) > 1):
                 each.is_certain, each.decide = False, PACKED
+
+
+def _share_proofs(groups: Sequence[Group]) -> None:
+    """Make fields certain that only lack carries, if the same field is certain in many groups of the same layout."""
+    layouts: defaultdict[tuple, list[Group]] = defaultdict(list)
+    for group in groups:
+        values = [each for each in group.fields if each.kind in ("u", "i", "?")]
+        layouts[tuple((each.at, each.size, each.order) for each in values)].append(group)
+    for layout, same in layouts.items():
+        if len(layout) < 2:
+            continue
+        for at, _, _ in layout:
+            fields = [each for group in same for each in group.fields if each.at == at]
+            proven = [each for each in fields if each.is_certain]
+            if len(proven) < max(LEAST_PROVEN, PROVEN_SHARE * len(fields)):
+                continue
+            for each in fields:
+                is_alike = each.kind in {other.kind for other in proven} | {"?"}
+                if each.decide == SLOW and is_alike and not each.is_width_open:
+                    each.is_certain, each.decide = True, ""
+                    each.why = f"as in {len(proven)} of {len(fields)} messages that a selector distinguishes"

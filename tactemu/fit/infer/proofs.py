@@ -21,6 +21,7 @@ from tactemu.fit.infer.segments import Run
 LEAST_CROSSINGS = 5
 CLEAR_RATIO = 20
 LEAST_BITS = 8.0
+SIGN_SHARE = 0.98
 LEAST_VALUES = 6
 LEAST_CHANGES = 15
 OWN_BITS = 3.0
@@ -190,6 +191,8 @@ class Prover:
         """Return True if the byte at ``at``, beside the field, is no part of it."""
         if not 0 <= at < self.length or self.closed[at]:
             return True
+        if each.size == 1 and self.varies[at] and self._is_sign_of(each.at, at):
+            return False
         digits, is_left = _digits(each), at < each.at
         roles = []
         if each.size == 1 or (is_left == (each.order == ">")):
@@ -203,6 +206,11 @@ class Prover:
             elif not (array.is_refuted(k, low, high) or self._has_other(low, high)):
                 return False
         return True
+
+    def _is_sign_of(self, low: int, high: int) -> bool:
+        """Return True if one byte is FF where the other's top bit is set, and else 0: an extended sign."""
+        extended = np.where(self.rows[:, low] & 0x80, 0xFF, 0)
+        return bool((self.rows[:, high] == extended).mean() >= SIGN_SHARE)
 
     def _has_other(self, low: int, high: int) -> bool:
         """Return True if one of the two bytes has another partner, on its other side, that is proven."""

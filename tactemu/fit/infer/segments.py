@@ -23,6 +23,8 @@ PACKED_BITS = {2: 60.0, 3: 30.0}
 """The extra price of a run of packed values, which are rare, by their bytes."""
 RARE_BITS = {3: 20.0, 8: 40.0}
 """The extra price of a run of fields of a size that is rare."""
+FLOAT_BITS = 24.0
+"""The extra price of a run of floats: bytes that are pressed together may look like one."""
 LEAST_ROWS = 12
 """The fewest messages in which fields are looked for."""
 _STILL = -1
@@ -92,6 +94,7 @@ def _cheapest(
                 elif state == lowest:
                     still = kind.size - int(varies[at : at + kind.size].sum())
                     more = NEW_RUN_BITS + STILL_BYTE_BITS * still + RARE_BITS.get(kind.size, 0.0)
+                    more += FLOAT_BITS if kind.is_float else 0.0
                     more += PACKED_BITS[kind.size] if kind.parts and at not in nibbles else 0.0
                     if kind.is_float and not varies[_top(kind, at)].any():
                         continue
