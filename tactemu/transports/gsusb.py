@@ -49,8 +49,7 @@ class GsUsbTransport(UsbIpPort):
         if self._adapter.agrees:
             self._reply(echo)
             return [Received(frame)]
-        self._adapter.unacknowledged += 1
-        self._reply(candle.unacknowledged(self._adapter.unacknowledged))
+        self._reply(candle.unacknowledged())  # and no echo: the frame is never sent
         return []
 
     def _note_reader(self, has_reader: bool) -> None:

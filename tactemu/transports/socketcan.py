@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import fcntl
 import logging
-import os
 import socket
 import struct
 import time
@@ -15,6 +14,7 @@ from firmware_protocols import Can, CanFrame, Connector, WireFrame
 from firmware_protocols.can_frames import CAN_FRAME, CanFrames
 from tactemu.base.errors import TransportError, TransportUnavailable
 from tactemu.base.frame_text import PROTOCOL_ERROR
+from tactemu.transports import can_link
 from tactemu.transports.forks import close_in_children
 from tactemu.transports.receive_queue import ReceiveQueue
 from tactemu.transports.transport import CanFilter, Closed, Event, Opened, Received, Transport
@@ -48,10 +48,8 @@ class SocketCanTransport(Transport):
         """The socket that frames are written to; the same as ``_in`` where the kernel has CAN."""
         self._queue: ReceiveQueue | None = None
         self._filters: tuple[CanFilter, ...] = ()
-        self._bitrate = 0
-        """The bit rate of the device [bit/s]."""
-        self._data_bitrate = 0
-        """The data rate of the device [bit/s]; 0 where it sends no CAN-FD frames."""
+        self._device: Can | None = None
+        """The device's connector, with its bit rates."""
         self._index = 0
         """Linux's number of the network interface; one that is made again under the same name has another."""
         self._away = False
@@ -66,18 +64,18 @@ class SocketCanTransport(Transport):
 
     def set_connector(self, connector: Connector) -> None:
         """Take over the bit rates; a device with a data rate needs an interface that carries CAN-FD."""
-        if isinstance(connector, Can):
-            self._bitrate, self._data_bitrate = connector.bitrate, connector.data_bitrate or 0
+        self._device = connector if isinstance(connector, Can) else None
 
     def open(self) -> None:
         """Join the bus.
 
         Raises:
-            TransportError: there is no such interface, it is down, or it carries no CAN-FD though the device needs it;
-                the message names the fix.
+            TransportError: there is no such interface, it is down, it has another bit rate than the device, or it
+                carries no CAN-FD though the device needs it; the message names the fix.
         """
         if self._in is not None:
             return
+        self._check_bus()
         if self._is_down():
             raise TransportUnavailable(f"cannot open can:{self.address}: the interface is down; {self._fix()}")
         try:
@@ -104,11 +102,27 @@ class SocketCanTransport(Transport):
         return made, made
 
     def _fd_fix(self) -> str:
-        name = self.channel
-        if not os.path.exists(f"/sys/class/net/{name}/device"):  # a vcan
-            return f"sudo ip link set {name} down && sudo ip link set {name} mtu 72 up"
-        rates = f"bitrate {self._bitrate} dbitrate {self._data_bitrate}"
-        return f"sudo ip link set {name} down && sudo ip link set {name} up type can {rates} fd on"
+        return f"sudo ip link set {self.channel} down && sudo ip link set {self.channel} mtu 72 up"
+
+    @property
+    def _data_bitrate(self) -> int:
+        """The data rate of the device [bit/s]; 0 where it sends no CAN-FD frames."""
+        return (self._device.data_bitrate or 0) if self._device is not None else 0
+
+    def _check_bus(self) -> None:
+        """Compare a real bus with the device; a real bus also takes a frame's time itself.
+
+        Raises:
+            TransportUnavailable: they do not agree.
+        """
+        link = can_link.can_link(self.channel)
+        self.is_paced = link is not None and link.is_real
+        if link is None or not link.is_real or self._device is None:
+            return
+        if (why := can_link.mismatch(link, self.channel, self._device)) is not None:
+            raise TransportUnavailable(f"cannot open can:{self.address}: {why}")
+        for advice in can_link.advice(link, self.channel):
+            _logger.warning("can:%s: %s", self.address, advice)
 
     def close(self) -> None:
         """Leave the bus."""

@@ -8,6 +8,7 @@ of one hub: 1-1, 1-2 ... ``usbip:`` alone listens on port 3240 of the loopback i
 
 from __future__ import annotations
 
+import os
 import socket
 from collections import deque
 
@@ -54,6 +55,12 @@ class UsbIpPort(Transport):
         self._server: UsbIpServer | None = None
         self._export: Export | None = None
         self._link: HostLink | None = None
+        self._is_taken = False
+        """True while a host has the device."""
+        self._attached: deque[socket.socket] = deque()
+        """Connections of hosts that another thread may have accepted."""
+        self._wake = -1
+        """A file descriptor that is readable while there is such a connection."""
         self._has_reader = False
         self._events: deque[Event] = deque()
 
@@ -68,7 +75,9 @@ class UsbIpPort(Transport):
         if self._server is not None:
             return
         self._server = shared_server(self._host, self._port)
-        self._export = self._server.add(self._chip, self._attach, lambda: self._link is None)
+        self._port = self._server.port  # after the fault `unplug`, too
+        self._wake = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
+        self._export = self._server.add(self._chip, self._attach, lambda: not self._is_taken)
         host = inet.join(self._server.host, self._server.port).rpartition(":")[0]
         self.address = f"usbip --tcp-port {self._server.port} attach -r {host} -b {self._export.busid}"
 
@@ -77,23 +86,29 @@ class UsbIpPort(Transport):
         self._drop_link()
         if self._server is not None and self._export is not None:
             self._server.remove(self._export)
+            os.close(self._wake)
         self._server = self._export = None
+        while self._attached:
+            self._attached.popleft().close()
         self._events.clear()
 
     def _attach(self, connection: socket.socket) -> None:
-        self._link = HostLink(connection, self._chip)
-        self._events.append(Noted("attached by a host"))
+        self._is_taken = True
+        os.eventfd_write(self._wake, 1)  # first: whoever finds the connection resets what woke it
+        self._attached.append(connection)
 
     def _drop_link(self) -> None:
         if self._link is not None:
             self._link.close()
             self._link = None
-        self._has_reader = False
+        self._has_reader = self._is_taken = False
 
     def filenos(self, reading: bool = True) -> list[int]:
-        """Return the sockets of the server and of the host."""
+        """Return the server's file descriptor and those of the host."""
+        if self._server is None:
+            return []
         own = [self._link.fileno()] if self._link is not None else []
-        return [*(self._server.filenos() if self._server is not None else ()), *own]
+        return [self._server.fileno(), self._wake, *own]
 
     # -- events ----------------------------------------------------------------------------------------------------
 
@@ -102,6 +117,10 @@ class UsbIpPort(Transport):
         if self._server is None:
             return []
         self._server.serve()
+        if self._attached:
+            os.eventfd_read(self._wake)
+            self._link = HostLink(self._attached.popleft(), self._chip)
+            self._events.append(Noted("attached by a host"))
         link = self._link
         if link is not None:
             link.receive()

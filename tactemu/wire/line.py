@@ -200,11 +200,11 @@ class Line:
         is_paced_by_port: True where the port takes a frame's time itself: a frame is due at its first bit.
     """
 
-    TRANSIENT_FIELDS: ClassVar[tuple[str, ...]] = ("_catch_up_ns", "_is_paced_by_port")
+    TRANSIENT_FIELDS: ClassVar[tuple[str, ...]] = ("_catch_up_ns", "is_paced_by_port")
 
     def __init__(self, line_model: LineModel, *, is_paced_by_port: bool = False):
         self.line_model = line_model
-        self._is_paced_by_port = is_paced_by_port
+        self.is_paced_by_port = is_paced_by_port
         self._catch_up_ns = 0 if line_model.pacing == "strict" else MAX_CATCH_UP_NS
         self.free_ns = 0
         """The time at which the line is idle again."""
@@ -270,7 +270,7 @@ class Line:
 
     def lead_ns(self, pending: Pending) -> int:
         """Return how long before its last bit a frame is handed over [ns]: its duration where the port is paced."""
-        return pending.duration_ns if self._is_paced_by_port else 0
+        return pending.duration_ns if self.is_paced_by_port else 0
 
     def take(self, now_ns: int) -> Pending | None:
         """Return the next frame whose last bit has gone by ``now_ns``, or ``None``."""

@@ -131,6 +131,7 @@ class WirePort:
         plugged = self._is_open and (self._down is None or not self._down.removes_port)
         if plugged != self._is_plugged:
             (self.transport.open if plugged else self.transport.close)()
+            self.line.is_paced_by_port = self.transport.is_paced
             self._is_plugged = plugged
         self.transport.hold(self._down is not None and self._down.is_half_open)
 

@@ -14,6 +14,7 @@ import pytest
 from firmware_protocols import Can, CanFrame
 from tactemu.base.errors import TransportError, TransportUnavailable
 from tactemu.transports import create, socketcan
+from tactemu.transports.can_link import CanLink, advice, can_link, mismatch
 from tactemu.transports.transport import CanFilter, Closed, Opened, Received
 
 GROUP = "239.74.77.9"
@@ -141,7 +142,7 @@ def test_a_device_with_fd_frames_needs_an_interface_that_carries_them(interface,
         return
     with pytest.raises(TransportError, match=r"can9 carries no CAN-FD \(MTU 16\).*sudo ip link set can9 .* mtu 72 up"):
         port.open()
-    monkeypatch.setattr("os.path.exists", lambda path: path == "/sys/class/net/can9/device")
+    monkeypatch.setattr("tactemu.transports.can_link.can_link", lambda name: CanLink("can", 1_000_000))
     with pytest.raises(TransportError, match="ip link set can9 up type can bitrate 1000000 dbitrate 5000000 fd on"):
         port.open()
     assert not port.has_reader
@@ -171,3 +172,32 @@ def test_a_node_receives_its_own_group_only():
             time.sleep(0.01)
         assert received == [Received(CanFrame(arbitration_id=0x28, data=b"\xc2"))]
         assert other.poll() == []
+
+
+# -- a real bus --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("link", "device", "says"),
+    [
+        (CanLink("can"), Can(), "has no bit rate; sudo ip link set can0 up type can bitrate 1000000"),
+        (CanLink("can", 500_000), Can(), "runs at 500000 bit/s, the device at 1000000"),
+        (CanLink("can", 1_000_000), Can(data_bitrate=5_000_000), "carries no CAN-FD"),
+        (CanLink("can", 1_000_000, 0.8, 2_000_000, True), Can(data_bitrate=5_000_000), "sends data at 2000000 bit/s"),
+        (CanLink("can", 1_000_000, state="BUS-OFF"), Can(), "is bus-off"),
+        (CanLink("can", 1_000_000, state="ERROR-ACTIVE"), Can(), None),
+    ],
+)
+def test_a_real_bus_is_compared_with_the_device(link, device, says):
+    why = mismatch(link, "can0", device)
+    assert why is None if says is None else says in why
+
+
+def test_a_real_bus_gets_advice():
+    passive, short = advice(CanLink("can", 1_000_000, state="ERROR-PASSIVE", queue_length=10), "can0")
+    assert "120 Ohm" in passive and "txqueuelen 1000" in short
+    assert not advice(CanLink("can", 1_000_000, state="ERROR-ACTIVE", queue_length=1000), "can0")
+
+
+def test_the_kernel_tells_the_kind_of_an_interface():
+    assert can_link("lo").kind == "" and can_link("no-such-name") is None

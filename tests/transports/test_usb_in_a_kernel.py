@@ -80,6 +80,14 @@ def test_at_another_bit_rate_nobody_acknowledges(told):
     assert said["can0"]["states"] == ["ERROR-PASSIVE", "ERROR-ACTIVE"]
 
 
+def test_a_bus_at_another_bit_rate_is_refused_with_the_command_that_mends_it(told):
+    said, _ = told
+    unset, other, agreeing = said["can0"]["refusals"]
+    assert "can0 has no bit rate; sudo ip link set can0 up type can bitrate 1000000" in unset
+    assert "can0 runs at 500000 bit/s, the device at 1000000; sudo ip link set can0 down && sudo" in other
+    assert not agreeing
+
+
 def test_a_device_that_is_unplugged_is_attached_again(told):
     said, _ = told
     assert said["unplugged"] == {"error": True, "is_back": True}

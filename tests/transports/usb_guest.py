@@ -3,6 +3,7 @@
 The last device of the hub is a CAN adapter.
 """
 
+import contextlib
 import json
 import os
 import subprocess
@@ -12,6 +13,10 @@ from pathlib import Path
 
 import can
 import serial
+
+from firmware_protocols import Can
+from tactemu import transports
+from tactemu.base.errors import TransportError
 
 ROOT = Path(__file__).parents[2]
 port, count, *nodes = sys.argv[1:]
@@ -33,6 +38,17 @@ def identity(node):
     return {"vid": (at / "idVendor").read_text().strip(), "pid": (at / "idProduct").read_text().strip()}
 
 
+def refusal():
+    """Return why a device at 1 Mbit/s may not be on can0, or nothing if it may."""
+    port = transports.create("can:socketcan:can0")
+    port.set_connector(Can(bitrate=1_000_000))
+    try:
+        with port:
+            return "" if port.is_paced else "not paced by the bus"
+    except TransportError as error:
+        return str(error)
+
+
 keeper = subprocess.Popen([sys.executable, "-m", "tactemu", "attach", f"{host}:{port}"], cwd=ROOT)
 try:
     for node in nodes:
@@ -44,15 +60,17 @@ try:
         print(json.dumps({"node": node, "readings": readings, **identity(node)}), flush=True)
     # At another bit rate nobody acknowledges; then the rate of the bus.
     assert wait(lambda: os.path.exists("/sys/class/net/can0"), 60)
-    states = []
+    states, refusals = [], [refusal()]
     for bitrate in (500_000, 1_000_000):
         subprocess.run(["ip", "link", "set", "can0", "up", "type", "can", "bitrate", str(bitrate)], check=True)
         with can.Bus(interface="socketcan", channel="can0") as bus:
-            for _ in range(40):
-                bus.send(can.Message(arbitration_id=0x123, data=b"?", is_extended_id=False), timeout=1)
+            with contextlib.suppress(can.CanOperationError):  # frames that nobody acknowledges fill the queue
+                for _ in range(40):
+                    bus.send(can.Message(arbitration_id=0x123, data=b"?", is_extended_id=False), timeout=1)
             time.sleep(0.5)
         shown = subprocess.run(["ip", "-json", "-details", "link", "show", "can0"], capture_output=True, check=True)
         states.append(json.loads(shown.stdout)[0]["linkinfo"]["info_data"]["state"])
+        refusals.append(refusal())
         if bitrate == 500_000:
             subprocess.run(["ip", "link", "set", "can0", "down"], check=True)
     command = [
@@ -65,7 +83,12 @@ try:
         "20",
     ]
     done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
-    print(json.dumps({"node": "can0", "states": states, **json.loads(done.stdout.splitlines()[-1])}), flush=True)
+    print(
+        json.dumps(
+            {"node": "can0", "states": states, "refusals": refusals, **json.loads(done.stdout.splitlines()[-1])}
+        ),
+        flush=True,
+    )
     # The kernel's side of a pulled cable: a driver's read fails, and the keeper attaches the device again.
     with serial.Serial(f"/dev/{nodes[0]}", 115_200, timeout=1) as driver:
         driver.read(10)

@@ -27,8 +27,6 @@ _DATA_LIMITS = (1, 32, 1, 16, 16, 1, 32, 1)
 ACK_ERROR, PASSIVE_ERROR = 0x20, 0x04
 """Classes of error frames (``linux/can/error.h``): nobody acknowledged, a controller is in trouble."""
 _PASSIVE = 0x30
-_MAX_ERRORS = 16
-"""Number of frames without acknowledgement after which a controller is error-passive: each counts 8, 128 in all."""
 
 
 class Candle(Chip):
@@ -43,8 +41,6 @@ class Candle(Chip):
         self.bitrate = self.data_bitrate = 0
         """The rates that the host has set [bit/s]; 0: none yet."""
         self.is_started = False
-        self.unacknowledged = 0
-        """Number of frames that no node acknowledged, since the channel was started."""
 
     def descriptors(self) -> Descriptors:
         """Return the descriptors of a candleLight adapter."""
@@ -83,7 +79,7 @@ class Candle(Chip):
                 self.note(f"data bit rate {self.data_bitrate}")
                 return DONE
             case 2 if len(data) >= 8:
-                self.is_started, self.unacknowledged = data[0] == 1, 0
+                self.is_started = data[0] == 1
                 self.note("channel started" if self.is_started else "channel stopped")
                 return DONE
         return None
@@ -135,8 +131,10 @@ def from_host(data: bytes) -> tuple[CanFrame, bytes] | None:
     return frame, bytes(data[: FD_BYTES if is_fd else CLASSIC_BYTES])
 
 
-def unacknowledged(count: int) -> bytes:
-    """Return the error frame of the ``count``-th frame in a row that nobody acknowledged."""
-    is_passive = count > _MAX_ERRORS
-    what = _ERROR | ACK_ERROR | (PASSIVE_ERROR if is_passive else 0)
-    return _HEAD.pack(_FROM_BUS, what, 8, 0, 0, 0) + bytes((0, _PASSIVE if is_passive else 0, *bytes(6)))
+def unacknowledged() -> bytes:
+    """Return the error frame of a controller whose frame nobody acknowledges.
+
+    It repeats the frame at once; after 16 times, a few milliseconds, it is error-passive, and goes on.
+    """
+    what = _ERROR | ACK_ERROR | PASSIVE_ERROR
+    return _HEAD.pack(_FROM_BUS, what, 8, 0, 0, 0) + bytes((0, _PASSIVE, *bytes(6)))

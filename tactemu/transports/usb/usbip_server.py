@@ -1,12 +1,17 @@
 """A USB/IP server: lists devices and gives each to one host; several ports of one process may share it.
 
 USB/IP knows no passwords: whoever reaches the port can attach the devices. It listens on loopback unless asked.
+
+The devices may belong to several emulators, each with a loop in a thread of its own. Whichever loop wakes first serves;
+the server's one file descriptor, an epoll, stays valid for all of them.
 """
 
 from __future__ import annotations
 
 import contextlib
+import select
 import socket
+import threading
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -27,7 +32,7 @@ class Export:
     number: int
     chip: Chip
     take: Callable[[socket.socket], None]
-    """Takes over the connection of the host that attaches the device."""
+    """Takes over the connection of the host that attaches the device; may be called in another thread."""
     is_free: Callable[[], bool]
     """Returns True if a host may attach it: it is plugged in, and no host has it."""
 
@@ -60,6 +65,9 @@ class UsbIpServer:
         except OSError as error:
             raise inet.cannot_listen("usbip", self.host, self.port, error) from None
         self._socket.setblocking(False)
+        self._ready = select.epoll()
+        self._ready.register(self._socket, select.EPOLLIN)
+        self._lock = threading.Lock()
         self.port = self._socket.getsockname()[1]
         self._greetings: list[socket.socket] = []
         """Connections that have not asked for a list or a device yet."""
@@ -69,46 +77,59 @@ class UsbIpServer:
 
     def add(self, chip: Chip, take: Callable[[socket.socket], None], is_free: Callable[[], bool]) -> Export:
         """Offer a device, on the first free port of the hub."""
-        number = next(n for n in range(1, 128) if f"1-{n}" not in self.exports)
-        export = Export(f"1-{number}", number + 1, chip, take, is_free)
-        self.exports[export.busid] = export
+        with self._lock:
+            number = next(n for n in range(1, 128) if f"1-{n}" not in self.exports)
+            export = Export(f"1-{number}", number + 1, chip, take, is_free)
+            self.exports[export.busid] = export
         return export
 
     def remove(self, export: Export) -> None:
         """Withdraw a device; the server closes with the last one."""
-        self.exports.pop(export.busid, None)
+        with self._lock:
+            self.exports.pop(export.busid, None)
         if not self.exports:
             self.close()
 
     def close(self) -> None:
         """Stop listening. Safe to call twice."""
         self.is_open = False
-        for each in (*self._greetings, self._socket):
+        for each in (*self._greetings, self._socket, self._ready):
             each.close()
         self._greetings.clear()
 
-    def filenos(self) -> list[int]:
-        """Return the listening socket and the connections that have not asked yet."""
-        return [each.fileno() for each in (self._socket, *self._greetings)] if self.is_open else []
+    def fileno(self) -> int:
+        """Return the file descriptor that is readable when there is something to serve."""
+        return self._ready.fileno()
 
     def serve(self) -> None:
-        """Accept connections and answer their first requests. Never blocks."""
-        with contextlib.suppress(OSError):
-            while self.is_open:
+        """Accept connections and answer their first requests. Never blocks; one thread at a time serves."""
+        if not self._lock.acquire(blocking=False):
+            return
+        try:
+            if self.is_open and self._ready.poll(0):
+                self._accept()
+                self._greetings = [client for client in self._greetings if not self._is_done(client)]
+        finally:
+            self._lock.release()
+
+    def _accept(self) -> None:
+        with contextlib.suppress(BlockingIOError):
+            while True:
                 client, _ = self._socket.accept()
                 client.setblocking(False)
                 client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+                self._ready.register(client, select.EPOLLIN)
                 self._greetings.append(client)
                 if len(self._greetings) > MAX_GREETINGS:
                     self._greetings.pop(0).close()
-        for client in list(self._greetings):
-            try:
-                is_done = self._greet(client)
-            except OSError:
-                is_done = True
-                client.close()
-            if is_done:
-                self._greetings.remove(client)
+
+    def _is_done(self, client: socket.socket) -> bool:
+        """Answer the first request of a connection; return False if it has not come whole."""
+        try:
+            return self._greet(client)
+        except OSError:
+            client.close()
+            return True
 
     def _greet(self, client: socket.socket) -> bool:
         """Answer the first request of a connection; return False if it has not come whole."""
@@ -133,6 +154,7 @@ class UsbIpServer:
         return True
 
     def _import(self, client: socket.socket, busid: str) -> bool:
+        self._ready.unregister(client)
         export = self.exports.get(busid)
         is_given = export is not None and export.is_free()
         client.sendall(
@@ -145,6 +167,7 @@ class UsbIpServer:
 
 
 _servers: dict[tuple[str, int], UsbIpServer] = {}
+_servers_lock = threading.Lock()
 
 
 def shared_server(host: str, port: int) -> UsbIpServer:
@@ -153,8 +176,9 @@ def shared_server(host: str, port: int) -> UsbIpServer:
     Raises:
         TransportError: it cannot listen there.
     """
-    server = _servers.get((host, port)) if port else None
-    if server is None or not server.is_open:
-        server = UsbIpServer(host, port)
-        _servers[host, server.port] = server
-    return server
+    with _servers_lock:
+        server = _servers.get((host, port)) if port else None
+        if server is None or not server.is_open:
+            server = UsbIpServer(host, port)
+            _servers[host, server.port] = server
+        return server
