@@ -241,3 +241,8 @@ def test_a_port_that_cannot_be_reached_is_one_sentence():
     with pytest.raises(TactemuError, match="expected udp:HOST:PORT"):
         RealUdp("udp:nowhere")
     assert buffering_s("/dev/no-such-port") == 0.0
+
+
+def test_frames_of_varying_length_are_not_judged_by_their_contents():
+    result = compared(model_of("matsense"), lambda: fp.create("matsense"), SPECIMEN)
+    assert result.verdicts.protocol == [] and "vary in length" in str(result.verdicts.unjudged)
