@@ -57,9 +57,8 @@ class MatSense(Device):
         counts_per_newton: CountsPerNewton = 50.0,
     ):
         self.layout = grid_layout(16, 16, 0.005, name="mat")
-        most = 255 if protocol == "secure" else 254
         self.columns = (
-            Column(name="touch", low=0, high=most, assumed_per_unit=counts_per_newton, push=1),
+            Column(name="touch", low=0, high=255 - (protocol == "simple"), assumed_per_unit=counts_per_newton, push=1),
             *xyz("ax ay az", sense="acceleration", assumed_per_unit=16384 / 9.80665, **INT16),
             *xyz("gx gy gz", sense="angular_velocity", assumed_per_unit=7505.75, **INT16),
         )

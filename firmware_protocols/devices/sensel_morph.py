@@ -7,7 +7,7 @@ and a number of bytes. Sums are those of the data.
     81 register n                ``READ``: n bytes
     81 register 00               ``VARIABLE``: a register of any length; 26 is ``HEAD``, then ``LIST``
     01 register n data sum       05 register
-    01 register 00 04 size sum   07 register; then, for each packet of at most 512 bytes: size (2 bytes), data, sum: 07
+    01 register 00 04 size sum   07 register; then ``PACKET``: 07
 
 Write 01 to register 25 and the frame of the next scan answers each read of 26; write 02 and frames come unasked, with
 09 in place of 03; 00 stops. A ``CONTACT`` has a number for as long as it lasts, and a state: 1 begins, 2 moves, 3 ends.
@@ -19,14 +19,11 @@ Evidence: the vendor's driver in C, run.
 Try it: ``tactemu exec sensel_morph -- ./example-2-contacts``, an example of sensel-api.
 """
 
-from collections.abc import Iterator
-from typing import Any
-
 import numpy as np
 
 from firmware_protocols import (
     NO_PACKET, SOUND, USB, Column, Device, Frame, Packets, Refused, RegisterMap, Registers, Request, Rollover, Sense,
-    Serial, Transmissions, command, fact_table, grid_layout, points, xyz,
+    Serial, Transmissions, command, command_table, fact_table, grid_layout, points, xyz,
 )  # fmt: skip
 
 READ = Frame("""
@@ -61,17 +58,19 @@ HEAD = Frame("""
     1     u1 wrap       number
     2     <u4 wrap      time       [ms]
 """)
-LIST = Frame(
-    """
+LIST = Frame("""
     contacts
     0     00            parts      of a contact beyond the first
     1     u1            n = count(contacts)
     2     CONTACT x n   contacts
-""",
-    CONTACT=CONTACT,
-)
-MAP = RegisterMap(
-    """
+""", CONTACT=CONTACT)  # fmt: skip
+PACKET = Frame("""
+    data of a long write
+    0     <u2           size = len(data)
+    2     bytes         data
+    last  sum8 from 2   sum
+""")
+MAP = RegisterMap("""
     0    u1 x 6  magic          = 83, 51, 78, 83, 51, 49  r     S3NS31
     6    u1      protocol       = 1  r
     7    u1 x 2  version        = 0, 19  r
@@ -106,21 +105,20 @@ MAP = RegisterMap(
     208  u1      open           0..255
     224  u1      reset          0..1
     236  u1      error          r
-    """,
-    size=256,
-)
+""", size=256)  # fmt: skip
 SERIAL_NUMBER, FRAMES, LEDS = 0x0F, 0x26, 0x80
 ANY_LENGTH = {SERIAL_NUMBER: b"SM01174600001", LEDS: bytes(24)}
 CONTACTS, ACCELERATION, ACCELERATION_REGISTER = 0x04, 0x08, 0x60
 ANSWER, UNASKED, WRITE_ACK, LONG_ACK = 0x03, 0x09, 0x05, 0x07
 BEGIN, MOVE, END = 1, 2, 3
 ROWS, COLS = 105, 185
+ROW = COLS + 1
+"""The distance of a cell from the one below it, among cells that are numbered with one more in each row."""
 PITCH_M = 0.23 / COLS
 MM_256 = 256 * PITCH_M * 1000
 GRAM = 0.00980665
 CHIP = points({"chip": (0.0, 0.0, -0.003)})
-REQUEST_BYTES, PACKET_BYTES = 3, 512
-GAP_NS = 100_000_000
+REQUEST_BYTES, LONG_BYTES, GAP_NS = 3, 9, 100_000_000
 API = "sensel/sensel-api@ad66eab"
 ALL = f"{API} sensel-lib/src (all files)"
 
@@ -143,6 +141,20 @@ class SenselMorph(Device):
     sources = (f"{API} sensel.c, sensel_register.c, sensel_serial_linux.c, sensel_protocol.h, sensel_register_map.h",)
     judge = API
     origin = f"{API} sensel-lib/src/sensel_register.c"
+    documented = command_table(
+        """
+        ? magic                81 00 06           01 00 06 00 53 33 4E 53 33 31 8B
+        ? scale of positions   81 A0 01           01 A0 01 00 08 08
+        ? serial number        81 0F 00           03 0F 00 0D 00 53 4D 30 31 31 37 34 36 30 30 30 30 31 *
+        ? LEDs                 81 80 00           03 80 00 18 00 *
+        scan                   01 25 01 01 01     05 25
+        scan and send frames   01 25 01 02 02     05 25
+        a frame                01 25 01 01 01; 81 26 00  -          after the next scan
+        250 scans a second     01 20 02 FA 00 FA  05 20
+        reset                  01 E0 01 01 01     05 E0
+        """,
+        origin=origin,
+    )
     facts = fact_table(f"""
         stated touch: a contact is number, state, x, y, force, area; scales are 2 to the power of a register
             @ {API} sensel-lib/src/sensel_protocol.h; sensel.c:186-251
@@ -166,12 +178,11 @@ class SenselMorph(Device):
 
     def reset(self) -> None:
         """Return to the settings at power-up."""
-        self.registers = Registers(MAP)
-        self.any_length = dict(ANY_LENGTH)
-        self.number, self.awaited, self.in_size, self.written = 0, 0, False, bytearray()
-        self.asked = 0
-        self.contacts: dict[int, dict[str, Any]] = {}
-        self.cells: dict[int, set[int]] = {}
+        self.registers, self.any_length = Registers(MAP), dict(ANY_LENGTH)
+        self.number, self.asked = 0, 0
+        self.contacts: dict[int, dict[str, int]] = {}
+        self.ended: list[dict[str, int]] = []
+        self.owners = np.full(ROWS * ROW, -1)
 
     def stream(self, t_ns: int, name: str) -> Transmissions:
         """Find the contacts of this scan while scanning; send them if asked for, or unasked."""
@@ -182,7 +193,7 @@ class SenselMorph(Device):
         content = self.registers["content"]
         frame = HEAD.pack(content=content, number=self.number, time=t_ns // 1_000_000)
         if content & CONTACTS:
-            frame += LIST.pack(contacts=list(self.contacts.values()))
+            frame += LIST.pack(contacts=[*self.contacts.values(), *self.ended])
         if content & ACCELERATION:
             frame += self.registers.read(ACCELERATION_REGISTER, 6)
         self.number, asked, self.asked = (self.number + 1) & 0xFF, self.asked, 0
@@ -191,32 +202,22 @@ class SenselMorph(Device):
 
     def _find(self) -> None:
         """Set the contacts: connected cells, each with the number of the contact that it goes on from."""
-        force = self.layout.on_wire(self.counts["force"]).reshape(ROWS, COLS)
-        ended = {n for n, contact in self.contacts.items() if contact["state"] == END}
-        before = {n: cells for n, cells in self.cells.items() if n not in ended}
-        last, self.contacts, self.cells = self.contacts, {}, {}
-        for cells in _connected(force):
-            rows, cols = np.divmod(np.array(sorted(cells)), COLS)
-            weights = force[rows, cols]
-            if (total := int(weights.sum())) < self.registers["min_force"]:
-                continue
-            known = next((n for n in before if n not in self.contacts and before[n] & cells), None)
-            free = (n for n in range(self.registers["max_contacts"]) if n not in self.contacts and n not in before)
+        force = np.pad(self.layout.on_wire(self.counts["force"]).reshape(ROWS, COLS), ((0, 0), (0, 1))).ravel()
+        labels = _connected(force > 0)
+        totals = np.bincount(labels, force, len(force) + 1)[:-1]
+        owners, last, self.owners, self.contacts = self.owners, self.contacts, np.full(len(force), -1), {}
+        for label in np.flatnonzero(totals >= max(1, self.registers["min_force"])):
+            at, total = np.flatnonzero(labels == label), totals[label]
+            known = next((n for n in owners[at].tolist() if n >= 0 and n not in self.contacts), None)
+            free = (n for n in range(self.registers["max_contacts"]) if n not in self.contacts and n not in last)
             if (number := next(free, None) if known is None else known) is None:
                 continue
-            x, y = (round(float(at @ weights) / total * MM_256) for at in (cols + 0.5, rows + 0.5))
-            state = BEGIN if known is None else MOVE
-            self.cells[number] = cells
-            self.contacts[number] = {
-                "number": number, "state": state, "x": x, "y": y, "force": min(total, 0xFFFF), "area": len(cells)
-            }  # fmt: skip
-        gone = {n: {**last[n], "state": END} for n in before if n not in self.contacts}
-        self.contacts |= gone
-        self.cells |= {n: set() for n in gone}
+            y, x = (round(float((each + 0.5) @ force[at] / total * MM_256)) for each in np.divmod(at, ROW))
+            places = {"x": x, "y": y, "force": min(int(total), 0xFFFF), "area": len(at)}
+            self.owners[at] = number
+            self.contacts[number] = {"number": number, "state": BEGIN if known is None else MOVE, **places}
+        self.ended = [{**last[n], "state": END} for n in last if n not in self.contacts]
 
-    @command("81 26 00", after=("01 25 01 01 01",), name="a frame, after the next scan")
-    @command("81 80 00", "03 80 00 18 00 " + "00 " * 25, name="brightness of the LEDs", safe=True)
-    @command("81 0F 00", "03 0F 00 0D 00 53 4D 30 31 31 37 34 36 30 30 30 30 31 *", name="serial number", safe=True)
     @command(pattern=b"\x81(.)\0")
     def read_any(self, request: Request):
         """Return a register of any length; a frame follows the next scan."""
@@ -227,8 +228,6 @@ class SenselMorph(Device):
             raise Refused("register")
         return VARIABLE.pack(kind=ANSWER, register=register, data=self.any_length[register])
 
-    @command("81 00 06", "01 00 06 00 53 33 4E 53 33 31 8B", name="magic", safe=True)
-    @command("81 A0 01", "01 A0 01 00 08 08", name="scale of positions", safe=True)
     @command(pattern=b"\x81(.)(.)")
     def read_registers(self, request: Request):
         """Return bytes of registers."""
@@ -238,68 +237,40 @@ class SenselMorph(Device):
     @command(("01 80 00 04 18 00 00 00 18", "18 00 64 " + "00 " * 23 + "64"), ("07 80", "07"), name="first LED on")
     @command(pattern=b"\x01(.)\0\x04(..)\0\0.")
     def write_any(self, request: Request):
-        """Acknowledge, and wait for the packets."""
-        register = request.value[0]
-        self.awaited, self.written = int.from_bytes(request.values[1], "little"), bytearray()
-        if register != LEDS or self.awaited != len(self.any_length[LEDS]):
+        """Acknowledge, and wait for the packet."""
+        register, size = request.value[0], int.from_bytes(request.values[1], "little")
+        if register != LEDS or size != len(self.any_length[LEDS]):
             raise Refused("register")
-        self.in_size = True
-        self.packets.expect(2)
+        self.packets.expect(size + 3)
         return bytes([LONG_ACK, register])
 
     def staged(self, request: Request):
-        """Take the size of a packet, then the packet."""
-        if self.in_size:
-            self.in_size = False
-            if (size := int.from_bytes(request.packet, "little")) > min(PACKET_BYTES, self.awaited - len(self.written)):
-                raise Refused("size")
-            self.packets.expect(size + 1)
-            return ()
-        *data, check = request.packet
-        if sum(data) & 0xFF != check:
-            self.counters["bad_checksum"] += 1
-            return ()
-        self.written += bytes(data)
-        if len(self.written) < self.awaited:
-            self.in_size = True
-            self.packets.expect(2)
-        else:
-            self.any_length[LEDS] = bytes(self.written)
+        """Take the packet."""
+        if (fields := PACKET.unpack(request.packet)) is None or PACKET.flaw(request.packet):
+            raise Refused("packet")
+        self.any_length[LEDS] = fields["data"]
         return bytes([LONG_ACK])
 
-    @command("01 25 01 01 01", "05 25", name="scan")
-    @command("01 25 01 02 02", "05 25", name="scan and send frames")
-    @command("01 E0 01 01 01", "05 E0", name="reset")
-    @command("01 20 02 FA 00 FA", "05 20", name="250 scans a second")
     @command(pattern=b"\x01(.)(.)(.+).")
     def write_registers(self, request: Request):
         """Write registers."""
         (register,), _, data = request.values
-        if "rate" in (names := self.registers.write(register, data)):
-            self.period_ns = round(1e9 / self.registers["rate"])
-        if "reset" in names:
+        if "reset" in self.registers.write(register, data):
             self.reset()
+        self.period_ns = round(1e9 / self.registers["rate"])
         return bytes([WRITE_ACK, register])
 
 
-def _connected(force: np.ndarray) -> Iterator[set[int]]:
-    """Yield the cells of each contact: those above 0 that touch by a side; row by row, by their index."""
-    cols = force.shape[1]
-    left = set(np.flatnonzero(force).tolist())
-    for first in sorted(left):
-        if first not in left:
-            continue
-        left.discard(first)
-        found, todo = {first}, [first]
-        while todo:
-            cell = todo.pop()
-            col = cell % cols
-            beside = ({cell - 1} if col else set()) | ({cell + 1} if col < cols - 1 else set())
-            new = ({cell - cols, cell + cols} | beside) & left
-            todo += new
-            left -= new
-            found |= new
-        yield found
+def _connected(pressed: np.ndarray) -> np.ndarray:
+    """Return a label for each cell: the number of one of those that it is connected with by sides; else the length."""
+    labels, before = np.where(pressed, np.arange(len(pressed)), len(pressed)), None
+    while not np.array_equal(labels, before):
+        before = labels.copy()
+        for step in (1, ROW):
+            np.minimum(labels[step:], before[:-step], out=labels[step:], where=pressed[step:])
+            np.minimum(labels[:-step], before[step:], out=labels[:-step], where=pressed[:-step])
+        labels[pressed] = labels[labels[pressed]]
+    return labels
 
 
 def _size(data: bytes) -> int | str:
@@ -308,7 +279,7 @@ def _size(data: bytes) -> int | str:
         return NO_PACKET
     if len(data) < REQUEST_BYTES or data[0] == 0x81:
         return REQUEST_BYTES
-    return data[2] + 4 if data[2] else 9
+    return data[2] + 4 if data[2] else LONG_BYTES
 
 
 def _check(packet: bytes) -> str:

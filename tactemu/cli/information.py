@@ -59,9 +59,11 @@ def check(
     from firmware_protocols.check import check as check_contract
     from firmware_protocols.options import from_words
     from tactemu.base.errors import DeviceError
+    from tactemu.cli.progress import show_parts
 
     try:
-        report = check_contract(target, from_words(options or ()), fuzz=fuzz)
+        with show_parts() as progress:
+            report = check_contract(target, from_words(options or ()), fuzz=fuzz, progress=progress)
     except (LookupError, ValueError) as error:
         raise DeviceError(str(error)) from None
     typer.echo(json_module.dumps(report.as_dict()) if json else "\n".join(report.lines()))

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from typing import TypeVar
 
 from rich.console import Console
@@ -23,6 +24,16 @@ def show_progress(items: Iterable[Item], title: str, total: int) -> Iterator[Ite
     """Iterate with a bar on stderr that shows progress and the estimated remaining time."""
     with _bar(Console(stderr=True)) as progress:
         yield from progress.track(items, description=title, total=total)
+
+
+@contextmanager
+def show_parts() -> Iterator[Callable[[str], None]]:
+    """Give a function that shows the name of the part that begins, on a terminal, with the time since the start."""
+    console = Console(stderr=True)
+    columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
+        task = progress.add_task("")
+        yield lambda part: progress.update(task, description=part)
 
 
 def show_sum(counts: Iterable[int], title: str, total: int) -> None:
