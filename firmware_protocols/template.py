@@ -13,28 +13,28 @@ Repeat every source in ``sources`` and every guess in ``facts``.)
 Try it: ``tactemu run path/to/this_file.py:VendorModel``, then a line that makes the real driver read.
 """
 
-from __future__ import annotations
-
 from typing import Annotated
 
 from firmware_protocols import (
     Column,
-    Command,
-    Counts,
     Device,
     Frame,
     Option,
-    Reading,
+    Packets,
+    Request,
     Serial,
     Transmissions,
-    assumed,
+    command,
+    fact_table,
     grid_layout,
-    quantize,
 )
 
-REQUEST = 0x3F
 ROWS, COLUMNS = 4, 4
 
+REQUEST = Frame("""
+    request
+    0     u1              command
+""")
 IMAGE = Frame("""
     image, row by row
     0     A5              start
@@ -54,11 +54,12 @@ class VendorModel(Device):
     ports = (Serial(baud=115200, usb=True),)
     senses = ("force",)  # the measured quantities: force, pressure, depth, displacement, touch, temperature ...
     rate_hz = 100.0
-    columns = (Column(name="push", unit="N", counts_per_unit=1000.0, low=0, high=0xFFFF, push=1),)
     evidence = ("assumed",)
     sources = ("no sensor: this file shows how one is written",)
     judge = "none"  # the unmodified driver that has read this device
-    facts = (assumed("touch", "everything", "nothing: it is an example"),)
+    facts = fact_table("""
+        assumed touch: everything @ nothing: it is an example
+    """)
 
     def __init__(
         self,
@@ -66,27 +67,20 @@ class VendorModel(Device):
         counts_per_newton: Annotated[float, Option("scale of the converter", unit="1/N", low=0.0)] = 1000.0,
     ):
         """Power up: the attributes set here are the firmware's memory, and a restart runs this again."""
-        self.counts_per_newton = counts_per_newton
+        # The converter follows from the columns: scale, limits and direction. Another one overrides `measure`.
+        self.columns = (Column(name="push", unit="N", counts_per_unit=counts_per_newton, low=0, high=0xFFFF, push=1),)
         self.layout = grid_layout(ROWS, COLUMNS, pitch=0.004)  # metres, link frame, normals out of the skin
         self.image = IMAGE.bind(wire_order=self.layout.wire_order, taxels=len(self.layout))
-
-    def measure(self, reading: Reading, t_ns: int) -> Counts:
-        """Convert SI values to counts, saturated like the real converter; taxels in layout order."""
-        self.counts = quantize(self.layout.push(reading["force"]), self.counts_per_newton, 0, 0xFFFF)
-        return self.counts
+        # Cuts requests from chunks of any size, counts what is none, and tells them apart by a field.
+        self.packets = Packets(REQUEST, by="command", counters=self.counters)
 
     def stream(self, t_ns: int, name: str) -> Transmissions:
         """Return the frames that follow each conversion without a request. Each frame is written in one piece."""
         return [self.image.pack(push=self.counts)]
 
-    def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
-        """Answer bytes in chunks of any size. Count bytes that are no request; answer them as the firmware would."""
-        requests = data.count(REQUEST)
-        self.counters["requests"] += requests
-        self.counters["unknown_command"] += len(data) - requests
-        return [self.image.pack(push=self.counts)] * requests
-
-    @property
-    def commands(self) -> tuple[Command, ...]:
-        """Every documented command, as literal bytes: `tactemu check` sends each, whole and damaged."""
-        return (Command(name="read", request="3F", reply="A5 ..{32} ..", origin="invented"),)
+    # Every documented command, as literal bytes, on the method that answers it: `tactemu check` sends each, whole and
+    # damaged. `safe`: it only reads.
+    @command("3F", "A5 ..{32} ..", origin="invented", safe=True)
+    def read(self, request: Request) -> bytes:
+        """Return one frame."""
+        return self.image.pack(push=self.counts)
