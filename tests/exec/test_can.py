@@ -73,8 +73,12 @@ with can.Bus(interface="socketcan", channel="can0") as bus:
 
 
 def start(env, *frames):
-    """Send frames, written as cansend takes them, into ``can0`` of the view."""
-    env.run([sys.executable, "-c", SEND, *frames], check=True)
+    """Send frames, written as cansend takes them, into ``can0`` of the view; cansend is quicker, where there is one."""
+    if not shutil.which("cansend"):
+        env.run([sys.executable, "-c", SEND, *frames], check=True)
+        return
+    for frame in frames:
+        env.run(["cansend", "can0", frame], check=True)
 
 
 needs_can_utils = pytest.mark.skipif(not shutil.which("candump"), reason="can-utils: sudo apt-get install can-utils")
@@ -102,7 +106,7 @@ def test_can_utils_see_every_frame_that_left_and_can_play_them(hand, tmp_path):
     again = hand.popen(["candump", "-L", "-n", str(len(seen)), "can0,710:7F0"], stdout=subprocess.PIPE, text=True)
     time.sleep(0.3)
     hand.run(["canplayer", "-I", str(log)], check=True)
-    assert re.findall(r"can0 (7\w\w#\w+)", again.communicate(timeout=10)[0]) == seen
+    assert re.findall(r"can0 (7\w\w#\w+)", again.communicate(timeout=60)[0]) == seen
 
 
 @pytest.mark.skipif(not shutil.which("g++"), reason="g++: sudo apt-get install g++")

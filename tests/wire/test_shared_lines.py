@@ -22,8 +22,14 @@ import sys
 import scservo_sdk as sdk
 port, handler = sdk.PortHandler(sys.argv[1]), sdk.PacketHandler(0)
 assert port.openPort() and port.setBaudRate(1_000_000)
-def asked(ask, *args):  # a busy machine is late for the SDK's time-out: again
-    return next((answer for answer in (ask(port, *args) for _ in range(30)) if 0 in answer[-2:-1]), None)
+def answers(ask, *args):  # a busy machine is late for the SDK's time-out: again; it may read past its data
+    for _ in range(30):
+        try:
+            yield ask(port, *args)
+        except IndexError:
+            continue
+def asked(ask, *args):
+    return next((answer for answer in answers(ask, *args) if 0 in answer[-2:-1]), None)
 for ident in range(1, 7):
     assert asked(handler.ping, ident) == (777, 0, 0), ident
 for ident in range(1, 7):
