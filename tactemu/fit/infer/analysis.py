@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from collections import Counter, defaultdict
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -107,6 +107,7 @@ def _stream(chunks: list[Chunk]) -> Draft:
         is_told = length is not None and bool((_told(group, length) + framing.cut.extra == group.length).all())  # type: ignore[union-attr]
         find_fields(group, framing.sum, length if is_told else None)
     if not framing.is_certain:
+        framing.sum = framing.sum and replace(framing.sum, is_certain=False)
         for group in groups:
             _doubt(group, framing.decide)
     return Draft(False, framing, groups)
@@ -148,6 +149,8 @@ def _with_answers(stream: bytes, framing: Framing, borders: list[int]) -> list[M
 
 def _doubt(group: Group, decide: str) -> None:
     """Make every field of a group likely: where its messages begin is not certain."""
+    if group.sum is not None:
+        group.sum = replace(group.sum, is_certain=False)
     for each in group.fields:
         each.is_certain, each.decide = False, decide
 

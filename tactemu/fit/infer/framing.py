@@ -24,6 +24,8 @@ TRIED_SUMS = 120
 BEGUN_SHARE = 0.9
 """The least share of the messages before which the line was silent, where there are other silences, too."""
 OTHER_SHARE = 0.3
+CONTRADICTED_SHARE = 0.2
+"""The least share of messages after a silence: where the line pauses elsewhere, they begin elsewhere, too."""
 STRETCH = 300
 """The number of neighbouring messages whose constant bytes are looked for."""
 STRETCHES = 5
@@ -86,7 +88,7 @@ def find_framing(stream: bytes, silences: Sequence[int] | None = None) -> Framin
         framing.sum = find_sum([each.data for each in framing.messages])
         return framing
     cuts = find_cuts(stream)
-    found = _by_length(stream, cuts) or _fixed(stream, cuts, silences)
+    found = _by_length(stream, cuts, silences) or _fixed(stream, cuts, silences)
     if found is None and silences:
         found = _by_silence(stream, silences)
     return found or Framing("unknown", decide=UNKNOWN)
@@ -117,7 +119,7 @@ def _text(stream: bytes) -> Framing:
     return Framing("text", messages, end=end, shapes=shapes, is_certain=is_certain, why="printable lines of one shape")
 
 
-def _by_length(stream: bytes, cuts: list[Cut]) -> Framing | None:
+def _by_length(stream: bytes, cuts: list[Cut], silences: Sequence[int] | None) -> Framing | None:
     """Return the best framing with a length field, if a sum proves it or no fixed length explains as much."""
     has_fixed = any(cut.is_fixed and (cut.score > 0.97 or cut.is_exclusive) for cut in cuts)
     tried = []
@@ -140,7 +142,11 @@ def _by_length(stream: bytes, cuts: list[Cut]) -> Framing | None:
     sizes = Counter(each.size for each in messages)
     chained = sum(a.at + a.size == b.at for a, b in itertools.pairwise(messages)) / len(messages)
     is_proven = found is not None and found.is_certain
-    is_certain = is_proven or (chained > 0.98 and len(messages) >= LEAST_MESSAGES and len(cut.head) > 1)
+    begun = set(silences or ())
+    timed = sum(each.at in begun for each in messages) / len(messages)
+    is_timed = timed > BEGUN_SHARE
+    is_proven = is_proven and (not begun or timed > CONTRADICTED_SHARE)
+    is_certain = is_proven or (is_timed and chained > 0.98 and len(messages) >= LEAST_MESSAGES)
     why = "its sum holds" if is_proven else f"{len(sizes)} lengths, each followed by the next head"
     return Framing("length", messages, found, cut, is_certain=is_certain, why=why, decide="" if is_certain else UNKNOWN)
 

@@ -37,9 +37,14 @@ def read_and_infer(paths: Sequence[Path]) -> tuple[Draft, Coverage]:
     for group in draft.groups:
         coverage += coverage_of(group, table_of(group))
     coverage.sent = draft.sent_bytes
+    learnt_encoded = coverage.encoded
     for sent, encoded in _checked(draft, chunks):
         coverage.sent += sent
         coverage.encoded += encoded
+    if learnt_encoded:  # messages that are encoded have the same shares of values and sums as those that were learnt
+        more = coverage.encoded / learnt_encoded
+        for name in ("values", "checks", "still"):
+            setattr(coverage, name, round(getattr(coverage, name) * more))
     return draft, coverage
 
 

@@ -66,6 +66,7 @@ def test_a_long_capture_is_read_in_pieces(tmp_path, monkeypatch):
     assert len(draft.chunks) < N
     assert coverage.sent == sum(map(len, _frames()))
     assert coverage.encoded > 0.9 * coverage.sent
+    assert coverage.values / coverage.encoded == pytest.approx(12 / 16, abs=0.02)
 
 
 def test_the_command_writes_all_files(tmp_path):
