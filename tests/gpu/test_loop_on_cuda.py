@@ -162,7 +162,7 @@ def test_a_step_in_a_graph_of_ones_own():
     found = []
     for captured in (False, True):
         sim, skin = scene(device=DEVICE)
-        with pytest.raises(SceneError, match="a first step"), wp.ScopedCapture(DEVICE):
+        with pytest.raises(SceneError, match="one step before"), wp.ScopedCapture(DEVICE):
             sim.step()
         given = wp.array(np.nan_to_num(one_array(t)["poses"]), dtype=wp.float64, device=DEVICE)
         sim.bind_poses(given)
