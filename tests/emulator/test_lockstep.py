@@ -33,7 +33,7 @@ def ask(emulator, write) -> None:
     """Every documented request at a virtual time of its own; of a bus that is switched on and off, the former."""
     commands = [command for command in emulator.channels[0].device.commands if command.name != "stop"]
     for k, command in enumerate(commands):
-        for j, request in enumerate((*command.after, command.request)):
+        for j, request in enumerate((*command.after, *command.written)):
             emulator.at(round((20.3 + 7.1 * k + 1.7 * j) * MS), functools.partial(write, frame_of(request)))
 
 

@@ -14,7 +14,7 @@ from tactemu.emulator.options import AssemblyOptions
 from tactemu.scene import file
 from tactemu.truth import Truth
 
-SECONDS = {"anyskin": 10.0, "linker_hand_l6": 10.0, "xela_uskin": 10.0}
+SECONDS = {"sensel_morph": 1.0, "anyskin": 10.0, "linker_hand_l6": 10.0, "xela_uskin": 10.0}
 """Of emulation, in the steps of 1 ms that a user gets; the others run until their scenes have pressed them."""
 STEP_S = 0.005
 """Of physics for the others, which is most of what the test costs, device by device."""
@@ -67,7 +67,7 @@ def digest(data: dict, name: str, seed: int = 1) -> tuple[str, int]:
 def _requests(device: fp.Device) -> list:
     commands = device.commands
     chosen = [c for c in commands if c.name in STARTS[device.name]] if device.name in STARTS else commands
-    return [frame_of(request) for command in chosen for request in (*command.after, command.request)]
+    return [frame_of(request) for command in chosen for request in (*command.after, *command.written)]
 
 
 @pytest.mark.each_device

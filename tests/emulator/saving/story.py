@@ -9,7 +9,6 @@ import sys
 from pathlib import Path
 
 from firmware_protocols import registry
-from firmware_protocols.frames import frame_of
 from tactemu.base.clock import VirtualClock
 from tactemu.emulator.assembly import assemble
 from tactemu.emulator.emulator import Emulator
@@ -52,17 +51,15 @@ def build(data: dict) -> Emulator:
 
 
 def ask(emulator: Emulator, after_s: float = 0.0) -> None:
-    """Let the driver send every documented request in two halves, those after a time."""
+    """Let the driver send every documented request in its stages, else in two halves, those after a time."""
     (channel,) = emulator.channels
     commands = [command for command in channel.device.commands if not command.port or command.port in channel.wires]
     for k, command in enumerate(commands):
         wire = channel.wires.get(command.port) or channel.wire
-        request, t_s = frame_of(command.request), 0.02 + k * (SECONDS - 0.06) / len(commands)
-        halves = (
-            [request]
-            if not isinstance(request, bytes)
-            else [request[: len(request) // 2], request[len(request) // 2 :]]
-        )
+        request, t_s = command.frame, 0.02 + k * (SECONDS - 0.06) / len(commands)
+        halves = command.stages
+        if len(halves) == 1 and isinstance(request, bytes):
+            halves = [request[: len(request) // 2], request[len(request) // 2 :]]
         for half, at_s in zip(halves, (t_s, t_s + HALF_S)):
             if half and at_s > after_s:
                 emulator.at(round(at_s * 1e9), lambda write=wire.transport.driver.write, half=half: write(half))  # type: ignore[attr-defined]
