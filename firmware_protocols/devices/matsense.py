@@ -11,7 +11,7 @@ Evidence: the reader, run.
 Try it: ``tactemu run matsense``, then ``matsense-server -p PORT --imu -r``, configured with ``protocol: secure``.
 """
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from firmware_protocols import (
     Column, CountsPerNewton, Device, Frame, Option, Sense, Serial, Stuffing, Transmissions, fact_table, grid_layout,
@@ -26,7 +26,7 @@ FRAME = Frame("""
     ..    <i2 x 3        rotation         angular velocity: x, y, z
 """)
 CHIP = points({"chip": (0.0, 0.0, -0.002)})
-INT16 = {"low": -0x8000, "high": 0x7FFF}
+INT16: dict[str, Any] = {"low": -0x8000, "high": 0x7FFF}
 
 
 class MatSense(Device):

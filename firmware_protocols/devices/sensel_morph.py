@@ -225,7 +225,7 @@ class SenselMorph(Device):
             self.asked += 1
             return ()
         if register not in self.any_length:
-            raise Refused("register")
+            raise Refused("address")
         return VARIABLE.pack(kind=ANSWER, register=register, data=self.any_length[register])
 
     @command(pattern=b"\x81(.)(.)")
@@ -240,16 +240,17 @@ class SenselMorph(Device):
         """Acknowledge, and wait for the packet."""
         register, size = request.value[0], int.from_bytes(request.values[1], "little")
         if register != LEDS or size != len(self.any_length[LEDS]):
-            raise Refused("register")
+            raise Refused("address")
+        assert isinstance(self.packets, Packets)
         self.packets.expect(size + 3)
         return bytes([LONG_ACK, register])
 
-    def staged(self, request: Request):
+    def staged(self, request: Request) -> Transmissions[bytes]:
         """Take the packet."""
         if (fields := PACKET.unpack(request.packet)) is None or PACKET.flaw(request.packet):
-            raise Refused("packet")
+            raise Refused("value")
         self.any_length[LEDS] = fields["data"]
-        return bytes([LONG_ACK])
+        return (bytes([LONG_ACK]),)
 
     @command(pattern=b"\x01(.)(.)(.+).")
     def write_registers(self, request: Request):
@@ -263,7 +264,7 @@ class SenselMorph(Device):
 
 def _connected(pressed: np.ndarray) -> np.ndarray:
     """Return a label for each cell: the number of one of those that it is connected with by sides; else the length."""
-    labels, before = np.where(pressed, np.arange(len(pressed)), len(pressed)), None
+    labels, before = np.where(pressed, np.arange(len(pressed)), len(pressed)), np.array(())
     while not np.array_equal(labels, before):
         before = labels.copy()
         for step in (1, ROW):

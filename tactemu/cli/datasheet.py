@@ -15,7 +15,6 @@ import numpy as np
 from firmware_protocols import Column, Device
 from firmware_protocols.check.mutations import tables_of
 from firmware_protocols.facts import Basis, Part
-from firmware_protocols.frames import frame_of
 from firmware_protocols.layouts import Layout, Patch
 from firmware_protocols.options import declared
 from firmware_protocols.registers import RegisterMap
@@ -159,9 +158,7 @@ def _commands(device: Device) -> list[str]:
     lines = ["", "Commands"]
     for command in device.commands:
         port = f" [{command.port}]" if command.port else ""
-        lines.append(
-            f"  {command.name + port:<24} {short_frame(frame_of(command.request)):<40} {command.about}".rstrip()
-        )
+        lines.append(f"  {command.name + port:<24} {short_frame(command.frame):<40} {command.about}".rstrip())
     return lines
 
 

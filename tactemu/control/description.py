@@ -7,7 +7,7 @@ from typing import Any
 
 from firmware_protocols import Device
 from firmware_protocols.check.mutations import tables_of
-from firmware_protocols.frames import frame_of, text_of
+from firmware_protocols.frames import text_of
 from firmware_protocols.tables import Frame
 from tactemu.emulator.channel import Channel
 from tactemu.emulator.emulator import Emulator
@@ -51,7 +51,7 @@ def _device(device: Device) -> dict[str, Any]:
     tables = {table.name: table for table in (*tables_of(type(device), Frame), *own)}
     return {
         "tables": [_table(table) for table in tables.values()],
-        "commands": [{"name": each.name, "request": text_of(frame_of(each.request))} for each in device.commands],
+        "commands": [{"name": each.name, "request": text_of(each.frame)} for each in device.commands],
         "columns": [
             {"name": each.name, "rest": each.rest, "low": each.low, "high": each.high, "unit": each.unit}
             for each in device.columns

@@ -24,7 +24,7 @@ def told():
         first = stack.enter_context(Played("anyskin", "usbip:cdc@0"))
         number = first.wire.transport.address.split("--tcp-port ")[1].split()[0]
         others = [stack.enter_context(Played("anyskin", f"usbip:{chip}@{number}")) for chip in list(NODES)[1:]]
-        hand = stack.enter_context(Played("linker_hand_l6", f"gsusb:{number}"))
+        board = stack.enter_context(Played("xela_uskin", f"gsusb:{number}"))
         modules = "vhci-hcd cdc-acm ftdi_sio cp210x ch341 gs_usb can-raw"
         program = [sys.executable, str(ROOT / "tests/transports/usb_guest.py"), number, str(READINGS), *NODES.values()]
         done = subprocess.run(
@@ -37,7 +37,7 @@ def told():
         lines = [json.loads(line) for line in done.stdout.splitlines() if line.startswith("{")]
         yield (
             {line.pop("node"): line for line in lines if "node" in line},
-            dict(zip([*NODES.values(), "can0"], [first, *others, hand])),
+            dict(zip([*NODES.values(), "can0"], [first, *others, board])),
         )
 
 
@@ -65,14 +65,11 @@ def test_the_kernel_lists_the_ids_of_maker_and_chips(told):
     }  # fmt: skip
 
 
-def test_a_hand_on_can_is_read_through_an_adapter(told):
+def test_a_board_on_can_is_read_through_an_adapter(told):
     said, played = told
-    device, readings = played["can0"].device, np.array(said["can0"]["readings"])
-    samples = [sample.counts for sample in played["can0"].truth.samples]
-    for finger, patch in enumerate(device.layout.patches[:5]):
-        known = {counts[patch.taxels].astype(int).tobytes() for counts in samples}
-        read = [reading.ravel().astype(int).tobytes() for reading in readings[:, finger]]
-        assert len(read) == 20 and all(matrix in known for matrix in read), finger
+    samples = {np.ravel(sample.counts).astype(int).tobytes() for sample in played["can0"].truth.samples}
+    readings = [np.ravel(reading).astype(int).tobytes() for reading in said["can0"]["readings"]]
+    assert sum(reading in samples for reading in readings) == len(readings) == 40
 
 
 def test_at_another_bit_rate_nobody_acknowledges(told):

@@ -73,22 +73,10 @@ try:
         refusals.append(refusal())
         if bitrate == 500_000:
             subprocess.run(["ip", "link", "set", "can0", "down"], check=True)
-    command = [
-        sys.executable,
-        ROOT / "tests/drivers/scripts/linkerbot_read.py",
-        "L6",
-        "left",
-        "can0",
-        "socketcan",
-        "20",
-    ]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
-    print(
-        json.dumps(
-            {"node": "can0", "states": states, "refusals": refusals, **json.loads(done.stdout.splitlines()[-1])}
-        ),
-        flush=True,
-    )
+    read = [ROOT / "tests/drivers/scripts/python_can_read.py", "socketcan", "can0", "-", "40"]
+    done = subprocess.run([sys.executable, *read], capture_output=True, text=True, timeout=120, check=True)
+    samples = json.loads(done.stdout.splitlines()[-1])
+    print(json.dumps({"node": "can0", "states": states, "refusals": refusals, "readings": samples}), flush=True)
     # The kernel's side of a pulled cable: a driver's read fails, and the keeper attaches the device again.
     with serial.Serial(f"/dev/{nodes[0]}", 115_200, timeout=1) as driver:
         driver.read(10)

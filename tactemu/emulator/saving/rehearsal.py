@@ -6,7 +6,6 @@ from collections.abc import Collection
 
 from firmware_protocols import Device, calls
 from firmware_protocols.check.readings import reading_of
-from firmware_protocols.frames import frame_of
 
 
 def rehearse(copy: Device, streams: Collection[str], t_ns: int) -> None:
@@ -25,6 +24,7 @@ def rehearse(copy: Device, streams: Collection[str], t_ns: int) -> None:
             calls.transmissions(copy, "wake", t_ns)
         for command in copy.commands:
             port = command.port or copy.ports[0].name
-            calls.transmissions(copy, "receive", frame_of(command.request), t_ns, port, port=port)
+            for stage in command.stages:
+                calls.transmissions(copy, "receive", stage, t_ns, port, port=port)
     except calls.AuthorError as error:
         raise ValueError(f"cannot go on: {error}") from None
