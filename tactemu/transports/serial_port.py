@@ -55,6 +55,8 @@ MAX_BAUD_DEVIATION = 0.015
 """Largest deviation of a UART's speed from the device's; two ends that are each 2 % off receive noise."""
 MAX_UNSENT_S = 0.02
 """Longest time on the line of bytes that wait in the kernel; a frame that would wait longer is dropped."""
+MAX_ECHO_BYTES = 4096
+"""Maximum number of own bytes that are waited for; an adapter that returns none has no echo."""
 LOOK_PERIOD_NS = 20_000_000
 """Period at which modem lines, counters and the name of a missing adapter are looked at: they wake no ``select``."""
 _OPTIONS = {"rs485": ("adapter", "kernel"), "echo": ("0", "1"), "reader": ("dsr", "cts", "cd"), "rtscts": ("0", "1")}
@@ -312,6 +314,9 @@ class SerialPortTransport(BytePort):
         is_sent = self._put(self._fd, frame)
         if is_sent and self._options.get("echo") == "1":
             self._echo += frame
+            if len(self._echo) > MAX_ECHO_BYTES:
+                self._events.append(Noted("no echo comes back: the adapter does not receive what it sends"))
+                self._echo = b""
         return is_sent
 
     def _unsent_s(self) -> float:

@@ -94,6 +94,16 @@ def test_own_bytes_that_come_back_are_taken_out(cable):
         assert any(isinstance(event, Noted) and "two ends" in event.what for event in seen)
 
 
+def test_an_echo_that_never_comes_is_not_waited_for_without_end(cable):
+    far, path = cable
+    with opened(path, "?echo=1") as port:
+        events(port, LinesChanged)
+        for _ in range(50):
+            assert port.write(bytes(100)) and os.read(far, 100)
+        assert any(isinstance(event, Noted) and "no echo" in event.what for event in port.poll())
+        assert len(port._echo) < 5000
+
+
 @pytest.mark.parametrize(
     ("address", "message"),
     [

@@ -228,6 +228,28 @@ def test_requests_that_are_no_usbip_end_the_connection():
 
 
 @pytest.mark.parametrize(
+    ("endpoint", "direction", "length"), [(1, 1, 64), (2, 0, 0), (0, 1, 18)], ids=["asks", "sends", "takes no answers"]
+)
+def test_a_host_that_floods_is_cut_off(endpoint, direction, length):
+    """More requests than any driver has, or answers that it never takes: both are bounded."""
+    with Polled("0", BOARD) as polled:
+        client = socket.create_connection(("127.0.0.1", polled.number), timeout=20)
+        client.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        client.sendall(protocol.OP.pack(protocol.VERSION, protocol.OP_REQ_IMPORT, 0) + b"1-1".ljust(32, b"\0"))
+        setup = struct.pack("<BBHHH", 0x80, 6, 0x0100, 0, 18)
+        head = struct.Struct(">5IIiIiI8s")
+        requests = b"".join(
+            head.pack(1, number, 0, direction, endpoint, 0, length, 0, 0, 0, setup) for number in range(1500)
+        )
+        if endpoint == 2:
+            polled.port.poll = lambda reading=True, poll=polled.port.poll: poll(reading=False)
+        with pytest.raises(OSError):
+            for _ in range(400):
+                client.sendall(requests)
+        polled.wait(Noted, what="detached by the host")
+
+
+@pytest.mark.parametrize(
     ("address", "message"), [("ftdj@0", "did you mean 'ftdi'"), ("cdc@x", "expected usbip:PORT"), ("x", "expected")]
 )
 def test_wrong_addresses_say_what_is_expected(address, message):

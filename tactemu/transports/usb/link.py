@@ -11,7 +11,9 @@ from tactemu.transports.usb.chip import STANDARD, Chip, Setup
 
 _CHUNK_BYTES = 65_536
 MAX_HELD_BYTES = 1 << 20
-"""Maximum size of what is read of a host and not processed; beyond it the host waits."""
+"""Maximum size of what is read of a host and not processed, and of answers that it does not take [byte]."""
+MAX_REQUESTS = 1024
+"""Maximum number of requests that wait; a host's drivers have some dozens. Beyond it the connection is closed."""
 _SET_CONFIGURATION = 9
 
 
@@ -80,8 +82,14 @@ class HostLink:
             is_ended = True
         del self._input[:at]
         self.send()
-        if is_ended:
+        if is_ended or self._is_flooded:
             self.close()
+
+    @property
+    def _is_flooded(self) -> bool:
+        """True if the host asks for more than a driver would, or does not take its answers."""
+        waiting = len(self._held) + sum(map(len, self._waiting.values()))
+        return waiting > MAX_REQUESTS or len(self._unsent) > MAX_HELD_BYTES
 
     def _submit(self, request: protocol.Submit) -> None:
         if request.endpoint == 0:
