@@ -213,6 +213,8 @@ class Line:
         self._lanes: defaultdict[str, list[Pending]] = defaultdict(list)
         self._waiting_ns: defaultdict[str, int] = defaultdict(int)
         self._sending: Pending | None = None
+        self._handover_ns = 0
+        """The time at which the frame on the line is handed over: of its last bit, or its first if the port paces."""
         self._number = 0
 
     def put(
@@ -264,13 +266,9 @@ class Line:
     def next_ns(self) -> int | None:
         """Return the time at which :meth:`take` has to be called, or None."""
         if self._sending is not None:
-            return self._sending.end_ns - self.lead_ns(self._sending)
+            return self._handover_ns
         heads = [lane[0].ready_ns for lane in self._lanes.values() if lane]
         return max(self.free_ns, min(heads)) if heads else None
-
-    def lead_ns(self, pending: Pending) -> int:
-        """Return how long before its last bit a frame is handed over [ns]: its duration where the port is paced."""
-        return pending.duration_ns if self.is_paced_by_port else 0
 
     def take(self, now_ns: int) -> Pending | None:
         """Return the next frame whose last bit has gone by ``now_ns``, or ``None``."""
@@ -280,7 +278,7 @@ class Line:
 
     def finish(self, now_ns: int) -> Pending | None:
         """Return what :meth:`take` returns, but start no other frame, because more may be queued at this moment."""
-        if self._sending is None or self._sending.end_ns - self.lead_ns(self._sending) > now_ns:
+        if self._sending is None or self._handover_ns > now_ns:
             return None
         sent, self._sending = self._sending, None
         self.free_ns = max(self.free_ns, now_ns - self._catch_up_ns)
@@ -338,6 +336,7 @@ class Line:
             pending = self._part_of_run(lane, [other[0] for _, other in contenders if other is not lane], start, now_ns)
         self._waiting_ns[name] -= pending.duration_ns
         pending.end_ns = self.free_ns = start + pending.duration_ns
+        self._handover_ns = start if self.is_paced_by_port else pending.end_ns
         self.busy_ns += pending.duration_ns
         self._sending = pending
 

@@ -246,7 +246,7 @@ class Wire(WirePort):
             return False
         self.counters["sent"] += 1
         self.counters["sent_bytes"] += len(payload(received))
-        end_ns = now_ns + self.line.lead_ns(pending)
+        end_ns = now_ns + pending.duration_ns if self.line.is_paced_by_port else now_ns
         self.truth.wrote(end_ns, source, received, pending.sample, end_ns - pending.end_ns)
         return True
 
