@@ -22,7 +22,7 @@ from tactemu.cli.datasheet import datasheet  # noqa: E402
 from tactemu.scene.file import json_schema  # noqa: E402
 from tactemu.session.options import ServeOptions  # noqa: E402
 from tactemu.wire.faults import DIRECTIONS, FAULTS  # noqa: E402
-from tactemu.wire.line_models import kinds_with  # noqa: E402
+from tactemu.wire.line_models import kinds_with, modelled_for  # noqa: E402
 
 _INHERITED = ("Sensor", "Simulation")
 """Classes whose methods are spread over base classes that have no entry of their own."""
@@ -145,6 +145,7 @@ def _faults() -> str:
     lines += ["| fault | what it does | options | where |", "| --- | --- | --- | --- |"]
     for word, fault in FAULTS.items():
         where = "every line" if fault.every_line else ", ".join(kinds_with(word))
+        where += "".join(f"; no real {kind} line" for kind in modelled_for(word))
         row = (f"`{word}`", fault.about, ", ".join(fault.own_options()), where)
         lines.append(f"| {' | '.join(map(_cell, row))} |")
     form = f"KIND [N% | every N] [id=0x201] [prefix=55aa] [{' | '.join(DIRECTIONS)}] [at T [for T] | from T] [to T]"

@@ -118,7 +118,7 @@ class DriverRig:
         samples = len({f.sample for f in frames if f.kind == "tx" and not f.is_answer})
         readings = rows if asks else samples
         return LineFacts(
-            line=wire.line_model, asks=asks, talks=talks, sets_rate=sets,
+            line=wire.line_model, is_real=wire.transport.is_paced, asks=asks, talks=talks, sets_rate=sets,
             frames=tx[-400:], requests=rx[-64:], frames_per_row=max(1, round(len(tx) / max(1, readings))),
             row_s=seconds / max(1, readings), period_s=self.period_s,
             rollovers=device.rollovers,

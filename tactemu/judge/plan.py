@@ -74,6 +74,8 @@ class LineFacts:
 
     line: LineModel = field(default_factory=lambda: line_model_for(Serial(baud=DEFAULT_BAUD)))
     """The line between driver and device."""
+    is_real: bool = False
+    """True if a real line is behind the port."""
     asks: bool = False
     """True if the driver polls the device; False if the device streams."""
     talks: bool = False
@@ -171,7 +173,8 @@ class Plan:
 
     def _meets(self, fault: type[Fault]) -> bool:
         """Return True if a driver meets a fault on this kind of line."""
-        return fault.word in self.facts.line.likely_faults
+        facts = self.facts
+        return fault.word in facts.line.likely_faults and not (facts.is_real and fault.word in facts.line.only_modelled)
 
     @property
     def _own_checksum(self) -> str:
@@ -302,7 +305,8 @@ class Plan:
             about = "the port disappears and comes back, and again once the driver has recovered"
             yield Trial("unplug", about, [link.Unplug()], "unplug", UNPLUG_S, times=2, takes_s=3.6)
         else:
-            about = "a bus does not go away" if self._meets(link.BusOff) else f"{kind} has no plug"
+            has = "a bus does not go away" if self.facts.line.has_identifiers else f"{kind} has no plug"
+            about = self.facts.line.only_modelled.get("unplug", has)
             yield Trial("unplug", "the port disappears and comes back", skipped=about)
         if self._meets(link.HalfOpen):
             yield Trial("half open", "the other end does not answer", [link.HalfOpen()], "halfopen", HANG_S)

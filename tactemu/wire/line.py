@@ -14,7 +14,7 @@ import tempfile
 from abc import ABC, abstractmethod
 from bisect import bisect_right
 from collections import defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import accumulate
 from pathlib import Path
@@ -82,6 +82,9 @@ class LineModel(ABC):
     """The transports that can stand for it beside ``memory:``, the usual one first."""
     faults: ClassVar[tuple[str, ...]] = ()
     """The words of the faults that it can have beside those that every line can have."""
+    only_modelled: ClassVar[Mapping[str, str]] = {}
+    """The words of the faults that a real line behind the port cannot have, each with the reason and what can be had
+    instead."""
     likely_faults: ClassVar[tuple[str, ...]] = ("silence",)
     """The words of the faults that a driver meets on such a line: of those that are typical of some lines, the judge
     tries these."""

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from firmware_protocols import Connector, WireFrame
+from tactemu.base.errors import SceneError
 from tactemu.transports.transport import Closed, Counted, Event, LinesChanged, Opened, Received, Transport
 from tactemu.truth import Truth
 from tactemu.wire.faults import Fault, Injector
@@ -97,11 +98,17 @@ class WirePort:
 
         Raises:
             TransportError: it cannot be made.
+            SceneError: a real line is behind it, and cannot have a fault that is on.
         """
         self.transport.set_connector(self.line_model.connector)
         self.transport.set_filters(self.line_model.filters(self.connectors.values()))
         self._is_open = True
         self._plug()
+        try:
+            self._injector.meet(self.transport.is_paced)
+        except SceneError:
+            self.close()
+            raise
 
     def close(self) -> None:
         """Remove the port, and count the driver's data that no device has received. Safe to call twice."""

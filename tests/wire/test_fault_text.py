@@ -14,7 +14,7 @@ from tactemu.transports import TRANSPORTS
 from tactemu.transports.memory import MemoryTransport
 from tactemu.wire.faults import FAULTS, frames, parse, possible_faults
 from tactemu.wire.faults.fault import FrameFault, Memory
-from tactemu.wire.line_models import LINE_MODELS, kinds_with
+from tactemu.wire.line_models import LINE_MODELS, kinds_with, modelled_for
 from tactemu.wire.wire import Wire
 from tests.wire.fault_rig import CAN, MS, UDP, USB, stream
 
@@ -196,6 +196,17 @@ def test_a_line_names_faults_that_exist_and_that_it_can_have(model):
     assert set(model.faults) <= set(FAULTS) and set(model.likely_faults) <= set(possible_faults(model))
 
 
+@pytest.mark.parametrize("model", list(LINE_MODELS.values()), ids=lambda model: model.__name__)
+def test_what_a_real_line_cannot_have_its_model_can_and_the_page_says_so(model):
+    assert set(model.only_modelled) <= set(possible_faults(model))
+    assert not set(model.only_modelled) & set(possible_faults(model, is_real=True))
+    row = next((line for line in PAGE.splitlines() if line.startswith(f"| a real {NAMES.get(model.kind)} |")), "||||")
+    refused = [word for word in FAULTS if f"`{word}`" in row.split("|")[2]]
+    assert refused == [word for word in FAULTS if word in model.only_modelled]
+    assert all(model.kind in modelled_for(word) for word in refused)
+
+
+NAMES = {"serial": "UART", "can": "CAN bus"}
 VALUES_OF = {
     "start_ns": 3_000_000, "until_ns": 5_000_000_000, "lasts_ns": 200_000, "by_ns": 1_500_000, "probability": 0.05,
     "share": 0.3, "every": 4, "frames": ((2, 2), (5, 9)), "arbitration_id": 0x201, "prefix": b"\x55", "bits": 3,

@@ -7,6 +7,7 @@ import pytest
 
 import tactemu
 from firmware_protocols import CanFrame
+from tactemu.base.errors import SceneError
 from tactemu.transports.can import CanTransport
 from tactemu.transports.memory import MemoryTransport
 from tactemu.transports.transport import DROPPED, RAISED, Closed, Opened
@@ -105,3 +106,32 @@ def test_traffic_leaves_a_device_its_rate_on_a_machine_too_slow_for_it(fault, mo
         kind, counted = fault.split()[0], dev.emulator.summary()[0]
     assert counted["samples"] > 100, "of 200, formerly fewer than 20"
     assert counted["wire"][f"{kind}_missed"] > counted["wire"][kind] > 10
+
+
+class RealPort(MemoryTransport):
+    """A port with a real line behind it."""
+
+    is_paced = True
+
+
+@pytest.mark.parametrize(
+    ("spec", "fault", "instead"),
+    [
+        (USB, "unplug at 3s", "pull it out"),
+        (USB, "latency 4ms", "latency_timer"),
+        (CAN, "error 1%", "join CAN_H and CAN_L"),
+        (CAN, "busoff at 3s", "ip link set can0 down"),
+        (CAN, "load 30%", "cangen"),
+        (CAN, "babble", "cangen"),
+    ],
+)
+def test_a_real_line_refuses_what_only_a_model_can_have(spec, fault, instead):
+    wire = Wire(RealPort(), spec, faults=[fault])
+    with pytest.raises(SceneError, match=f"fault '{fault}': a real .* line cannot have it: .*{instead}"):
+        wire.open()
+    assert not wire.transport.has_reader, "the port is released"
+    running = Wire(RealPort(), spec, faults=["drop 1%"])
+    running.open()
+    with pytest.raises(SceneError, match=r"a real .* line cannot have it"):
+        running.add_fault(fault)
+    assert [str(each) for each in running.faults] == ["drop 1%"]

@@ -83,10 +83,11 @@ class Injector:
         SceneError: a fault that cannot be parsed, or that this wire cannot have.
     """
 
-    TRANSIENT_FIELDS: ClassVar[tuple[str, ...]] = ("seed", "note")
+    TRANSIENT_FIELDS: ClassVar[tuple[str, ...]] = ("seed", "note", "_is_real")
 
     def __init__(self, faults: Iterable[Fault | str], line_model: LineModel, seed: int, note: Note):
         self.line_model, self.seed, self.note = line_model, seed, note
+        self._is_real = False
         self.faults: list[Fault] = []
         self.traffic: list[BusNode] = []
         self.chip: LatencyChip | None = None
@@ -98,10 +99,20 @@ class Injector:
         for fault in faults:
             self.add(fault)
 
+    def meet(self, is_real: bool) -> None:
+        """Take note whether a real line is behind the port.
+
+        Raises:
+            SceneError: it is, and cannot have a fault that is on.
+        """
+        self._is_real = is_real
+        for fault in self.faults:
+            check_fits(fault, self.line_model, is_real=is_real)
+
     def add(self, fault: Fault | str) -> Fault:
         """Switch a fault on, also while the wire runs."""
         fault = parse(fault) if isinstance(fault, str) else fault
-        check_fits(fault, self.line_model)
+        check_fits(fault, self.line_model, is_real=self._is_real)
         name = f"fault/{fault}"
         self._copies[name] += 1
         rng = generator(self.seed, name if self._copies[name] == 1 else f"{name}/{self._copies[name]}")

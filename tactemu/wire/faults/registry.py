@@ -18,18 +18,22 @@ FAULTS: dict[str, type[Fault]] = {
 }  # fmt: skip
 
 
-def possible_faults(line_model: LineModel | type[LineModel]) -> list[str]:
-    """Return the words of the faults that a line can have."""
-    return [word for word, fault in FAULTS.items() if fault.every_line or word in line_model.faults]
+def possible_faults(line_model: LineModel | type[LineModel], *, is_real: bool = False) -> list[str]:
+    """Return the words of the faults that a line can have; ``is_real``: a real one is behind its port."""
+    without = line_model.only_modelled if is_real else ()
+    words = [word for word, fault in FAULTS.items() if fault.every_line or word in line_model.faults]
+    return [word for word in words if word not in without]
 
 
-def check_fits(fault: Fault, line_model: LineModel | type[LineModel]) -> None:
-    """Raise if a line cannot have a fault.
+def check_fits(fault: Fault, line_model: LineModel | type[LineModel], *, is_real: bool = False) -> None:
+    """Raise if a line cannot have a fault; ``is_real``: a real one is behind its port.
 
     Raises:
-        SceneError: names the faults that it can have.
+        SceneError: names the faults that it can have, or says why a real line cannot have it.
     """
-    kind, can = line_model.kind, possible_faults(line_model)
+    kind, can = line_model.kind, possible_faults(line_model, is_real=is_real)
+    if is_real and (why := line_model.only_modelled.get(fault.word)):
+        raise SceneError(f"fault {fault.text!r}: a real {kind} line cannot have it: {why}")
     if fault.word not in can:
         raise SceneError(f"fault {fault.text!r}: a {kind} wire cannot have it; expected one of: {', '.join(can)}")
     if getattr(fault, "arbitration_id", None) is not None and not line_model.has_identifiers:

@@ -33,9 +33,14 @@ def kinds_with(fault: str) -> list[str]:
     return sorted({model.kind for model in LINE_MODELS.values() if fault in model.faults})
 
 
+def modelled_for(fault: str) -> list[str]:
+    """Return the kinds of line of which only the model can have a fault, not a real line."""
+    return sorted({model.kind for model in LINE_MODELS.values() if fault in model.only_modelled})
+
+
 def network_schemes() -> list[str]:
     """Return the schemes of the ports on the machine's network."""
     return sorted({scheme for model in LINE_MODELS.values() if model.is_network for scheme in model.schemes})
 
 
-__all__ = ["LINE_MODELS", "LineModel", "kinds_with", "line_model_for", "network_schemes"]
+__all__ = ["LINE_MODELS", "LineModel", "kinds_with", "line_model_for", "modelled_for", "network_schemes"]

@@ -25,6 +25,12 @@ class CanLine(LineModel, connector=Can):
     kind = "can"
     schemes = ("can", "slcan", "socketcand", "gsusb")
     faults = ("error", "busoff", "babble", "load")
+    only_modelled = {
+        "error": "only controllers send error frames; join CAN_H and CAN_L for a moment",
+        "busoff": "only a controller leaves the bus; sudo ip link set can0 down, or use 'silence both'",
+        "babble": "its arbitration is among nodes; on another adapter: cangen can1 -g 0 -I 000",
+        "load": "its arbitration is among nodes; on another adapter: cangen can1 -g 1 -I 600",
+    }
     likely_faults = ("truncate", "reorder", "stray", "error", "busoff", "load")
     has_identifiers = True
     is_shared = True

@@ -17,6 +17,10 @@ class SerialLine(LineModel, connector=Serial):
     kind = "serial"
     schemes = ("pty", "rfc2217", "tcp", "serial", "usbip")
     faults = ("garbage", "split", "chunk", "merge", "latency", "halfopen")
+    only_modelled = {
+        "unplug": "the driver's adapter stays in its socket; pull it out, or use 'halfopen'",
+        "latency": "the driver's adapter has a timer of its own, /sys/bus/usb-serial/devices/NAME/latency_timer",
+    }
     likely_faults = ("flip", "truncate", "lose", "garbage", "chunk", "split", "merge", "silence", "unplug")
 
     def __init__(self, connector: Any, *, pacing: Pacing = True):
