@@ -21,36 +21,25 @@ from tactemu.datasets.partition import load_scene
 from tactemu.datasets.spec import DatasetSpec
 from tactemu.datasets.start_poses import StartPoses
 from tests.cli.command import here
+from tests.scenes import ball, pad
 
 pq = pytest.importorskip("pyarrow.parquet")
 
-SCENE = """
+SCENE = (
+    """
 [scene]
 dt = 0.002
-
-[[body]]
-name = "pad"
-shape = "box"
-size = [0.04, 0.04, 0.02]
-position = [0.0, 0.0, -0.01]
-fixed = true
-
-[[body]]
-name = "ball"
-shape = "sphere"
-radius = 0.01
-position = [0.0, 0.0, 0.0105]
-
-[body.motion]
-kind = "press"
-depth = 0.002
-speed = 0.02
+"""
+    + pad(0.04, 0.04, 0.02, more="position = [0.0, 0.0, -0.01]")
+    + ball(0.01, [0.0, 0.0, 0.0105], 'motion = { kind = "press", depth = 0.002, speed = 0.02 }')
+    + """
 
 [[skin]]
 device = "flexitac"
 link = "pad"
 options = { noise = 0.02, probe_gain_resample_range = [0.8, 1.2], dead_taxel_probability = 0.05 }
 """
+)
 COLUMN = "flexitac.force"
 MODEL = """
 <mujoco>

@@ -11,26 +11,18 @@ from tests.drivers.rig import assert_consecutive, run_driver
 from tests.drivers.test_ability_hand import documented_force
 from tests.drivers.test_flexitac_optoforce import SCALE
 from tests.drivers.test_inspire_rh56dftp import INDEX_TOP, PALM
+from tests.scenes import ball, pad
 
 pytestmark = [pytest.mark.driver, pytest.mark.timeout(120)]
 
-SCENE = """
+SCENE = (
+    """
 [scene]
 dt = 0.001
-
-[[body]]
-name = "pad"
-shape = "box"
-size = [0.01, 0.01, 0.01]
-position = [0.0, 0.0, -0.02]
-fixed = true
-
-[[body]]
-name = "ball"
-shape = "sphere"
-radius = 0.05
-position = [0.0, 0.0, 0.05]
-motion = {{ kind = "press", depth = 0.002, speed = 0.01, repeat = 0 }}
+"""
+    + pad(0.01, 0.01, 0.01, more="position = [0.0, 0.0, -0.02]")
+    + ball(0.05, [0.0, 0.0, 0.05], 'motion = {{ kind = "press", depth = 0.002, speed = 0.01, repeat = 0 }}')
+    + """
 
 [[skin]]
 name = "skin"
@@ -41,6 +33,7 @@ rate_hz = {rate_hz}
 device_options = {{ {device_options} }}
 options = {{ noise = {noise} }}
 """
+)
 
 TOUCH_FORCE = [documented_force(count) for count in range(4096)]
 

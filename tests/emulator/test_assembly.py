@@ -16,18 +16,9 @@ from tactemu.scene.building import make_device, make_devices
 from tactemu.scene.file import load, parse
 from tactemu.truth import Truth, read
 from tactemu.wire.line_models.can import CanLine
+from tests.scenes import ball, pad
 
-BODIES = """
-[[body]]
-name = "pad"
-shape = "frame"
-fixed = true
-[[body]]
-name = "ball"
-shape = "sphere"
-radius = 0.02
-position = [0, 0, 0.0195]
-"""
+BODIES = pad() + ball(0.02, [0, 0, 0.0195])
 
 
 def skin(device: str, more: str = "") -> str:

@@ -12,22 +12,18 @@ from tactemu.scene.file import default_scene, parse
 from tactemu.scene.schema import Event
 from tactemu.session.serving import serve
 from tactemu.truth import Truth
+from tests.scenes import ball, pad
 
-SCENE = """
-[[body]]
-name = "pad"
-shape = "frame"
-fixed = true
-[[body]]
-name = "ball"
-shape = "sphere"
-radius = 0.02
-position = [0, 0, 0.019]
+SCENE = (
+    pad()
+    + ball(0.02, [0, 0, 0.019])
+    + """
 [[skin]]
 device = "anyskin"
 link = "pad"
 port = "memory:"
 """
+)
 
 
 def run(events: str, seconds: float = 1.0) -> Truth:

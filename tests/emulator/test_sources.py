@@ -15,6 +15,7 @@ from tactemu.emulator.options import AssemblyOptions
 from tactemu.engines.engine import MujocoEngine
 from tactemu.scene.file import load, parse
 from tactemu.session.serving import serve
+from tests.scenes import ball, pad
 
 N = 5  # chips of an AnySkin
 
@@ -92,17 +93,10 @@ def falling(t_s):
 
 
 HEIGHT = 0.012 + 1e-3 + 2e-3
-SCENE = """
-[[body]]
-name = "pad"
-shape = "box"
-size = [0.04, 0.04, 0.002]
-fixed = true
-[[body]]
-name = "ball"
-shape = "sphere"
-radius = 0.012
-position = [0.0, 0.0, 0.1]
+SCENE = (
+    pad(0.04, 0.04, 0.002)
+    + ball(0.012, [0.0, 0.0, 0.1])
+    + """
 [[skin]]
 device = "anyskin"
 link = "pad"
@@ -110,6 +104,7 @@ position = [0.0, 0.0, 0.001]
 embed = 1e-3
 options = { probe_radius = 2e-3, normal_stiffness = 500.0, normal_damping = 20.0 }
 """
+)
 
 
 def forces(samples):

@@ -16,6 +16,7 @@ import pytest
 
 from tactemu.judge.processes import MARK, marked
 from tactemu.judge.trial_runner import Judge, JudgeOptions
+from tests.scenes import ball, pad
 
 pytestmark = [pytest.mark.timeout(300)]
 
@@ -142,17 +143,10 @@ def test_a_driver_that_filters_is_learned_from_what_is_held():
     assert not any(outcome.fails(JudgeOptions().fail_on) for outcome in outcomes), [o.verdict for o in outcomes]
 
 
-TWO_SKINS = """
-[[body]]
-name = "pad"
-shape = "box"
-size = [0.1, 0.03, 0.006]
-fixed = true
-[[body]]
-name = "ball"
-shape = "sphere"
-radius = 0.02
-position = [0.0, 0.0, 0.05]
+TWO_SKINS = (
+    pad(0.1, 0.03, 0.006)
+    + ball(0.02, [0.0, 0.0, 0.05])
+    + """
 [[skin]]
 name = "left"
 device = "optoforce"
@@ -164,6 +158,7 @@ device = "optoforce"
 link = "pad"
 position = [-0.03, 0.0, 0.003]
 """
+)
 
 
 @pytest.mark.nightly

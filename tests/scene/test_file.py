@@ -12,20 +12,13 @@ from tactemu.scene import file, schema
 from tactemu.scene.building import make_devices
 from tactemu.scene.engine_tables import ENGINES
 from tactemu.scene.scene import Scene
+from tests.scenes import ball, pad
 
 PAGE = Path(__file__).parents[2] / "docs" / "scene-files.md"
-GOOD = """
-[[body]]
-name = "pad"
-shape = "box"
-size = [0.08, 0.08, 0.02]
-fixed = true
-
-[[body]]
-name = "ball"
-shape = "sphere"
-radius = 0.006
-position = [0, 0, 0.02]
+GOOD = (
+    pad(0.08, 0.08, 0.02)
+    + ball(0.006, [0, 0, 0.02])
+    + """
 motion = [{kind = "press", depth = 0.001, approach = 0.004, release = false}, {kind = "slide", distance = 0.01}]
 
 [[skin]]
@@ -40,6 +33,7 @@ at = 2
 skin = "anyskin"
 dead = [3]
 """
+)
 
 
 def test_a_file_becomes_tables_and_motions():

@@ -11,20 +11,12 @@ from tactemu.scene import file
 from tactemu.scene.building import build_scene, make_devices
 from tactemu.scene.placement import PlacedSensor
 from tactemu.scene.skins import SkinPart
+from tests.scenes import ball, pad
 
-SCENE = """
-[[body]]
-name = "pad"
-shape = "box"
-size = [0.04, 0.04, 0.04]
-fixed = true
-
-[[body]]
-name = "ball"
-shape = "sphere"
-radius = 0.01
-position = {ball}
-
+SCENE = (
+    pad(0.04, 0.04, 0.04)
+    + ball(0.01, "{ball}")
+    + """
 [[skin]]
 device = "xela_uskin"
 link = "pad"
@@ -32,6 +24,7 @@ position = {at}
 quaternion = {turn}
 model = "kinematic_taxel"
 """
+)
 QUARTER = [0.5**0.5, 0.0, 0.5**0.5, 0.0]  # about y: the skin's +z becomes the link's +x
 
 

@@ -16,6 +16,7 @@ from tactemu.transducers.magnetic import Magnetic
 from tactemu.transducers.material import Material
 from tactemu.transducers.piezoresistive import Piezoresistive
 from tactemu.transducers.registry import TRANSDUCERS, make_transducer, transducer_class
+from tests.scenes import ball, pad
 
 SPOTS = np.array([[0.0, 0.0, 0.01], [0.007, 0.0, 0.01], [0.0, 0.007, 0.01]])
 AREA = np.pi * 1e-6
@@ -212,17 +213,11 @@ def test_transducers_that_do_not_fit_are_refused_in_words():
         skin(Magnetic(neighbours=[("wall", (0, 0, 0), (0, 0, 1))]))
 
 
-SCENE = """
-[[body]]
-name = "pad"
-shape = "frame"
-fixed = true
-[[body]]
-name = "ball"
-shape = "sphere"
-radius = 0.01
-position = [0.0, 0.0, 0.013]
-motion = {{ kind = "press", approach = 0.003, depth = 0.001, speed = 0.05, repeat = 0 }}
+MOTION = 'motion = {{ kind = "press", approach = 0.003, depth = 0.001, speed = 0.05, repeat = 0 }}'
+SCENE = (
+    pad()
+    + ball(0.01, [0.0, 0.0, 0.013], MOTION)
+    + """
 [[skin]]
 device = "{device}"
 link = "pad"
@@ -234,6 +229,7 @@ loop = 0.1
 [[skin.transducer]]
 kind = "{kind}"
 """
+)
 
 
 @pytest.mark.parametrize("device", ["anyskin", "eflesh_binary"])
