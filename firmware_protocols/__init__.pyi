@@ -7,6 +7,7 @@ from firmware_protocols.adc import int16 as int16
 from firmware_protocols.adc import pack_12_bits as pack_12_bits
 from firmware_protocols.adc import quantize as quantize
 from firmware_protocols.can_frames import CanFrames as CanFrames
+from firmware_protocols.can_requests import CanRequests as CanRequests
 from firmware_protocols.commands import Command as Command
 from firmware_protocols.commands import command as command
 from firmware_protocols.commands import command_table as command_table

@@ -78,7 +78,7 @@ class Handled:
     on: tuple[Any, ...] = ()
     """The keys of its requests, where they do not follow from the examples."""
     data: str | None = None
-    """The format of the data for :mod:`struct`, or ``*`` for any length; ``None``: the lengths in the examples."""
+    """The format of the data for :mod:`struct`, ``*`` behind it if more may follow; ``None``: as in the examples."""
     pattern: re.Pattern[bytes] | None = None
     """The pattern of its lines; ``None``: the lines in the examples."""
 
@@ -98,9 +98,10 @@ def command(
     Args:
         request, reply: the example, as in :class:`Command`; without a request the method only answers.
         name: its name; default: the method's.
-        on: the key of the requests that the method answers; by default it follows from the example.
-        data: the format of the request's data for :mod:`struct`, whose numbers are ``request.values``; ``*``: any
-            length. By default the lengths in the examples.
+        on: the key of the requests that the method answers, or several in a range or tuple; by default it follows from
+            the example.
+        data: the format of the request's data for :mod:`struct`, whose numbers are ``request.values``; ``*`` behind
+            it: more may follow. By default the lengths in the examples.
         pattern: the pattern of lines that the method answers, whose groups are ``request.values``.
         more: further fields of :class:`Command`.
     """
@@ -112,13 +113,18 @@ def command(
         method.handled = replace(  # type: ignore[attr-defined]
             before,
             commands=example + before.commands,
-            on=((on,) if on is not None else ()) + before.on,
+            on=_keys(on) + before.on,
             data=before.data if data is None else data,
             pattern=before.pattern if pattern is None else re.compile(pattern, re.DOTALL),
         )
         return method
 
     return declare
+
+
+def _keys(on: Any) -> tuple[Any, ...]:
+    """Return the keys in ``on``: none, one or several."""
+    return tuple(on) if isinstance(on, range | tuple | list) else () if on is None else (on,)
 
 
 def handled_in(cls: type) -> dict[str, Handled]:

@@ -24,16 +24,15 @@ from typing import TYPE_CHECKING, Any, ClassVar, Generic, Literal
 
 from firmware_protocols import requests
 from firmware_protocols import state as plain
+from firmware_protocols.can_requests import CanRequests
 from firmware_protocols.commands import Command, handled_in
 from firmware_protocols.connectors import Connector
 from firmware_protocols.conversion import conversion
 from firmware_protocols.facts import Fact
 from firmware_protocols.frames import CanFrame
-from firmware_protocols.framing import Packets
 from firmware_protocols.layouts import Layout
 from firmware_protocols.motors import Motors
 from firmware_protocols.senses import CONTACT, DERIVED, Column, Counts, Quantity, Reading, Rollover, Sense, Stream
-from firmware_protocols.stuffing import Lines
 
 Evidence = Literal["captured", "vendor document", "firmware", "driver", "assumed"]
 """The kinds of source of a byte table, best first."""
@@ -131,7 +130,7 @@ class Device(Generic[F]):
     """The default scene in the scene file's TOML (``docs/scene-files.md``), for a class outside the tree; it is not
     inherited. Empty: one is made from the layout, a ball that presses the middle of each patch."""
 
-    packets: Packets | Lines
+    packets: Any
     """The cutter of requests, for methods that declare commands; made in ``__init__``."""
     zero: Any = 0.0
     """The values of the first sense that count as 0 [SI]; a tare sets it to ``present``."""
@@ -269,17 +268,26 @@ class Device(Generic[F]):
         The method never raises on bad input: it counts it in ``self.counters`` and answers as the firmware would, if at
         all. By default the requests that a cutter ``packets`` cuts go to the methods that declare them.
         """
-        if not hasattr(self, "packets") or not isinstance(data, bytes):
+        if not hasattr(self, "packets"):
             self.counters["ignored"] += 1
             return ()
         return list(requests.answers(self, data, t_ns, port))
+
+    def obey(self, request: F, t_ns: int, port: str = "") -> Transmissions[F]:
+        """Return the answers to one whole request, such as one that a silence has ended."""
+        return requests.answer(self, request, t_ns, port)
 
     def accepts(self, request: requests.Request) -> bool:
         """Return True if a request of the table is for this device; others count as ``other_address``."""
         return True
 
     def reply(self, request: requests.Request, content: bytes) -> Transmissions[F]:
-        """Return the answer with this content to a request; by default the content itself, and nothing if empty."""
+        """Return the answer with this content to a request; by default the content itself, and nothing if empty.
+
+        On CAN it is the data of a frame under the request's identifier.
+        """
+        if content and isinstance(self.packets, CanRequests):
+            return [self.packets.frame(request.id, content)]  # type: ignore[list-item]
         return [content] if content else ()  # type: ignore[list-item]
 
     def staged(self, request: requests.Request) -> Transmissions[F]:

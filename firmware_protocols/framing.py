@@ -14,7 +14,8 @@ All are plain data, so that a device can be saved: the functions must be functio
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from typing import Any
 
 from firmware_protocols.tables import Frame
 
@@ -50,7 +51,39 @@ def sound(packet: bytes) -> str:
     return SOUND
 
 
-class Packets:
+class Cutter:
+    """The table of the requests that a cutter cuts, if they have one, and the field that tells them apart."""
+
+    table: Frame | None = None
+    """The table of a request."""
+    by: str = ""
+    """The field by which the device tells requests apart; empty: by the whole request."""
+    misfit: str = ""
+    """The counter of requests that do not fit the table; empty: the device refuses them as unknown."""
+    unknown: str = "unknown_command"
+    """The counter of requests that no method answers."""
+    counts_requests: bool = False
+    """True if it counts ``requests``; else those are counted that a method answers."""
+
+    @property
+    def open_field(self) -> str:
+        """The field that holds the data of a request, empty if there is none."""
+        return self.table.open_field or "" if self.table else ""
+
+    def content(self, frame: Any) -> Any:
+        """Return the request in a frame of the driver, as it is cut."""
+        return frame
+
+    def fields(self, content: Any) -> dict[str, Any] | None:
+        """Return a request by field, ``None`` if it does not fit the table."""
+        return self.table.unpack(content) if self.table else None
+
+    def size_of(self, fields: Mapping[str, Any]) -> int:
+        """Return the length of a request's data."""
+        return len(fields.get(self.open_field, b""))
+
+
+class Packets(Cutter):
     """A cutter of packets of one protocol, which finds the next packet after garbage.
 
     It drops and counts bytes that belong to no packet, up to the first at which the next head can begin.
@@ -73,6 +106,8 @@ class Packets:
         TypeError: ``size`` or ``check`` is a lambda, a method or a function inside a function, which a saved device
             could not name; or neither a table nor ``size`` is given.
     """
+
+    counts_requests = True
 
     def __init__(
         self,

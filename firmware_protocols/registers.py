@@ -9,7 +9,7 @@
     ''', size=6000)
 
     self.registers = Registers(MAP, kept=self.flash)      # in __init__, which is power-up
-    self.registers["force"] = forces                      # rounded, limited to the range
+    self.registers["force"] = forces                      # rounded, limited to the range; bytes as they are
     self.registers["unit"]                                # a number; .all("force") is the list
     self.flash.update(self.registers.kept())              # where the firmware saves
 
@@ -103,8 +103,13 @@ class Reg:
             low, high = (-(1 << bits - 1), (1 << bits - 1) - 1) if self.type[-2] == "i" else (0, (1 << bits) - 1)
         return (low if self.low is None else self.low, high if self.high is None else self.high)
 
-    def encode(self, values: ArrayLike) -> bytes:
-        """Return the bytes of ``values``, rounded and limited to the range; one value stands for all numbers."""
+    def encode(self, values: ArrayLike | bytes) -> bytes:
+        """Return the bytes of ``values``, rounded and limited to the range; one value stands for all numbers.
+
+        Bytes, such as a text in ASCII, are cut to its length or padded with zeros.
+        """
+        if isinstance(values, bytes):
+            return values[: self.end - self.address].ljust(self.end - self.address, b"\0")
         low, high = self.range
         if type(values) is int and self.count == 1 and self.sign_bit is None:  # the usual case, fast
             return struct.pack(self.format, min(max(values, low), high))
@@ -203,7 +208,7 @@ class Registers:
         kept: numbers from the flash, by name; all others have their default.
     """
 
-    def __init__(self, table: RegisterMap, *, kept: Mapping[str, ArrayLike] | None = None):
+    def __init__(self, table: RegisterMap, *, kept: Mapping[str, ArrayLike | bytes] | None = None):
         self.table = table
         self._memory = bytearray(table.defaults)
         for name, values in (kept or {}).items():
@@ -225,7 +230,7 @@ class Registers:
         """Return all numbers of a register with a count."""
         return self.table.by_name[name].decode(self._memory)
 
-    def __setitem__(self, name: str, values: ArrayLike) -> None:
+    def __setitem__(self, name: str, values: ArrayLike | bytes) -> None:
         reg = self.table.by_name[name]
         self._memory[reg.address : reg.end] = reg.encode(values)
 

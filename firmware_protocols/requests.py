@@ -1,8 +1,9 @@
 """The way of requests to the methods that answer them, which declare them with :func:`~firmware_protocols.command`.
 
 A cutter (``self.packets``) cuts requests from what arrives. The one of a frame table tells them apart by a field
-(``Packets(MESSAGE, by="command", ...)``), which the examples of each method have, too; a cutter of lines by the whole
-line, or by the method's pattern. A method takes the :class:`Request` and returns what the firmware does; bytes, or
+(``Packets(MESSAGE, by="command", ...)``), which the examples of each method have, too; one of CAN frames by the
+identifier or a part of it (:mod:`firmware_protocols.can_requests`); a cutter of lines by the whole line, or by the
+method's pattern. A method takes the :class:`Request` and returns what the firmware does; bytes, or
 ``None`` for no bytes, are the content of one answer, which :meth:`Device.reply` frames.
 """
 
@@ -17,7 +18,6 @@ from typing import TYPE_CHECKING, Any
 from firmware_protocols.commands import Handled, handled_in
 from firmware_protocols.framing import Packets, Stage
 from firmware_protocols.registers import Refused
-from firmware_protocols.stuffing import Lines
 
 Device = Any
 """A device: :mod:`firmware_protocols.device` imports this module, not the other way round."""
@@ -27,24 +27,24 @@ class Request:
     """A request; the fields of its table are attributes, too.
 
     Attributes:
-        packet: its bytes, without the end of a line.
+        packet: its bytes, without the end of a line, or its CAN frame.
         values: the numbers of its data, or the groups of its pattern; ``value`` is the first of them.
         t_ns: the time at which its last byte arrived.
         port: the port on which it arrived.
     """
 
-    def __init__(self, packet: bytes, t_ns: int, port: str, fields: dict[str, Any]):
+    def __init__(self, packet: Any, t_ns: int, port: str, fields: dict[str, Any]):
         vars(self).update(packet=packet, t_ns=t_ns, port=port, values=(), value=None)
         vars(self).update(fields)
-        self._fields = fields
+        self.fields = fields
 
     def take(self, values: Sequence[Any]) -> None:
         """Set the numbers of the data, or the groups of the pattern; a field of the table keeps its name."""
         self.values = tuple(values)
-        if values and "value" not in self._fields:
+        if values and "value" not in self.fields:
             self.value = values[0]
 
-    packet: bytes
+    packet: Any
     values: tuple[Any, ...]
     value: Any
     t_ns: int
@@ -62,31 +62,30 @@ class Handler:
 
     method: str
     handled: Handled
-    lengths: frozenset[int]
+    sizes: frozenset[int]
     """The lengths of the data in its examples."""
 
-    def accepts(self, data: bytes) -> bool:
-        """Return True if data has a valid length."""
-        form = self.handled.data
-        if form is None:
-            return not self.lengths or len(data) in self.lengths
-        return form == "*" or len(data) == struct.calcsize(form)
+    def accepts(self, size: int) -> bool:
+        """Return True if data of this length is valid."""
+        if (form := self.handled.data) is None:
+            return not self.sizes or size in self.sizes
+        needed = struct.calcsize(form.rstrip("*"))
+        return size >= needed if form.endswith("*") else size == needed
 
     def values(self, data: bytes) -> tuple[Any, ...]:
         """Return the numbers in data of a valid length."""
-        form = self.handled.data
-        return () if form in (None, "*") else struct.unpack(form, data)
+        return struct.unpack_from((self.handled.data or "").rstrip("*"), data)
 
 
 _HANDLERS: dict[tuple[type, str], tuple[dict[Hashable, Handler], list[Handler]]] = {}
 """The handlers of each class: by key, and those with a pattern."""
 
 
-def answers(device: Device, data: bytes, t_ns: int, port: str) -> Iterator[Any]:
+def answers(device: Device, data: Any, t_ns: int, port: str) -> Iterator[Any]:
     """Yield what a device does with bytes that arrive, request by request."""
     cutter = device.packets
     if not isinstance(cutter, Packets):
-        for packet in cutter.cut(data):
+        for packet in cutter.cut(data, t_ns):
             yield from answer(device, packet, t_ns, port)
         return
     cutter.feed(data, t_ns)
@@ -94,35 +93,37 @@ def answers(device: Device, data: bytes, t_ns: int, port: str) -> Iterator[Any]:
         yield from answer(device, packet, t_ns, port)
 
 
-def answer(device: Device, packet: bytes, t_ns: int, port: str) -> Sequence[Any]:
+def answer(device: Device, packet: Any, t_ns: int, port: str) -> Sequence[Any]:
     """Return what a device does with one request."""
     cutter = device.packets
     if isinstance(packet, Stage):
         return _called(device, "staged", Request(packet, t_ns, port, {}))
-    if isinstance(cutter, Packets) and cutter.table is not None:
-        fields = cutter.table.unpack(packet) or {}
-        request = Request(packet, t_ns, port, fields)
-        if not device.accepts(request):
-            device.counters["other_address"] += 1
-            return ()
-        return _handled(device, request, fields.get(cutter.by), fields.get(cutter.table.open_field or "", b""))
-    return _matched(device, Request(packet, t_ns, port, {}))
+    if not cutter.by:
+        return _matched(device, Request(packet, t_ns, port, {}))
+    if (fields := cutter.fields(packet)) is None and cutter.misfit:
+        device.counters[cutter.misfit] += 1
+        return ()
+    request = Request(packet, t_ns, port, fields or {})
+    if not device.accepts(request):
+        device.counters["other_address"] += 1
+        return ()
+    return _handled(device, request)
 
 
 def handlers(device: Device) -> tuple[dict[Hashable, Handler], list[Handler]]:
     """Return the handlers of a device's class: by the key of their requests, and those with a pattern."""
     cutter = device.packets
-    known = type(device), getattr(cutter, "by", "")
+    known = type(device), cutter.by
     if known not in _HANDLERS:
         by_key: dict[Hashable, Handler] = {}
         patterns = []
         for method, handled in handled_in(type(device)).items():
-            keys, lengths = dict.fromkeys(handled.on), set()
+            keys, sizes = dict.fromkeys(handled.on), set()
             for each in handled.commands:
                 key, size = _key_of(cutter, each.stages[0])
-                lengths |= {size} - {None}
+                sizes |= {size} - {None}
                 keys |= {} if handled.on or key is None else {key: None}
-            handler = Handler(method, handled, frozenset(lengths))
+            handler = Handler(method, handled, frozenset(sizes))
             by_key |= dict.fromkeys(keys if handled.pattern is None else (), handler)
             patterns += [handler] if handled.pattern is not None else []
         _HANDLERS[known] = by_key, patterns
@@ -130,24 +131,24 @@ def handlers(device: Device) -> tuple[dict[Hashable, Handler], list[Handler]]:
 
 
 def _key_of(cutter: Any, frame: Any) -> tuple[Hashable, int | None]:
-    """Return the key of an example, and the length of its data; ``None`` where the cutter's table does not fit it."""
-    if isinstance(cutter, Packets) and cutter.table is not None:
-        fields = cutter.table.unpack(frame)
-        if fields is None:
-            return None, None
-        return fields[cutter.by], len(fields.get(cutter.table.open_field or "", b""))
-    if isinstance(cutter, Lines):
-        return frame.rstrip(cutter.ends), None
-    return frame, None
+    """Return the key of an example, and the length of its data; ``None`` where the cutter does not take it."""
+    content = cutter.content(frame)
+    if not cutter.by:
+        return content, None
+    fields = cutter.fields(content)
+    return (None, None) if fields is None else (fields[cutter.by], cutter.size_of(fields))
 
 
-def _handled(device: Device, request: Request, key: Hashable, data: bytes) -> Sequence[Any]:
-    found = handlers(device)[0].get(key)
-    if found is None or not found.accepts(data):
-        why = "unknown_command" if found is None else "bad_length"
+def _handled(device: Device, request: Request) -> Sequence[Any]:
+    cutter = device.packets
+    fields = request.fields
+    found = handlers(device)[0].get(fields.get(cutter.by))
+    if found is None or not found.accepts(cutter.size_of(fields)):
+        why = cutter.unknown if found is None else "bad_length"
         device.counters[why] += 1
         return device.refused(request, why)
-    request.take(found.values(data))
+    request.take(found.values(fields.get(cutter.open_field) or b""))
+    device.counters["requests"] += not cutter.counts_requests
     return _called(device, found.method, request)
 
 
@@ -164,6 +165,7 @@ def _matched(device: Device, request: Request) -> Sequence[Any]:
         device.counters["unknown_command"] += 1
         return device.refused(request, "unknown_command")
     request.take(groups)
+    device.counters["requests"] += not device.packets.counts_requests
     return _called(device, found.method, request)
 
 

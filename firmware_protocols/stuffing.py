@@ -14,9 +14,13 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
+
+from firmware_protocols.framing import Cutter
+from firmware_protocols.tables import Frame
 
 
-class Lines:
+class Lines(Cutter):
     """A cutter of pieces that end with one byte, such as lines of text. It drops empty ones.
 
     Args:
@@ -24,6 +28,8 @@ class Lines:
         counters: the device's; counts ``bad_length`` for each piece above ``longest`` bytes, which is dropped.
         longest: the largest number of bytes in a piece as it is sent.
     """
+
+    misfit = "bad_checksum"
 
     def __init__(self, ends: bytes = b"\r\n", *, counters: Counter[str], longest: int = 256):
         self.ends, self._counters, self._longest = ends, counters, longest
@@ -44,6 +50,10 @@ class Lines:
             self._counters["bad_length"] += len(lines) - len(fitting)
         return fitting
 
+    def content(self, frame: bytes) -> Any:
+        """Return the line without its end."""
+        return frame.rstrip(self.ends)
+
     @property
     def has_partial(self) -> bool:
         """True while a piece has begun that has not ended."""
@@ -55,14 +65,25 @@ class Lines:
 
 
 class Ppp(Lines):
-    """A cutter of frames between flags 7E, with 7D before an escaped byte, as in HDLC-like framing (RFC 1662)."""
+    """A cutter of frames between flags 7E, with 7D before an escaped byte, as in HDLC-like framing (RFC 1662).
 
-    def __init__(self, *, counters: Counter[str], longest: int = 256):
+    Args:
+        table, by: the table of a content, and the field that tells requests apart, as for ``Packets``.
+        counters: the device's.
+        longest: the largest number of bytes in a content.
+    """
+
+    def __init__(self, table: Frame | None = None, *, by: str = "", counters: Counter[str], longest: int = 256):
         super().__init__(b"\x7e", counters=counters, longest=2 * longest)
+        self.table, self.by = table, by
 
     def cut(self, data: bytes, t_ns: int = 0) -> list[bytes]:
         """Return the contents of the frames that these bytes complete, unescaped."""
         return [re.sub(b"\x7d+(.?)", _unescaped, frame, flags=re.DOTALL) for frame in super().cut(data)]
+
+    def content(self, frame: bytes) -> Any:
+        """Return the content of one frame."""
+        return next(iter(Ppp(counters=Counter(), longest=len(frame)).cut(frame)), b"")
 
 
 def _unescaped(found: re.Match[bytes]) -> bytes:
@@ -167,6 +188,8 @@ class Stuffed(Lines):
             ``broken_frames`` for an escape without a code.
         longest: the largest number of bytes in a content.
     """
+
+    counts_requests = True
 
     def __init__(self, stuffing: Stuffing, *, counters: Counter[str], longest: int = 4096):
         super().__init__(stuffing.tail, counters=counters, longest=2 * longest + 1)

@@ -27,14 +27,13 @@ Evidence: the vendor's ROS driver, run.
 Try it: ``tactemu run allegro_v5_sense --port can:socketcan:vcan0``, then ``candump vcan0``.
 """
 
-import struct
 from typing import Annotated, Literal
 
 import numpy as np
 
 from firmware_protocols import (
-    Can, CanFrame, Column, Command, Counts, Device, Frame, Motors, Option, Reading, Transmissions, fact_table, points,
-    quantize, stack,
+    Can, CanFrame, CanRequests, Column, Counts, Device, Frame, Motors, Option, Reading, Request, Transmissions, command,
+    fact_table, points, quantize, stack,
 )  # fmt: skip
 
 EIGHT = Frame("""
@@ -54,19 +53,8 @@ INFORMATION = Frame("""
     7     00         reserved
 """)
 CHANNEL_IDS = (0x150, 0x154)
-INFO = 0x200
-SERIAL = 0x220
-PERIODS = 0x204
-ON = 0x100
-OFF = 0x104
-CALIBRATE = 0x224
-POSITIONS = 0x228
-TORQUE = 0x180
-GO = 0x380
-JOINTS = 0x80
-"""The id of the first finger, like TORQUE and GO; each next finger adds four."""
-IGNORED_IDS = (0x22C, 0x1A0)
-DATA_BYTES = {PERIODS: 6, ON: 0, OFF: 0, CALIBRATE: 0, POSITIONS: 8, IGNORED_IDS[0]: 8, IGNORED_IDS[1]: 6}
+JOINTS, TORQUES, POSITIONS = (range(first, first + 0x10, 4) for first in (0x80, 0x180, 0x380))
+"""The identifiers of the fingers."""
 RAD_PER_COUNT = np.radians(0.088)
 STOP_COUNTS = 2045
 SPEED_COUNTS_PER_S = 4000.0
@@ -75,6 +63,7 @@ FINGERS = ("index", "middle", "ring", "thumb")
 PITCH_M = 0.018
 FINGER_SPACING_M = 0.03
 COUNTS_PER_NEWTON = 25.0
+DRIVER, SOCKET = "AllegroHandDrv.cpp", "candrv/socket_can.cpp"
 
 
 def places() -> dict[str, tuple[str, float, float]]:
@@ -84,6 +73,11 @@ def places() -> dict[str, tuple[str, float, float]]:
         finger, part = FINGERS[k // 4], k % 4
         found[f"{finger} {'tip' if part == 3 else part}"] = (finger, (k // 4 - 1.5) * FINGER_SPACING_M, part * PITCH_M)
     return found
+
+
+def _are_poses(frames: list[CanFrame]) -> bool:
+    """Return True if these are complete rounds of the fingers' joints, or none yet."""
+    return [frame.arbitration_id for frame in frames] == list(JOINTS) * (len(frames) // 4)
 
 
 class AllegroV5Sense(Device[CanFrame]):
@@ -97,6 +91,7 @@ class AllegroV5Sense(Device[CanFrame]):
     sources = (
         "Wonikrobotics-git/allegro_hand_ros2_V5_Sense@db81588 AllegroHandDrv.cpp, candrv/socket_can.cpp, candef.h",
     )
+    origin = DRIVER
     judge = "Wonikrobotics-git/allegro_hand_ros2_V5_Sense@db81588"
     facts = fact_table(f"""
         stated touch: numbers of tips and palm, bytes times 4, FF invalid @ AllegroHandDrv.cpp _parseMessage, maps
@@ -123,23 +118,21 @@ class AllegroV5Sense(Device[CanFrame]):
             *(points({name: (x, y, 0.0)}, pitch=0.012, link=link) for name, (link, x, y) in places().items())
         )
         self.invalid = list(invalid)
-        self.columns = (Column(name="channel", low=0, high=0xFE, push=0 if invalid else 1),)
+        self.columns = (
+            Column(name="channel", low=0, high=0xFE, assumed_per_unit=COUNTS_PER_NEWTON, push=0 if invalid else 1),
+        )
         self.serial = b"V5S" + (b"R" if side == "right" else b"L") + b"0001"
         self.servo, self.takes_positions, self.joints_ns = False, False, 0
-        self.zero = np.zeros(16)
+        self.packets, self.rest = CanRequests(), np.zeros(16)
+        names = [f"{finger} {k}" for finger in FINGERS for k in range(4)]
         self.motors = Motors(
-            [0.0] * 16,
-            low=-STOP_COUNTS,
-            high=STOP_COUNTS,
-            time_constant_s=0.0,
-            speed_limit=SPEED_COUNTS_PER_S,
-            names=[f"{finger} {k}" for finger in FINGERS for k in range(4)],
-            unit=RAD_PER_COUNT,
-        )
+            [0.0] * 16, low=-STOP_COUNTS, high=STOP_COUNTS, time_constant_s=0.0, speed_limit=SPEED_COUNTS_PER_S,
+            names=names, unit=RAD_PER_COUNT,
+        )  # fmt: skip
 
     def measure(self, reading: Reading, t_ns: int) -> Counts:
         """Return raw counts of the normal force on each channel, 0..254; 0 for an invalid one; shape ``(16,)``."""
-        self.counts = quantize(self.layout.push(reading["force"]), COUNTS_PER_NEWTON, 0, 0xFE)
+        super().measure(reading, t_ns)
         self.counts[self.invalid] = 0
         return self.counts
 
@@ -149,84 +142,76 @@ class AllegroV5Sense(Device[CanFrame]):
         eights = zip(CHANNEL_IDS, sent.reshape(2, 8))
         return [CanFrame(arbitration_id=ident, data=EIGHT.pack(channels=eight)) for ident, eight in eights]
 
-    def receive(self, data: CanFrame, t_ns: int, port: str) -> Transmissions[CanFrame]:
-        """Obey or answer one frame: identity, joint poses, periods, and where the joints go."""
-        ident, message = data.arbitration_id, data.data
-        remote = CanFrame(arbitration_id=ident, is_remote_frame=True)
-        finger = next((k for k in range(4) for first in (JOINTS, TORQUE, GO) if ident == first + 4 * k), None)
-        is_query = data == remote and (ident in (INFO, SERIAL) or (finger is not None and ident < TORQUE))
-        if data not in (remote, CanFrame(arbitration_id=ident, data=message)):
-            self.counters["ignored"] += 1
-            return ()
-        if not is_query and not (ident in DATA_BYTES or (finger is not None and ident >= TORQUE)):
-            self.counters["ignored"] += 1
-            return ()
-        if not is_query and (data == remote or len(message) != DATA_BYTES.get(ident, 8)):
-            self.counters["bad_length"] += 1
-            return ()
-        self.counters["requests"] += 1
-        if is_query:
-            return [self._answer(ident, finger, t_ns)]
-        if ident in (ON, OFF):
-            self.servo = ident == ON
-        elif ident == CALIBRATE:
-            self.zero = self.motors.positions(t_ns)
-        elif ident == POSITIONS:
-            self.takes_positions = message[0] == 1
-        elif ident == PERIODS:
-            self.joints_ns = struct.unpack_from("<H", message)[0] * 1_000_000
-            self.wake_ns = t_ns + self.joints_ns if self.joints_ns else None
-        elif finger is not None and (ident >= GO or self.takes_positions):
-            goals = np.full(16, np.nan)
-            goals[4 * finger :][:4] = np.array(struct.unpack("<4h", message)) + self.zero[4 * finger :][:4]
-            self.motors.go(goals, t_ns)
-        return ()
+    @command("200#R", "200#0005000100000000", safe=True)
+    @command("200#R", "200#0005000100000100", name="is it on", after=("100#",))
+    def information(self, request: Request):
+        """Return versions, and whether the servos are on."""
+        return INFORMATION.pack(hardware=0x0500, firmware=0x0100, servo=self.servo)
+
+    @command("220#R", "220#563553..30303031", safe=True)
+    def serial_number(self, request: Request):
+        """Return the serial number."""
+        return self.serial
+
+    @command("08C#R", "08C#..{8}", name="joints of the thumb", on=JOINTS, safe=True, origin=SOCKET)
+    def joints_of_finger(self, request: Request):
+        """Return the joints of a finger."""
+        return self._pose(JOINTS.index(request.id), request.t_ns)
+
+    @command("204#030000000000", _are_poses, name="joints every 3 ms", data="<3H")
+    @command("204#000000000000", name="stop")
+    def periods_ms(self, request: Request):
+        """Set the period of the joints."""
+        self.joints_ns = request.value * 1_000_000
+        self.wake_ns = request.t_ns + self.joints_ns if self.joints_ns else None
 
     def wake(self, t_ns: int) -> Transmissions[CanFrame]:
         """Return the joints of all fingers, once each period."""
         self.wake_ns = t_ns + self.joints_ns
-        return [self._answer(JOINTS + 4 * finger, finger, t_ns) for finger in range(4)]
+        return [self.packets.frame(ident, self._pose(k, t_ns)) for k, ident in enumerate(JOINTS)]
 
-    def _answer(self, ident: int, finger: int | None, t_ns: int) -> CanFrame:
-        if ident == INFO:
-            data = INFORMATION.pack(hardware=0x0500, firmware=0x0100, servo=self.servo)
-        elif finger is None:
-            data = self.serial
-        else:
-            counts = np.round(self.motors.positions(t_ns) - self.zero)
-            data = POSE.pack(joints=np.clip(counts[4 * finger :][:4], -0x8000, 0x7FFF).astype(int))
-        return CanFrame(arbitration_id=ident, data=data)
+    def _pose(self, finger: int, t_ns: int) -> bytes:
+        counts = quantize(self.motors.positions(t_ns) - self.rest, 1.0, -0x8000, 0x7FFF)
+        return POSE.pack(joints=counts[4 * finger :][:4])
 
-    @property
-    def commands(self) -> tuple[Command, ...]:
-        """The driver's messages from open to close."""
-        driver, socket = "AllegroHandDrv.cpp", "candrv/socket_can.cpp"
-        side = self.serial[3:4].hex()
-        return (
-            Command(name="servo off", request="104#", origin=driver),
-            Command(name="information", request="200#R", reply="200#0005000100000000", origin=driver, safe=True),
-            Command(name="serial number", request="220#R", reply=f"220#563553{side}30303031", origin=driver, safe=True),
-            Command(name="joints every 3 ms", request="204#030000000000", reply=_are_poses, origin=driver),
-            Command(name="servo on", request="100#", origin=driver),
-            Command(name="is it on", request="200#R", after=["100#"], reply="200#0005000100000100", origin=driver),
-            Command(name="joints of the thumb", request="08C#R", reply="08C#..{8}", origin=socket, safe=True),
-            Command(name="calibration", request="224#", origin=driver),
-            Command(name="torques of the index", request="180#F0000000000010FF", about="moves nothing", origin=socket),
-            Command(name="positions in place of torques", request="228#0100000000000000", origin=driver),
-            Command(
-                name="positions of the index",
-                request="180#6400640064006400",
-                after=["228#0100000000000000"],
-                origin=driver,
-            ),
-            Command(name="positions of the middle", request="384#6400640064006400", origin=socket),
-            Command(name="gravity", request="22C#0000000000000000", origin=driver),
-            Command(name="device number", request="1A0#810000000000", origin=socket),
-            Command(name="stop", request="204#000000000000", origin=driver),
-        )
+    @command("100#")
+    def servo_on(self, request: Request):
+        """Switch the servos on."""
+        self.servo = True
 
+    @command("104#")
+    def servo_off(self, request: Request):
+        """Switch the servos off."""
+        self.servo = False
 
-def _are_poses(frames: list[CanFrame]) -> bool:
-    """Return True if these are complete rounds of the fingers' joints, or none yet."""
-    idents = [JOINTS + 4 * finger for finger in range(4)] * (len(frames) // 4)
-    return [frame.arbitration_id for frame in frames] == idents
+    @command("224#")
+    def calibration(self, request: Request):
+        """Make the present pose 0."""
+        self.rest = self.motors.positions(request.t_ns)
+
+    @command("228#0100000000000000", name="positions in place of torques", data="<B7x")
+    def mode(self, request: Request):
+        """Take torques, or positions in their place."""
+        self.takes_positions = request.value == 1
+
+    @command("180#F0000000000010FF", name="torques of the index", on=TORQUES, data="<4h", origin=SOCKET)
+    @command("180#6400640064006400", name="positions of the index", after=("228#0100000000000000",))
+    def torques(self, request: Request):
+        """Obey positions of a finger in place of torques, which move nothing."""
+        if self.takes_positions:
+            self._go(TORQUES.index(request.id), request)
+
+    @command("384#6400640064006400", name="positions of the middle", on=POSITIONS, data="<4h", origin=SOCKET)
+    def positions(self, request: Request):
+        """Obey positions of a finger."""
+        self._go(POSITIONS.index(request.id), request)
+
+    def _go(self, finger: int, request: Request) -> None:
+        goals = np.full(16, np.nan)
+        goals[4 * finger :][:4] = request.values + self.rest[4 * finger :][:4]
+        self.motors.go(goals, request.t_ns)
+
+    @command("22C#0000000000000000", name="gravity")
+    @command("1A0#810000000000", name="device number", origin=SOCKET)
+    def other(self, request: Request):
+        """Ignore gravity and settings."""

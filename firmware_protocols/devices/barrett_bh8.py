@@ -36,14 +36,13 @@ Try it: ``tactemu run barrett_bh8 --port can:socketcan:vcan0``, then
 ``candump vcan0 & cansend vcan0 400#85000200; cansend vcan0 00B#EA0002000000``.
 """
 
-import math
 from typing import Annotated
 
 import numpy as np
 
 from firmware_protocols import (
-    Can, CanFrame, Column, Command, Counts, Device, Layout, Motors, Option, Patch, Reading, Transmissions, fact_table,
-    place, quantize, stack,
+    Can, CanFrame, Column, Command, Device, Layout, Motors, Option, Patch, Transmissions, command_table, fact_table,
+    stack,
 )  # fmt: skip
 
 PUCKS = {11: "finger 1", 12: "finger 2", 13: "finger 3", 14: "palm"}
@@ -52,66 +51,30 @@ CELLS = 24
 CELLS_PER_FRAME = 5
 HIGHEST_CELLS = 10
 COUNTS_PER_PASCAL = 256 / 1e4
-CELLS_PER_ROW = {True: (5, 7, 7, 5), False: (3,) * 8}
-"""The cells in each row, from the bottom; by the question whether it is the palm."""
-PAD_CENTRES_M = {"finger 1": (-0.03, 0.06), "finger 2": (0.0, 0.06), "finger 3": (0.03, 0.06), "palm": (0.0, 0.0)}
-FINGER_PAD_SIZE_M = (0.012, 0.024)
-PALM_PAD_SIZE_M = (0.040, 0.040)
+PADS = {
+    # name: place and size [m], cells in each row, from the bottom
+    "finger 1": ((-0.03, 0.06), (0.012, 0.024), (3,) * 8),
+    "finger 2": ((0.0, 0.06), (0.012, 0.024), (3,) * 8),
+    "finger 3": ((0.03, 0.06), (0.012, 0.024), (3,) * 8),
+    "palm": ((0.0, 0.0), (0.040, 0.040), (5, 7, 7, 5)),
+}
 
+WAKE = "400#85000200"
 SET = 0x80
 GROUP = 0x400
-TO_POSITIONS = 3
-TO_OTHERS = 6
-TO_INNER = 7
-TO_TOP_TEN = 8
-TO_CELLS = 9
-"""The group of the answer that carries cells, as those above carry other values."""
-VERS = 0
-ROLE = 1
-SN = 2
-ID = 3
-STAT = 5
-MODE = 8
-TEMP = 9
-THERM = 20
-SG = 25
-GRPA = 26
-GRPB = 27
-GRPC = 28
-CMD = 29
-SAVE = 30
-LOAD = 31
-DEF = 32
-V = 44
-P = 48
-DP = 50
-E = 52
-OT = 54
-CT = 56
-M = 58
-DS = 60
-HOLD = 77
-JP = 96
-TACT = 106
-TACTID = 107
+TO_POSITIONS, TO_OTHERS, TO_INNER, TO_TOP_TEN, TO_CELLS = 3, 6, 7, 8, 9
+"""The groups of answers."""
+VERS, ROLE, SN, ID, STAT, MODE, TEMP = 0, 1, 2, 3, 5, 8, 9
+THERM, SG, GRPA, GRPB, GRPC, CMD, SAVE, LOAD, DEF = 20, 25, 26, 27, 28, 29, 30, 31, 32
+V, MV, P, DP, E, OT, CT, M, DS, HOLD, JP, TACT, TACTID = 44, 45, 48, 50, 52, 54, 56, 58, 60, 77, 96, 106, 107
+"""The numbers of the properties, by the names of the drivers."""
 WIDE_PROPERTIES = (P, DP, E, OT, CT, M, 66, 68, 74, 88, JP, 98)
 """The properties of 32 bits."""
 READY = 2
 PROPERTIES_WHEN_ASLEEP = range(8)
-NOTHING = 0
-TOP_TEN = 1
-ALL_CELLS = 2
-TARE = 3
-HI = 13
-CLOSE_STEP = 14
-OPEN_STEP = 15
-CLOSE = 18
-MOVE = 19
-OPEN = 20
-IDLE = 0
-PID = 3
-VELOCITY = 4
-TRAPEZOIDAL = 5
+NOTHING, TOP_TEN, ALL_CELLS, TARE = range(4)
+HI, CLOSE_STEP, OPEN_STEP, CLOSE, MOVE, OPEN = 13, 14, 15, 18, 19, 20
+IDLE, PID, VELOCITY, TRAPEZOIDAL = 0, 3, 4, 5
 
 COMMON_PROPERTIES = {
     VERS: 175, ROLE: 0x1205, SN: 1, 4: 0, STAT: READY, 6: 0, 7: 0, MODE: IDLE, TEMP: 30, 10: 0, 11: 60, 12: 0, 14: 0,
@@ -119,8 +82,8 @@ COMMON_PROPERTIES = {
     42: 0, 43: 2200, V: 0, 46: 200, 47: 200, P: 0, E: 0, OT: 0, M: 0, DS: 25600, 66: 0, 68: 4096, 71: 0, 72: 0, 73: -75,
     74: 0, 81: 0, 82: 200, 86: 20000, 87: 0, 88: 7, 90: 6, 91: 500, 92: 204, 93: 102, 100: 0, TACT: NOTHING, TACTID: 1,
 }  # fmt: skip
-FINGER_PROPERTIES = {45: 200, DP: 45000, CT: 195000, HOLD: 0, 78: 50, 79: 500, 80: 2500, JP: 0}
-SPREAD_PROPERTIES = {45: 50, DP: 17975, CT: 35950, HOLD: 1, 78: 150, 79: 1000, 80: 10000}
+FINGER_PROPERTIES = {MV: 200, DP: 45000, CT: 195000, HOLD: 0, 78: 50, 79: 500, 80: 2500, JP: 0}
+SPREAD_PROPERTIES = {MV: 50, DP: 17975, CT: 35950, HOLD: 1, 78: 150, 79: 1000, 80: 10000}
 """The properties of the spread's puck at power-up, by number, as those above of all pucks and of a finger's."""
 
 
@@ -174,26 +137,17 @@ class BarrettBh8(Device[CanFrame]):
         ] = 0.0,
     ):
         self.layout = stack(*(_pad(name) for name in PUCKS.values()))
-        self.pushed = self.zero = np.zeros(len(self.layout))
+        self.present = self.zero = np.zeros(len(self.layout))
         self.values = {puck: _properties(puck, self.flash) for puck in PUCKS}
         self.deaf_ns = round(1e9 * wake_s)
         self.awake = dict.fromkeys(PUCKS, False)
         self.wakes_ns = dict.fromkeys(PUCKS, 0)
+        own = [FINGER_PROPERTIES] * 3 + [SPREAD_PROPERTIES]
         self.motors = Motors(
-            [0.0] * 4,
-            low=0.0,
-            high=[FINGER_PROPERTIES[CT]] * 3 + [SPREAD_PROPERTIES[CT]],
-            time_constant_s=0.0,
-            speed_limit=[1000.0 * FINGER_PROPERTIES[45]] * 3 + [1000.0 * SPREAD_PROPERTIES[45]],
-            names=("finger_1", "finger_2", "finger_3", "spread"),
-            unit=[2 * math.pi / 4096 / 125] * 3 + [2 * math.pi / 4096 / 17.5],
-        )
-
-    def measure(self, reading: Reading, t_ns: int) -> Counts:
-        """Return the counts of each cell above its zero, 0..4095, shape ``(96,)``."""
-        self.pushed = reading["pressure"]
-        self.counts = quantize(self.pushed - self.zero, COUNTS_PER_PASCAL, 0, 0xFFF)
-        return self.counts
+            [0.0] * 4, low=0.0, high=[each[CT] for each in own], time_constant_s=0.0,
+            speed_limit=[1000.0 * each[MV] for each in own], names=("finger_1", "finger_2", "finger_3", "spread"),
+            unit=2 * np.pi / 4096 / np.array([125, 125, 125, 17.5]),
+        )  # fmt: skip
 
     def receive(self, data: CanFrame, t_ns: int, port: str) -> Transmissions[CanFrame]:
         """Get or set a property of one puck, or of a group of them."""
@@ -252,7 +206,7 @@ class BarrettBh8(Device[CanFrame]):
             if value == TARE:
                 cells = self._taxels(puck)
                 self.zero = self.zero.copy()
-                self.zero[cells] = self.pushed[cells]
+                self.zero[cells] = self.present[cells]
             elif NOTHING <= value <= ALL_CELLS:
                 values[TACT] = value
                 return self._cells(puck)
@@ -297,36 +251,44 @@ class BarrettBh8(Device[CanFrame]):
 
     def _cells(self, puck: int) -> list[CanFrame]:
         form, cells = self.values[puck][TACT], self.layout.on_wire(self.counts)[self._taxels(puck)].tolist()
-        return {NOTHING: lambda *_: [], TOP_TEN: _top_ten, ALL_CELLS: _all_cells}[form](puck, cells)
+        if form == NOTHING:
+            return []
+        return _top_ten(puck, cells) if form == TOP_TEN else _all_cells(puck, cells)
 
     @property
     def commands(self) -> tuple[Command, ...]:
         """The drivers' first requests, then cells and tare of each puck, awake."""
-        wake = "400#85000200"
-        listed = [
-            Command(
-                name="is it awake", request="00B#05", reply="566#85000000", origin="libbarrett puck.cpp", safe=True
-            ),
-            Command(name="role", request="00E#01", reply="5C6#81000512", origin="libbarrett puck.h", safe=True),
-            Command(name="wake all", request=wake, origin="pyHand initialize"),
-            Command(name="cells of one that sleeps", request="00B#EA000200", origin="libbarrett property_list.cpp"),
-        ]
-        for puck, name in PUCKS.items():
-            to, cells = f"{puck:03X}#", [f"{GROUP | TO_CELLS | puck << 5:03X}#" + "..{8}"] * 5
-            top = f"{GROUP | TO_TOP_TEN | puck << 5:03X}#" + "..{8}"
-            for what, request, after, reply, origin in (
-                ("cells of", "EA0002000000", (), cells, "libbarrett"),
-                ("cells, in 16 bits, of", "EA000200", (), cells, "pyHand"),
-                ("cells again of", "6A", (f"{to}EA000200",), cells, "libbarrett requestFull"),
-                ("ten highest of", "EA000100", (), top, "pyHand get_top_tact"),
-                ("tare", "EA0003000000", (), None, "libbarrett tare"),
-            ):
-                listed.append(
-                    Command(
-                        name=f"{what} {name}", request=to + request, after=(wake, *after), reply=reply, origin=origin
-                    )
-                )
-        return tuple(listed)
+        return (*_FIRST, *(each for puck, name in PUCKS.items() for each in _of_cells(puck, name)))
+
+
+_FIRST = command_table(f"""
+    @ libbarrett puck.cpp
+    ? is it awake             00B#05  566#85000000
+    @ libbarrett puck.h
+    ? role                    00E#01  5C6#81000512
+    @ pyHand initialize
+    wake all                  {WAKE}
+    @ libbarrett property_list.cpp
+    cells of one that sleeps  00B#EA000200
+""")
+
+
+def _of_cells(puck: int, name: str) -> tuple[Command, ...]:
+    """Return the requests for the cells of a puck that is awake."""
+    to, top = f"{WAKE}; {puck:03X}#", f"{GROUP | TO_TOP_TEN | puck << 5:03X}#..{{8}}"
+    cells = ", ".join([f"{GROUP | TO_CELLS | puck << 5:03X}#..{{8}}"] * 5)
+    return command_table(f"""
+        @ libbarrett
+        cells of {name}              {to}EA0002000000                    {cells}
+        @ pyHand
+        cells, in 16 bits, of {name}  {to}EA000200                        {cells}
+        @ libbarrett requestFull
+        cells again of {name}        {to}EA000200; {puck:03X}#6A         {cells}
+        @ pyHand get_top_tact
+        ten highest of {name}        {to}EA000100                        {top}
+        @ libbarrett tare
+        tare {name}                  {to}EA0003000000
+    """)
 
 
 def _properties(puck: int, flash: dict[str, int]) -> dict[int, int]:
@@ -337,17 +299,15 @@ def _properties(puck: int, flash: dict[str, int]) -> dict[int, int]:
 
 
 def _pad(name: str) -> Layout:
-    is_palm = name == "palm"
-    rows, (width, height) = CELLS_PER_ROW[is_palm], PALM_PAD_SIZE_M if is_palm else FINGER_PAD_SIZE_M
+    (x, y), (width, height), rows = PADS[name]
     step_x, step_y = width / max(rows), height / len(rows)
     cells = [
-        ((k - (n - 1) / 2) * step_x, (row - (len(rows) - 1) / 2) * step_y, 0.0)
+        (x + (k - (n - 1) / 2) * step_x, y + (row - (len(rows) - 1) / 2) * step_y, 0.0)
         for row, n in enumerate(rows)
         for k in range(n)
     ]
     patch = Patch(name=name, start=0, rows=0, cols=CELLS, pitch=min(step_x, step_y), area=step_x * step_y, link=name)
-    flat = Layout(positions=np.array(cells), normals=np.array([0.0, 0.0, 1.0]), patches=(patch,))
-    return place(flat, (*PAD_CENTRES_M[name], 0.0))
+    return Layout(positions=np.array(cells), normals=np.array([0.0, 0.0, 1.0]), patches=(patch,))
 
 
 def _frame(puck: int, group: int, data: bytes) -> CanFrame:

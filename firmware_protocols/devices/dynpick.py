@@ -17,20 +17,19 @@ Try it: ``tactemu run dynpick``, then send ``R``.
 
 from typing import Annotated
 
-
 from firmware_protocols import (
-    USB, Axis, Column, Device, Option, Sense, Serial, Tool, Transmissions, command_table, fact_table, points, xyz,
+    NO_PACKET, USB, Column, Device, Option, Packets, Request, Sense, Serial, Tool, Transmissions, command, fact_table,
+    points, xyz,
 )  # fmt: skip
 
 REST_COUNTS = 8192
 MAX_COUNTS = 16383
 PERIOD_NS = 2_000_000
-DIVIDERS = "1248"
 SENSITIVITY_WIDTHS = (6, 6, 6, 7, 7, 7)
 """The characters of each number in the answer to p."""
-AXES: tuple[Axis, ...] = ("x", "y", "z")
 TORK = "tork-a/dynpick_driver@d5ea649"
 UMEMOTO = "UmemotoCtrl/Matlab-Python-for-Dynpick@4bb2812"
+PYTHON = f"{UMEMOTO} DynPick.py"
 RUST = "Amelia10007/dynpick-force-torque-sensor-rs@89f6db0"
 KOBE = "KobeKosenRobotics/Dynpick_Driver@a8bc768"
 ALL = "main.cpp, test-com.c, DynPick.py, lib.rs, dynpick.cpp (all whole)"
@@ -49,20 +48,7 @@ class DynPick(Device):
     evidence = ("driver",)
     sources = (f"{TORK} src/main.cpp, doc/index.rst", f"{UMEMOTO} DynPick.py", f"{RUST} src/lib.rs")
     judge = f"{TORK}, {UMEMOTO}, {RUST}"
-    documented = command_table("""
-        @ tork-a/dynpick_driver@d5ea649 src/main.cpp, doc/index.rst
-        ? read                  'R'      30 ..{24} 0D 0A
-        zero                    'O'
-        each second conversion  '2F'
-        divider                 '2F'; '0F'  32 0D 0A
-        @ UmemotoCtrl/Matlab-Python-for-Dynpick@4bb2812 DynPick.py
-        start                   'S'
-        stop                    'E'
-        ? temperature           'T'      ..{4} 0D 0A
-        ? version               'V'      *
-        @ Amelia10007/dynpick-force-torque-sensor-rs@89f6db0 src/lib.rs
-        ? sensitivity           'p'      ..{44} 0D 0A
-    """)
+    origin = f"{TORK} src/main.cpp, doc/index.rst"
     documented_with = None
     facts = fact_table(f"""
         stated touch: six numbers of four hexadecimal digits, 8192 is zero @ {TORK} src/main.cpp:237-249
@@ -107,46 +93,67 @@ class DynPick(Device):
             *xyz("Mx My Mz", unit="Nm", counts_per_unit=counts_per_newton_metre, **limits),
             Column(name="T", sense="temperature", unit="degC", counts_per_unit=16.0, low=0, high=0xFFFF, rest=400),
         )
-        self.version = version
-        self.tick, self.streaming, self.digit, self.divider = 0, False, "", DIVIDERS[0]
+        self.version = version.encode("latin-1", "replace")
+        self.packets = Packets(b"", _size, counters=self.counters)
+        self.tick, self.streaming, self.divider = 0, False, b"1"
 
     def stream(self, t_ns: int, name: str) -> Transmissions:
         """Return one line, between S and E."""
-        return [_line(self._reading())] if self.streaming else ()
+        return [self._reading()] if self.streaming else ()
 
-    def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
-        """Answer letters; the digit of F precedes it."""
-        return [_line(answer) for letter in data.decode("latin-1") for answer in self._answer(letter)]
-
-    def _reading(self) -> str:
+    def _reading(self) -> bytes:
         tick, self.tick = self.tick, (self.tick + 1) % 10
-        return f"{tick}" + "".join(f"{count:04X}" for count in self.counts["wrench"][0].tolist())
+        counts = "".join(f"{count:04X}" for count in self.counts["wrench"][0].tolist())
+        return f"{tick}{counts}\r\n".encode("ascii")
 
-    def _answer(self, letter: str) -> list[str]:
-        digit, self.digit = self.digit, letter if letter.isdigit() else ""
-        if self.digit:
-            return []
-        self.counters["requests"] += 1
-        if letter == "R":
-            return [self._reading()]
-        if letter == "p":
-            return [",".join(f"{scale:.5f}"[:width] for scale, width in zip(self.scale, SENSITIVITY_WIDTHS))]
-        if letter == "T":
-            return [f"{self.counts['temperature'][0]:04X}"]
-        if letter == "V":
-            return [self.version]
-        if letter == "F" and digit == "0":
-            return [self.divider]
-        if letter == "F" and digit and digit in DIVIDERS:
-            self.divider, self.period_ns = digit, int(digit) * PERIOD_NS
-        elif letter in "SE":
-            self.streaming = letter == "S"
-        elif letter == "O":
-            self.zero = self.present
-        else:
-            self.counters["unknown_command"] += 1
-        return []
+    @command(b"R", "30 ..{24} 0D 0A", safe=True)
+    def read(self, request: Request):
+        """Return one line."""
+        return self._reading()
+
+    @command(b"O")
+    def take_as_zero(self, request: Request):
+        """Make the present force and torque zero."""
+        self.zero = self.present
+
+    @command(b"2F", name="each second conversion", pattern=b"([1248])F")
+    def divide(self, request: Request):
+        """Set the divider of the conversions."""
+        self.divider, self.period_ns = request.value, int(request.value) * PERIOD_NS
+
+    @command(b"0F", "32 0D 0A", after=(b"2F",))
+    def divider_of_rate(self, request: Request):
+        """Return the divider."""
+        return self.divider + b"\r\n"
+
+    @command(b"S", origin=PYTHON)
+    def start(self, request: Request):
+        """Start the lines."""
+        self.streaming = True
+
+    @command(b"E", origin=PYTHON)
+    def stop(self, request: Request):
+        """Stop the lines."""
+        self.streaming = False
+
+    @command(b"T", "..{4} 0D 0A", origin=PYTHON, safe=True)
+    def temperature(self, request: Request):
+        """Return the temperature."""
+        return f"{self.counts['temperature'][0]:04X}\r\n".encode("ascii")
+
+    @command(b"V", "*", origin=PYTHON, safe=True)
+    def version_text(self, request: Request):
+        """Return product and firmware."""
+        return self.version + b"\r\n"
+
+    @command(b"p", "..{44} 0D 0A", origin=f"{RUST} src/lib.rs", safe=True)
+    def sensitivity(self, request: Request):
+        """Return the counts per unit of the six axes."""
+        texts = (f"{scale:.5f}"[:width] for scale, width in zip(self.scale, SENSITIVITY_WIDTHS))
+        return f"{','.join(texts)}\r\n".encode("ascii")
 
 
-def _line(text: str) -> bytes:
-    return f"{text}\r\n".encode("latin-1", "replace")
+def _size(data: bytes) -> int | str:
+    if not data[:1].isdigit():
+        return 1
+    return NO_PACKET if data[1:2].isdigit() else 2

@@ -31,8 +31,8 @@ from typing import Annotated, Literal
 import numpy as np
 
 from firmware_protocols import (
-    Column, Command, Counts, Device, Frame, HalfForce, Layout, Lines, Option, Patch, Reading, Serial, Transmissions,
-    fact_table, quantize, stack,
+    Column, Counts, Device, Frame, HalfForce, Layout, Lines, Option, Patch, Reading, Request, Serial, Transmissions,
+    command, fact_table, quantize, stack,
 )  # fmt: skip
 
 FRAME = Frame("""
@@ -77,6 +77,8 @@ class FulaiGlove(Device):
     evidence = ("driver",)
     sources = ("fulai-tactile 1.0.5 decoder.py, identity.py, layout.py, transport.py (the vendor's own)",)
     judge = "fulai-tactile 1.0.5"
+    origin = "fulai-tactile 1.0.5 identity.py, session.py"
+    documented_with = ("hardware", "hand", "firmware", "baseline", "half_force")
     facts = fact_table(f"""
         stated identity: the answer, its fields, FW=3.5.0, PROTOCOL=1.5, FLASH, IAP=1 @ {SDK} test_identity.py l.10
         stated identity: old firmware: ERR unknown command @ {SDK} test_identity.py l.77 (the vendor's own stand-in)
@@ -108,12 +110,12 @@ class FulaiGlove(Device):
         self.frame, self.floats = FRAME.bind(slots=floats), np.zeros(floats, np.float32)
         self.columns = (Column(name="adc", low=baseline, high=ADC_MAX, rest=baseline, push=1),)
         self.baseline, self.half_force = baseline, half_force
-        self.answer = (
+        answer = (
             f"OK BRIDGE MODEL=FuLai_SensorGlove FW={firmware} HW={hardware} PROTOCOL=1.5 "
             f"HAND={hand.upper()} HAND_DEFAULT=RIGHT HAND_SOURCE=FLASH IAP=1\r\n"
         ).encode("ascii")
-        self.identity, self.streaming = identity, True
-        self.lines_in = Lines(counters=self.counters)
+        self.answer = answer if identity else UNKNOWN_COMMAND
+        self.packets, self.streaming = Lines(counters=self.counters), True
 
     def measure(self, reading: Reading, t_ns: int) -> Counts:
         """Return ADC counts of each taxel, zone after zone."""
@@ -126,30 +128,24 @@ class FulaiGlove(Device):
         self.floats[self.slots] = self.layout.on_wire(self.counts)
         return [self.frame.pack(adc=self.floats)] if self.streaming else ()
 
-    def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
-        """Answer lines of text."""
-        return [answer for line in self.lines_in.cut(data) for answer in self._obey(line)]
+    @command(b"vofa off\r\n")
+    def stop(self, request: Request):
+        """Stop the stream."""
+        self.streaming = False
 
-    def _obey(self, line: bytes) -> Transmissions:
-        self.counters["requests"] += 1
-        if line in (b"vofa on", b"vofa off"):
-            self.streaming = line == b"vofa on"
-            return ()
-        if line == b"bridge info get":
-            return [self.answer if self.identity else UNKNOWN_COMMAND]
-        self.counters["unknown_command"] += 1
+    @command(b"bridge info get\r\n", f"{b'OK BRIDGE MODEL='.hex()} *", safe=True)
+    def identity(self, request: Request):
+        """Return what it is; old firmware does not know."""
+        return self.answer
+
+    @command(b"vofa on\r\n")
+    def go_on(self, request: Request):
+        """Resume the stream."""
+        self.streaming = True
+
+    def refused(self, request: Request, why: str) -> Transmissions:
+        """Return that a line is unknown."""
         return [UNKNOWN_COMMAND]
-
-    @property
-    def commands(self) -> tuple[Command, ...]:
-        """The driver's lines at open and close."""
-        origin = "fulai-tactile 1.0.5 identity.py, session.py"
-        asked = (self.answer if self.identity else UNKNOWN_COMMAND).hex()
-        return (
-            Command(name="stop", request=b"vofa off\r\n", origin=origin),
-            Command(name="identity", request=b"bridge info get\r\n", reply=asked, origin=origin, safe=True),
-            Command(name="go on", request=b"vofa on\r\n", origin=origin),
-        )
 
 
 def _zones(hardware: str) -> dict[str, Rows]:

@@ -31,7 +31,7 @@ def test_a_push_never_says_invalid():
 
 
 @pytest.mark.parametrize(("request_", "counter"), [
-    ("150#00", "ignored"), ("080#00", "ignored"), ("00000200#R", "ignored"), ("204#0300", "bad_length"),
+    ("150#00", "ignored"), ("080#00", "bad_length"), ("00000200#R", "ignored"), ("204#0300", "bad_length"),
     ("180#00", "bad_length"), ("100#R", "bad_length"),
 ])  # fmt: skip
 def test_what_is_not_for_it_gets_silence(request_, counter):
