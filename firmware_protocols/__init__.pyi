@@ -45,6 +45,7 @@ from firmware_protocols.layouts import Layout as Layout
 from firmware_protocols.layouts import Patch as Patch
 from firmware_protocols.layouts import filled as filled
 from firmware_protocols.layouts import grid_layout as grid_layout
+from firmware_protocols.layouts import on_fingers as on_fingers
 from firmware_protocols.layouts import place as place
 from firmware_protocols.layouts import points as points
 from firmware_protocols.layouts import stack as stack

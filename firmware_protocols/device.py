@@ -295,7 +295,10 @@ class Device(Generic[F]):
         return ()
 
     def refused(self, request: requests.Request, why: str) -> Transmissions[F]:
-        """Return the answer to a request that was counted as ``unknown_command``, ``bad_length`` or ``refused``."""
+        """Return the answer to a request that was counted as ``unknown_command``, ``bad_length`` or ``refused``.
+
+        Also to a broken one of a cutter that returns those, with their counter.
+        """
         return ()
 
     def boot(self, t_ns: int) -> Transmissions[F]:

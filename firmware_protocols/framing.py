@@ -57,7 +57,7 @@ class Cutter:
     table: Frame | None = None
     """The table of a request."""
     by: str = ""
-    """The field by which the device tells requests apart; empty: by the whole request."""
+    """The field by which the device tells requests apart, or several, as ``"main sub"``; empty: the whole request."""
     misfit: str = ""
     """The counter of requests that do not fit the table; empty: the device refuses them as unknown."""
     unknown: str = "unknown_command"
@@ -78,6 +78,11 @@ class Cutter:
         """Return a request by field, ``None`` if it does not fit the table."""
         return self.table.unpack(content) if self.table else None
 
+    def key(self, fields: Mapping[str, Any]) -> Any:
+        """Return the value of the field that tells requests apart, or the values of several."""
+        values = tuple(map(fields.get, self.by.split()))
+        return values[0] if len(values) == 1 else values
+
     def size_of(self, fields: Mapping[str, Any]) -> int:
         """Return the length of a request's data."""
         return len(fields.get(self.open_field, b""))
@@ -95,7 +100,8 @@ class Packets(Cutter):
             known, :data:`NO_PACKET` where none begins, or the name of a counter for what is wrong (``"bad_length"``).
         check: ``check(packet)`` returns :data:`SOUND`, or the name of a counter (``"bad_checksum"``, ``"bad_tail"``).
         counters: the device's; also counts ``requests`` (sound packets), ``skipped_bytes`` and ``broken_frames``.
-        by: the field of the table by which the device tells requests apart (:mod:`firmware_protocols.requests`).
+        by: the field of the table by which the device tells requests apart, or several
+            (:mod:`firmware_protocols.requests`).
         max_data: the largest length of the table's field of open length; longer ones count as ``bad_length``.
         gap_ns: a longer silence discards an incomplete packet. 0: never.
         broken: return packets that ``size`` or ``check`` refused, too, as :class:`Broken`. One that ``size`` refused

@@ -209,6 +209,24 @@ def place(layout: Layout, origin: Sequence[float], *, x_axis=(1.0, 0.0, 0.0), no
     )
 
 
+FINGERTIPS_M = {
+    "thumb": (0.06, 0.03, 0.0), "index": (0.033, 0.09, 0.0), "middle": (0.011, 0.1, 0.0),
+    "ring": (-0.011, 0.095, 0.0), "little": (-0.033, 0.08, 0.0), "pinky": (-0.033, 0.08, 0.0),
+}  # fmt: skip
+"""The centre of each fingertip of a right hand, in the palm's frame [m]; an assumption."""
+
+
+def on_fingers(pad: Layout, *fingers: str) -> Layout:
+    """Return a pad on each of these fingertips, on a link of its name; by default on five, thumb first.
+
+    Use it for a hand whose measures no source gives.
+    """
+    names = fingers or ("thumb", "index", "middle", "ring", "little")
+    (patch,) = pad.patches
+    tips = {name: replace(pad, patches=(replace(patch, name=name, link=name),)) for name in names}
+    return stack(*(place(tip, FINGERTIPS_M[name]) for name, tip in tips.items()))
+
+
 def stack(*layouts: Layout) -> Layout:
     """Return one layout of all the taxels, in this order also on the wire; patches keep pitch, area and link."""
     starts = [int(start) for start in np.cumsum([0, *map(len, layouts)])]

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from firmware_protocols.commands import Handled, handled_in
-from firmware_protocols.framing import Packets, Stage
+from firmware_protocols.framing import Broken, Packets, Stage
 from firmware_protocols.registers import Refused
 
 Device = Any
@@ -31,7 +31,12 @@ class Request:
         values: the numbers of its data, or the groups of its pattern; ``value`` is the first of them.
         t_ns: the time at which its last byte arrived.
         port: the port on which it arrived.
+        why: the reason of :class:`Refused` for a request that is refused.
+        wanted: the length of the data that its command has, for a request with data of another length.
     """
+
+    why = ""
+    wanted = 0
 
     def __init__(self, packet: Any, t_ns: int, port: str, fields: dict[str, Any]):
         vars(self).update(packet=packet, t_ns=t_ns, port=port, values=(), value=None)
@@ -72,6 +77,12 @@ class Handler:
         needed = struct.calcsize(form.rstrip("*"))
         return size >= needed if form.endswith("*") else size == needed
 
+    @property
+    def wanted(self) -> int:
+        """The valid length, the greatest if there are several."""
+        form = self.handled.data
+        return max(self.sizes, default=0) if form is None else struct.calcsize(form.rstrip("*"))
+
     def values(self, data: bytes) -> tuple[Any, ...]:
         """Return the numbers in data of a valid length."""
         return struct.unpack_from((self.handled.data or "").rstrip("*"), data)
@@ -96,6 +107,8 @@ def answers(device: Device, data: Any, t_ns: int, port: str) -> Iterator[Any]:
 def answer(device: Device, packet: Any, t_ns: int, port: str) -> Sequence[Any]:
     """Return what a device does with one request."""
     cutter = device.packets
+    if isinstance(packet, Broken):
+        return device.refused(Request(packet, t_ns, port, {}), packet.why)
     if isinstance(packet, Stage):
         return _called(device, "staged", Request(packet, t_ns, port, {}))
     if not cutter.by:
@@ -136,16 +149,17 @@ def _key_of(cutter: Any, frame: Any) -> tuple[Hashable, int | None]:
     if not cutter.by:
         return content, None
     fields = cutter.fields(content)
-    return (None, None) if fields is None else (fields[cutter.by], cutter.size_of(fields))
+    return (None, None) if fields is None else (cutter.key(fields), cutter.size_of(fields))
 
 
 def _handled(device: Device, request: Request) -> Sequence[Any]:
     cutter = device.packets
     fields = request.fields
-    found = handlers(device)[0].get(fields.get(cutter.by))
+    found = handlers(device)[0].get(cutter.key(fields))
     if found is None or not found.accepts(cutter.size_of(fields)):
         why = cutter.unknown if found is None else "bad_length"
         device.counters[why] += 1
+        request.wanted = found.wanted if found else 0
         return device.refused(request, why)
     request.take(found.values(fields.get(cutter.open_field) or b""))
     device.counters["requests"] += not cutter.counts_requests
@@ -172,7 +186,8 @@ def _matched(device: Device, request: Request) -> Sequence[Any]:
 def _called(device: Device, method: str, request: Request) -> Sequence[Any]:
     try:
         done = getattr(device, method)(request)
-    except Refused:
+    except Refused as refused:
         device.counters["refused"] += 1
+        request.why = refused.why
         return device.refused(request, "refused")
     return device.reply(request, done or b"") if done is None or isinstance(done, bytes) else done

@@ -20,8 +20,8 @@ from typing import Annotated, Literal
 import numpy as np
 
 from firmware_protocols import (
-    MORE, NO_PACKET, SOUND, Column, Command, Counts, Device, Frame, Motors, Option, Packets, Reading, Sense, Serial,
-    Transmissions, fact_table, grid_layout, pack_12_bits, place, points, quantize, stack,
+    MORE, NO_PACKET, Column, Counts, Device, Frame, Motors, Option, Packets, Reading, Request, Sense, Serial,
+    Transmissions, command, fact_table, grid_layout, on_fingers, pack_12_bits, points, quantize, stack,
 )  # fmt: skip
 from firmware_protocols.sums import crc8
 
@@ -29,7 +29,7 @@ MESSAGE = Frame("""
     message, either direction
     0     AA 01          head
     2     <u2            length = len(data)
-    4     u1             length_check    crc8 of the length
+    4     crc8 from 2    length_check    of the length
     5     <u2            kind
     7     bytes          data
     last  crc8 from 2    check           from 5 gives the same: up to there it is 0
@@ -42,19 +42,8 @@ GENERAL = Frame("""
     ..    u1 x 7            speeds
     ..    <i2 x 2 x 3       motion          acceleration and rotation: x, y, z
 """)
-ORDER = Frame("""
-    order, the data of message 3
-    0     <u2 x 7           positions
-    14    u1 x 7            speeds
-""")
 MICROPHONES_KIND = 1
 GENERAL_KIND = 2
-ORDER_KIND = 3
-FINGER_CENTRES_M = {
-    # name: centre in the palm's frame [m]
-    "little": (-0.033, 0.08, 0.0), "ring": (-0.011, 0.095, 0.0), "middle": (0.011, 0.1, 0.0),
-    "index": (0.033, 0.09, 0.0), "thumb": (0.06, 0.03, 0.0),
-}  # fmt: skip
 ACTUATORS = ("pinky", "ring", "middle", "index", "thumb_radial_extension", "thumb_flexion", "thumb_grasp")
 PALM_CHANNELS = range(20, 24)
 MICROPHONE_COUNTS = np.full(14, 2048)
@@ -102,9 +91,9 @@ class NiboticsPrvs01(Device):
         counts_per_pascal: Annotated[float, Option("scale of pressure on the wire", unit="1/Pa")] = 0.01,
     ):
         self.counts_per_pascal = counts_per_pascal
-        pads = [place(grid_layout(3, 1, 0.015, name=name, link=name), base) for name, base in FINGER_CENTRES_M.items()]
+        fingers = on_fingers(grid_layout(3, 1, 0.015), "little", "ring", "middle", "index", "thumb")
         palm = [grid_layout(2, 2, 0.025, name="palm", link="palm")] if channels == 24 else []
-        self.layout = stack(*pads, *palm)
+        self.layout = stack(fingers, *palm)
         self.channels = np.array([4 * k + j for k in range(5) for j in range(3)] + [*PALM_CHANNELS] * bool(palm))
         board = points({"board": (0.0, 0.0, -0.01)}, link="palm" if palm else "")
         self.senses = (
@@ -112,7 +101,7 @@ class NiboticsPrvs01(Device):
         )  # fmt: skip
         self.columns = (Column(name="pressure", unit="Pa", counts_per_unit=counts_per_pascal, low=0, high=1e9, push=1),)
         self.general = GENERAL.bind(channels=channels)
-        self.packets = Packets(b"\xaa\x01", _size, _check, counters=self.counters)
+        self.packets = Packets(MESSAGE, _size, by="kind", counters=self.counters)
         self.pressures, self.temperatures = np.zeros(channels, np.float32), np.zeros(channels, np.float32)
         self.motion = np.zeros((2, 3), np.int64)
         self.motors = Motors(
@@ -125,9 +114,8 @@ class NiboticsPrvs01(Device):
         sent = np.clip(reading["pressure"] * self.counts_per_pascal, 0.0, 1e9).astype(np.float32)
         self.pressures[self.channels] = self.layout.on_wire(sent)
         self.temperatures[self.channels] = self.layout.on_wire(reading["temperature"])
-        motion = np.stack(
-            [reading["acceleration"][0] * COUNTS_PER_MS2, np.rad2deg(reading["angular_velocity"][0]) * COUNTS_PER_DEG_S]
-        )
+        turn = np.rad2deg(reading["angular_velocity"]) * COUNTS_PER_DEG_S
+        motion = np.concatenate([reading["acceleration"] * COUNTS_PER_MS2, turn])
         self.motion = quantize(motion, 1.0, -0x8000, 0x7FFF)
         return sent
 
@@ -141,44 +129,28 @@ class NiboticsPrvs01(Device):
             speeds=np.where(self.motors.moving(t_ns), self.speeds, 0),
             motion=self.motion,
         )
-        return [
-            message(GENERAL_KIND, data),
-            message(MICROPHONES_KIND, pack_12_bits(MICROPHONE_COUNTS[:8]) + pack_12_bits(MICROPHONE_COUNTS[8:])),
-        ]
+        sound = pack_12_bits(MICROPHONE_COUNTS[:8]) + pack_12_bits(MICROPHONE_COUNTS[8:])
+        return [MESSAGE.pack(kind=GENERAL_KIND, data=data), MESSAGE.pack(kind=MICROPHONES_KIND, data=sound)]
 
-    def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
-        """Obey orders, which arrive in chunks of any size."""
-        for packet in self.packets.cut(data, t_ns):
-            order = ORDER.unpack(packet[7:-1]) if int.from_bytes(packet[5:7], "little") == ORDER_KIND else None
-            if order is None:
-                self.counters["unknown_command"] += 1
-                continue
-            self.speeds = np.minimum(order["speeds"], MAX_SPEED)
-            self.motors.limit_speed(self.speeds * COUNTS_PER_S_PER_SPEED, t_ns)
-            self.motors.go(order["positions"], t_ns)
+    @command(
+        "AA 01 15 00 16 03 00 00 00 00 00 00 00 D2 04 00 00 00 00 00 00 64 64 64 4D 64 64 64 15",
+        name="index to 1234 at 77",
+        data="<7H7B",
+        origin="frame of nibotics-hand 0.1.0",
+    )
+    def order(self, request: Request):
+        """Go to seven positions, at seven speeds."""
+        positions, self.speeds = np.array(request.values[:7]), np.minimum(request.values[7:], MAX_SPEED)
+        self.motors.limit_speed(self.speeds * COUNTS_PER_S_PER_SPEED, request.t_ns)
+        self.motors.go(positions, request.t_ns)
         return ()
 
     def joints(self, t_ns: int) -> Mapping[str, float]:
         """Return how far each motor is closed [rad], of a quarter turn, by name."""
         return dict(zip(ACTUATORS, (self.motors.positions(t_ns) / 4095 * np.pi / 2).tolist()))
 
-    @property
-    def commands(self) -> tuple[Command, ...]:
-        """An order, which gets no answer."""
-        order = "AA 01 15 00 16 03 00 00 00 00 00 00 00 D2 04 00 00 00 00 00 00 64 64 64 4D 64 64 64 15"
-        return (Command(name="index to 1234 at 77", request=order, origin="frame of nibotics-hand 0.1.0"),)
-
-
-def message(kind: int, data: bytes) -> bytes:
-    """Return a message of either direction, with its checks."""
-    return MESSAGE.pack(length_check=crc8(len(data).to_bytes(2, "little")), kind=kind, data=data)
-
 
 def _size(data: bytes) -> int | str:
     if len(data) < 5:
         return MORE
     return 8 + int.from_bytes(data[2:4], "little") if crc8(data[2:4]) == data[4] else NO_PACKET
-
-
-def _check(packet: bytes) -> str:
-    return "bad_checksum" if crc8(packet[5:]) else SOUND

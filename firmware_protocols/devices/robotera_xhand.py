@@ -33,7 +33,7 @@ import numpy as np
 
 from firmware_protocols import (
     Counts, Device, Frame, Motors, Option, Packets, Reading, RegisterMap, Registers, Request, Restart, Rs485, Sense,
-    Transmissions, command, command_table, fact_table, filled, place, points, quantize, stack, xyz,
+    Transmissions, command, command_table, fact_table, filled, on_fingers, points, quantize, xyz,
 )  # fmt: skip
 
 MESSAGE = Frame("""
@@ -81,8 +81,6 @@ BROADCAST = 0xFF
 FIRST_HAND = 0x80
 FIRST_TIP = 0x11
 DONE = b"\x10\0"
-SEARCH = "55 AA FE FF 15 04 00 14 00 BA 00 A2 4A"
-ASK_SIDE = "55 AA FE 80 15 04 00 14 00 01 00 9B E1"
 MOVE_EXAMPLE = f"55 AA FE 80 02 20 01 {'00' * 288} 05 FD"
 JOINTS = 12
 N_TIPS = 5
@@ -90,12 +88,7 @@ POINTS_PER_TIP = 120
 POSITION_MODE = 3
 JOINT_VERSION = b"\x07\0\0\x01"
 RESTART_NS = 500_000_000
-FINGERTIP_CENTRES_M = {
-    # name: centre of the pad in the palm's frame [m]
-    "thumb": (0.06, 0.03, 0.0), "index": (0.033, 0.09, 0.0), "middle": (0.011, 0.1, 0.0),
-    "ring": (-0.011, 0.095, 0.0), "little": (-0.033, 0.08, 0.0),
-}  # fmt: skip
-TIPS = stack(*(points({name: base}, link=name) for name, base in FINGERTIP_CENTRES_M.items()))
+TIPS = on_fingers(points({"tip": (0.0, 0.0, 0.0)}))
 
 
 _SDK = "yoimika/xhand_control_python@b61a82d xhand_control_sdk_py"
@@ -156,12 +149,7 @@ class RoboteraXhand(Device):
         self.version = struct.pack("<HBB", patch, minor, major)
         limits = {"low": [-128, -128, -128 if z == "signed" else 0], "high": [127, 127, 127 if z == "signed" else 255]}
         self.columns = xyz("x y z", assumed_per_unit=counts_per_newton, push=1, **limits)
-        self.layout = stack(
-            *(
-                place(filled(POINTS_PER_TIP, 0.016, 0.02, name=name, link=name), base)
-                for name, base in FINGERTIP_CENTRES_M.items()
-            )
-        )
+        self.layout = on_fingers(filled(POINTS_PER_TIP, 0.016, 0.02, name="tip"))
         self.present = self.zero = np.zeros((len(self.layout), 3))
         self.tip = TIP.bind(taxels=POINTS_PER_TIP)
         self.packets = Packets(MESSAGE, by="command", counters=self.counters, gap_ns=50_000_000)
@@ -170,10 +158,7 @@ class RoboteraXhand(Device):
         low, high = (np.deg2rad(self.registers.all(name)) for name in ("low", "high"))
         self.motors = Motors(np.zeros(JOINTS), low=low, high=high, time_constant_s=0.0, speed_limit=5.0)
         self.counts = np.zeros((len(self.layout), 3), np.int64)
-        self.tips, self.warmth = (
-            np.zeros((N_TIPS, 3), np.int64),
-            np.full(N_TIPS, 25),
-        )
+        self.tips, self.warmth = np.zeros((N_TIPS, 3), np.int64), np.full(N_TIPS, 25)
 
     def measure(self, reading: Reading, t_ns: int) -> Counts:
         """Return raw counts of each point, x and y -128..127, z 0..255, shape ``(600, 3)``."""

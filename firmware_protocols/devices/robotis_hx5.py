@@ -32,20 +32,15 @@ from typing import Annotated, Any, ClassVar, Literal
 import numpy as np
 
 from firmware_protocols import (
-    Column, Command, Counts, Device, Motors, Option, Reading, RegisterMap, Rollover, Rs485, Sent, Transmissions,
-    fact_table, grid_layout, place, quantize, stack,
+    Column, Counts, Device, Motors, Option, Reading, RegisterMap, Rollover, Rs485, Sent, Transmissions, command_table,
+    fact_table, grid_layout, on_fingers, quantize,
 )  # fmt: skip
 from firmware_protocols.devices.robotis_hx5_nodes import (
-    CONTROLLER_TABLE, MIDDLE_COUNTS, MOTORS_PER_FINGER, MOTOR_TABLE, RAD_PER_COUNT, SENSOR_TABLE, Controller, Motor,
-    Node, Sensor,
+    CONTROLLER_TABLE, FINGERS, MIDDLE_COUNTS, MOTORS_PER_FINGER, MOTOR_TABLE, RAD_PER_COUNT, SENSOR_TABLE, Controller,
+    Motor, Node, Sensor,
 )  # fmt: skip
 from firmware_protocols.protocols.dynamixel import DynamixelLine
 
-FINGERTIP_CENTRES_M = {
-    # name: centre of the pad in the hand's frame [m]
-    "thumb": (0.06, 0.03, 0.0), "index": (0.033, 0.09, 0.0), "middle": (0.011, 0.1, 0.0),
-    "ring": (-0.011, 0.095, 0.0), "little": (-0.033, 0.08, 0.0),
-}  # fmt: skip
 DHI = "ROBOTIS-GIT/dynamixel_hardware_interface@db2b903 "
 MODELS_AT = "param/dxl_model"
 HAND = "ROBOTIS-GIT/robotis_hand@d59e479 robotis_hand_description/ros2_control/hx5_d20_rev2/*.xacro"
@@ -71,6 +66,32 @@ class RobotisHx5(Device):
         "dynamixel-sdk 4.1.0 protocol2_packet_handler.py",
     )
     judge = "ROBOTIS-GIT/dynamixel_hardware_interface@db2b903, dynamixel-sdk 4.1.0"
+    documented = command_table(
+        """
+        ? ping                          6E 03 00 01 08 82                    6E 07 00 55 00 04 01 01 EA 32
+        ? ping the index's first motor  74 03 00 01 0E 4A                    74 07 00 55 00 A4 06 01 ..{2}
+        ask the fingers                 6E 06 00 03 46 00 01 53 0F           6E 04 00 55 00 09 1F
+        thumb  6E 06 00 03 46 00 01 53 0F; 6E 07 00 02 4E 04 09 00 19 42  6E 0D 00 55 00 ..{9} ..{2}
+        index  6E 06 00 03 46 00 01 53 0F; 6E 07 00 02 14 05 09 00 15 8A  6E 0D 00 55 00 ..{9} ..{2}
+        middle  6E 06 00 03 46 00 01 53 0F; 6E 07 00 02 DA 05 09 00 34 D2  6E 0D 00 55 00 ..{9} ..{2}
+        ring  6E 06 00 03 46 00 01 53 0F; 6E 07 00 02 A0 06 09 00 1F 1A  6E 0D 00 55 00 ..{9} ..{2}
+        little  6E 06 00 03 46 00 01 53 0F; 6E 07 00 02 66 07 09 00 2A E2  6E 0D 00 55 00 ..{9} ..{2}
+        ? sync read                     FE 08 00 82 4E 04 09 00 6E 48 BF     6E 0D 00 55 00 ..{9} ..{2}
+        ? fast sync read                FE 08 00 8A 4E 04 09 00 6E 41 FF     FE 0E 00 55 00 6E ..{9} ..{2}
+        ? bulk read                     FE 08 00 92 6E 4E 04 09 00 C4 8F     6E 0D 00 55 00 ..{9} ..{2}
+        ? fast bulk read                FE 08 00 9A 6E 4E 04 09 00 CD CF     FE 0E 00 55 00 6E ..{9} ..{2}
+        sync write                      FE 09 00 83 46 00 01 00 6E 01 1D AD
+        bulk write                      FE 09 00 93 6E 46 00 01 00 01 37 13
+        LED                             6E 06 00 03 41 00 01 3C 8F           6E 04 00 55 00 09 1F
+        write the model: access         6E 06 00 03 00 00 01 28 8A           6E 04 00 55 07 18 9F
+        ? read beyond: range            6E 07 00 02 DA 07 09 00 1F 52        6E 04 00 55 04 12 9F
+        sync 2: value                   6E 06 00 03 46 00 02 59 0F           6E 04 00 55 06 1D 1F
+        reboot                          6E 03 00 08 3E 82                    6E 04 00 55 00 09 1F
+        factory reset: instruction      6E 04 00 06 FF 0E 77                 6E 04 00 55 02 06 9F
+        """,
+        head="FF FF FD 00",
+        origin="hx5_d20_rr.model; packets by dynamixel-sdk 4.1.0",
+    )
     facts = fact_table(f"""
         stated touch: nine raw bytes of each fingertip @ {DHI}{MODELS_AT}/hx5_d20_r_synctable_1_device_5.model
         stated touch: cells row by row, from the left, from the top @ howon720/robotis_hand_hx5_d20@00b3a75
@@ -109,22 +130,18 @@ class RobotisHx5(Device):
     ):
         self.counts_per_newton, self.hand = counts_per_newton, id
         self.columns = (Column(name="pressure", low=0, high=255, push=1),)
-        self.layout = stack(
-            *(place(grid_layout(3, 3, 0.004, name=name, link=name), base) for name, base in FINGERTIP_CENTRES_M.items())
-        )
-        n = MOTORS_PER_FINGER * len(FINGERTIP_CENTRES_M)
+        self.layout = on_fingers(grid_layout(3, 3, 0.004))
+        n = MOTORS_PER_FINGER * len(FINGERS)
         self.motors = Motors([MIDDLE_COUNTS] * n, low=0, high=4095, time_constant_s=0.02, speed_limit=6 / RAD_PER_COUNT)
         self.counts = np.zeros(len(self.layout), np.int64)
         self.nodes: list[Node] = []
-        for k in range(len(FINGERTIP_CENTRES_M)):
-            first = id + 1 + k * (MOTORS_PER_FINGER + 1)
-            for number in range(MOTORS_PER_FINGER):
-                self.nodes.append(Motor(*self._kept(first + number), self.motors, MOTORS_PER_FINGER * k + number))
-            self.nodes.append(Sensor(*self._kept(first + MOTORS_PER_FINGER)))
         self.controller = Controller(*self._kept(id), self.nodes, self.counters)
-        for k in range(len(FINGERTIP_CENTRES_M)):
+        for k in range(len(FINGERS)):
             first = id + 1 + k * (MOTORS_PER_FINGER + 1)
-            self.controller.registers[f"ids_{k}"] = [*range(first, first + MOTORS_PER_FINGER + 1), 0]
+            *motors, sensor = range(first, first + MOTORS_PER_FINGER + 1)
+            self.nodes += [Motor(*self._kept(m), self.motors, MOTORS_PER_FINGER * k + m - first) for m in motors]
+            self.nodes.append(Sensor(*self._kept(sensor)))
+            self.controller.registers[f"ids_{k}"] = [*motors, sensor, 0]
         self.line = DynamixelLine(counters=self.counters)
 
     def _kept(self, ident: int) -> tuple[int, Mapping[str, Any]]:
@@ -144,9 +161,8 @@ class RobotisHx5(Device):
     def measure(self, reading: Reading, t_ns: int) -> Counts:
         """Return raw pressures 0..255, shape ``(45,)``, thumb to little finger, row by row."""
         self.counts = quantize(self.layout.push(reading["force"]), self.counts_per_newton, 0, 255)
-        for sensor, cells in zip(
-            self.nodes[MOTORS_PER_FINGER :: MOTORS_PER_FINGER + 1], self.layout.on_wire(self.counts).reshape(-1, 9)
-        ):
+        tips = self.nodes[MOTORS_PER_FINGER :: MOTORS_PER_FINGER + 1]
+        for sensor, cells in zip(tips, self.layout.on_wire(self.counts).reshape(-1, 9)):
             sensor.registers["pressures"] = cells
         return self.counts
 
@@ -162,58 +178,5 @@ class RobotisHx5(Device):
     def joints(self, t_ns: int) -> Mapping[str, float]:
         """Return the angle of each motor from its middle [rad], by name."""
         angles = (self.motors.positions(t_ns) - MIDDLE_COUNTS) * RAD_PER_COUNT
-        return dict(
-            zip(
-                (f"{name} {k}" for name in FINGERTIP_CENTRES_M for k in range(1, MOTORS_PER_FINGER + 1)),
-                angles.tolist(),
-            )
-        )
-
-    @property
-    def commands(self) -> tuple[Command, ...]:
-        """Requests to a hand with default options."""
-        if self.options:
-            return ()
-        return tuple(
-            Command(
-                name=name,
-                request=f"FF FF FD 00 {request}",
-                reply=reply,
-                after=after,
-                origin=_ORIGIN,
-                safe=not after and request[9:11] in _READS,
-            )
-            for name, request, reply, after in _EXAMPLES
-        )
-
-
-_ORIGIN = "hx5_d20_rr.model; packets by dynamixel-sdk 4.1.0"
-_HEAD = "FF FF FD 00"
-_SYNC = "FF FF FD 00 6E 06 00 03 46 00 01 53 0F"
-_DONE = f"{_HEAD} 6E 04 00 55 00 09 1F"
-_NINE = f"{_HEAD} 6E 0D 00 55 00 ..{{9}} ..{{2}}"
-_NINE_FAST = f"{_HEAD} FE 0E 00 55 00 6E ..{{9}} ..{{2}}"
-_READS = ("01", "02", "82", "8A", "92", "9A")
-_EXAMPLES = (
-    # name, request, reply, what goes before
-    ("ping", "6E 03 00 01 08 82", f"{_HEAD} 6E 07 00 55 00 04 01 01 EA 32", ()),
-    ("ping the index's first motor", "74 03 00 01 0E 4A", f"{_HEAD} 74 07 00 55 00 A4 06 01 ..{{2}}", ()),
-    ("ask the fingers", "6E 06 00 03 46 00 01 53 0F", _DONE, ()),
-    ("thumb", "6E 07 00 02 4E 04 09 00 19 42", _NINE, (_SYNC,)),
-    ("index", "6E 07 00 02 14 05 09 00 15 8A", _NINE, (_SYNC,)),
-    ("middle", "6E 07 00 02 DA 05 09 00 34 D2", _NINE, (_SYNC,)),
-    ("ring", "6E 07 00 02 A0 06 09 00 1F 1A", _NINE, (_SYNC,)),
-    ("little", "6E 07 00 02 66 07 09 00 2A E2", _NINE, (_SYNC,)),
-    ("sync read", "FE 08 00 82 4E 04 09 00 6E 48 BF", _NINE, ()),
-    ("fast sync read", "FE 08 00 8A 4E 04 09 00 6E 41 FF", _NINE_FAST, ()),
-    ("bulk read", "FE 08 00 92 6E 4E 04 09 00 C4 8F", _NINE, ()),
-    ("fast bulk read", "FE 08 00 9A 6E 4E 04 09 00 CD CF", _NINE_FAST, ()),
-    ("sync write", "FE 09 00 83 46 00 01 00 6E 01 1D AD", None, ()),
-    ("bulk write", "FE 09 00 93 6E 46 00 01 00 01 37 13", None, ()),
-    ("LED", "6E 06 00 03 41 00 01 3C 8F", _DONE, ()),
-    ("write the model: access", "6E 06 00 03 00 00 01 28 8A", f"{_HEAD} 6E 04 00 55 07 18 9F", ()),
-    ("read beyond: range", "6E 07 00 02 DA 07 09 00 1F 52", f"{_HEAD} 6E 04 00 55 04 12 9F", ()),
-    ("sync 2: value", "6E 06 00 03 46 00 02 59 0F", f"{_HEAD} 6E 04 00 55 06 1D 1F", ()),
-    ("reboot", "6E 03 00 08 3E 82", _DONE, ()),
-    ("factory reset: instruction", "6E 04 00 06 FF 0E 77", f"{_HEAD} 6E 04 00 55 02 06 9F", ()),
-)
+        names = (f"{finger} {k}" for finger in FINGERS for k in range(1, MOTORS_PER_FINGER + 1))
+        return dict(zip(names, angles.tolist()))

@@ -7,12 +7,14 @@ answer repeats the request's id; frames have id 00.
     01  -                    ``CONTROLLER``, one byte shorter than the host's struct
     02  -                    ``SENSOR``
     0B  matrix               ``MATRIX``
-    0F  ``ADJUST``           ``DONE``; the counts of a texel follow the sensitivity
+    0F  flags, matrix, <f4   error; the counts of a texel follow this sensitivity, 0 to 1
     12  matrix               ``SENSITIVITY``
-    13  ``LIMIT``            ``DONE``; a texel below the threshold reads 0
-    14  matrix               ``THRESHOLD``
-    03  flags, rate 2 bytes  ``DONE``. Flag 80 acquires: one frame with rate 0, else frames come unasked, about 30 per
+    13  flags, matrix, <u2   error; a texel below this threshold, 0 to 4095, reads 0
+    14  matrix               error, threshold <u2
+    03  flags, rate 2 bytes  error. Flag 80 acquires: one frame with rate 0, else frames come unasked, about 30 per
                              second whatever the rate. Flag 01: run-length coded. All 0 stops
+
+An error is <u2, 0 if there is none.
 
 0F and 13 hold until power-off; with flag 80 they are kept, become the factory's values, and get no answer (an error of
 the firmware). Flag 02 means all matrices, flag 01 the factory's value. Faulty requests are answered with an error: 12
@@ -28,17 +30,35 @@ skips up to five frames before an answer, and gives up on anything else.
 Try it: ``tactemu run weiss_dsacon32m``, then send AA AA AA 02 00 00.
 """
 
-from typing import Annotated
+import struct
+from typing import Annotated, Any
 
 import numpy as np
 
 from firmware_protocols import (
-    MORE, SOUND, Column, Counts, Device, Frame, Option, Packets, Reading, Rollover, Serial, Transmissions,
-    command_table, fact_table, grid_layout, quantize, stack,
+    Column, Counts, CountsPerNewton, Device, Frame, Option, Packets, Reading, Refused, Request, Rollover, Serial,
+    Transmissions, command, command_table, fact_table, grid_layout, quantize, stack,
 )  # fmt: skip
 from firmware_protocols.sums import crc16_weiss
 
-MESSAGE = Frame("""
+
+class Message(Frame):
+    """A message, which has no CRC if it has no payload."""
+
+    def length_of(self, data: bytes, most: int | None = None) -> int | str:
+        """Return the length of the message that begins these bytes."""
+        return 6 if data[4:6] == b"\0\0" else super().length_of(data, most)
+
+    def unpack(self, data: bytes) -> dict[str, Any] | None:
+        """Return the values by field."""
+        return super().unpack(data + crc16_weiss(data[3:]).to_bytes(2, "little") if len(data) == 6 else data)
+
+    def flaw(self, data: bytes) -> str:
+        """Return the counter of the flaw of a message."""
+        return "" if len(data) == 6 else super().flaw(data)
+
+
+MESSAGE = Message("""
     message, either direction
     0     AA AA AA              preamble
     3     u1                    id
@@ -51,22 +71,6 @@ FRAME = Frame("""
     0     <u4 wrap              time              [ms]
     4     u1                    flags             01: run-length coded
     5     bytes                 texels            of two bytes, 0 to 4095
-""")
-DONE = Frame("""
-    error
-    0     <u2                   error             0: none
-""")
-ADJUST = Frame("""
-    sensitivity to be set
-    0     u1                    flags
-    1     u1                    matrix
-    2     <f4                   sensitivity       0 to 1
-""")
-LIMIT = Frame("""
-    threshold to be set
-    0     u1                    flags
-    1     u1                    matrix
-    2     <u2                   threshold         0 to 4095
 """)
 CONTROLLER = Frame("""
     answer to 01
@@ -110,25 +114,8 @@ SENSITIVITY = Frame("""
     3     <f4                   current
     7     <f4                   factory
 """)
-THRESHOLD = Frame("""
-    answer to 14
-    0     00 00                 error
-    2     <u2                   threshold
-""")
 PUSHED = 0x00
-CONTROLLER_INFO = 0x01
-SENSOR_INFO = 0x02
-CONFIGURE = 0x03
-MATRIX_INFO = 0x0B
-SET_SENSITIVITY = 0x0F
-GET_SENSITIVITY = 0x12
-SET_THRESHOLD = 0x13
-GET_THRESHOLD = 0x14
-PAYLOAD_BYTES = {
-    CONTROLLER_INFO: 0, SENSOR_INFO: 0, CONFIGURE: 3, MATRIX_INFO: 1,
-    SET_SENSITIVITY: 6, GET_SENSITIVITY: 1, SET_THRESHOLD: 4, GET_THRESHOLD: 1,
-}  # fmt: skip
-SETTINGS = {SET_SENSITIVITY: (ADJUST, "sensitivity", 1.0), SET_THRESHOLD: (LIMIT, "threshold", 4095)}
+DONE = b"\0\0"
 PERSISTENT_FLAG = 0x80
 ALL_FLAG = 0x02
 RESET_FLAG = 0x01
@@ -137,10 +124,8 @@ UNKNOWN_ID = 13
 TOO_LONG = 14
 NO_MATRIX = 24
 OUT_OF_RANGE = 27
-LAST_RELEASE_WITHOUT_SINGLES = 288
-"""The last release that cannot send one frame, but streams."""
-EARLY_RELEASE_WITH_SINGLES = 269
-"""The earlier release that can send one frame."""
+RELEASES_WITHOUT_SINGLES = {*range(289)} - {269}
+"""The releases that cannot send one frame, but stream."""
 FACTORY_SENSITIVITY = 0.5
 ACQUIRE_FLAG = 0x80
 RUN_LENGTH_FLAG = 0x01
@@ -151,7 +136,6 @@ BOTH = "dsa.cpp, dsa.h, demo-dsa.cpp, CHANGELOG.txt (all whole)"
 RECORDINGS = "peter-kiechle/tactile-sensors@7bbb341 pressure_profiles"
 
 PITCH_M = 0.0034
-COLUMNS_PER_MATRIX = 6
 FINGER_PARTS = {"proximal": (14, 0.03), "distal": (13, 0.09)}
 """The rows of each part, and its place along the finger [m]."""
 FINGER_SPACING_M = 0.04
@@ -229,32 +213,22 @@ class WeissDsacon32m(Device):
         *,
         serial: Annotated[int, Option("serial number of the controller and its sensor", low=0, high=0xFFFFFFFF)] = 1001,
         mute_s: Annotated[float, Option("silence after power-up; hardware: about 8", unit="s", low=0)] = 0.0,
-        counts_per_newton: Annotated[
-            float, Option("scale of a texel at the factory's sensitivity, 0.5", unit="1/N", low=1e-6)
-        ] = 1000.0,
+        counts_per_newton: CountsPerNewton = 1000.0,
         software: Annotated[int, Option("release of the firmware", low=1, high=0xFFFF)] = 290,
     ):
-        grids = [
-            grid_layout(
-                rows,
-                COLUMNS_PER_MATRIX,
-                PITCH_M,
-                name=name,
-                link=name,
-                origin=(FINGER_SPACING_M * (finger - 1), y, 0.0),
-            )
+        places = {
+            f"finger {finger} {part}": (rows, (FINGER_SPACING_M * (finger - 1), y, 0.0))
             for finger in range(3)
             for part, (rows, y) in FINGER_PARTS.items()
-            for name in [f"finger {finger} {part}"]
-        ]
+        }
+        grids = [grid_layout(rows, 6, PITCH_M, name=n, link=n, origin=at) for n, (rows, at) in places.items()]
         self.layout = stack(*grids)
         self.serial, self.boot_s, self.counts_per_newton, self.software = serial, mute_s, counts_per_newton, software
         self.matrix_of = np.repeat(np.arange(len(grids)), [len(grid) for grid in grids])
-        self.factory = {
-            "sensitivity": [FACTORY_SENSITIVITY] * len(grids), "threshold": [0] * len(grids), **self.flash
-        }  # fmt: skip
+        delivered = {"sensitivity": [FACTORY_SENSITIVITY] * len(grids), "threshold": [0] * len(grids)}
+        self.factory = delivered | self.flash
         self.current = {name: list(values) for name, values in self.factory.items()}
-        self.packets = Packets(MESSAGE.head, _size, _check, counters=self.counters, longest=64)
+        self.packets = Packets(MESSAGE, by="id", counters=self.counters, longest=64)
         self.pushing = self.once = False
         self.flags = self.clock_ms = 0
 
@@ -274,92 +248,87 @@ class WeissDsacon32m(Device):
         units = self.layout.on_wire(self.counts)
         if self.flags & RUN_LENGTH_FLAG:
             units = _run_length(units)
-        frame = FRAME.pack(
-            time=t_ns // 1_000_000 + self.clock_ms,
-            flags=self.flags & RUN_LENGTH_FLAG,
-            texels=units.astype("<u2").tobytes(),
-        )
+        time, texels = t_ns // 1_000_000 + self.clock_ms, units.astype("<u2").tobytes()
+        frame = FRAME.pack(time=time, flags=self.flags & RUN_LENGTH_FLAG, texels=texels)
         return [MESSAGE.pack(id=PUSHED, payload=frame)]
 
     def boot(self, t_ns: int) -> Transmissions:
         """Return the greeting after power-up, three times."""
         return [GREETING] * 3
 
-    def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
-        """Answer messages, which arrive in chunks of any size."""
-        return [out for packet in self.packets.cut(data, t_ns) for out in self._obey(packet[3], packet[6:-2])]
+    @command(on=0x01, data="")
+    def controller(self, request: Request):
+        """Return what the box is."""
+        return CONTROLLER.pack(serial=self.serial, software=self.software)
 
-    def _obey(self, request: int, payload: bytes) -> Transmissions:
-        wanted = PAYLOAD_BYTES.get(request, -1)
-        if len(payload) != wanted:
-            self.counters["unknown_command" if wanted < 0 else "bad_length"] += 1
-            return _error(request, UNKNOWN_ID if wanted < 0 else TOO_SHORT if len(payload) < wanted else TOO_LONG)
-        if request in SETTINGS:
-            return self._set(request, payload)
-        if request == CONFIGURE:
-            self._configure(*payload)
-            return _error(CONFIGURE, 0)
-        if payload and payload[0] >= len(self.layout.patches):
-            self.counters["refused"] += 1
-            return _error(request, NO_MATRIX)
-        return [MESSAGE.pack(id=request, payload=self._information(request, *payload))]
+    @command(on=0x02, data="")
+    def sensor(self, request: Request):
+        """Return what is connected."""
+        return SENSOR.pack(matrices=len(self.layout.patches), serial=self.serial)
 
-    def _configure(self, flags: int, rate_low: int, rate_high: int) -> None:
-        acquire, rate = bool(flags & ACQUIRE_FLAG), rate_low | rate_high << 8
-        streams = rate > 0 or (
-            self.software <= LAST_RELEASE_WITHOUT_SINGLES and self.software != EARLY_RELEASE_WITH_SINGLES
-        )
-        self.flags, self.pushing, self.once = flags, acquire and streams, acquire and not streams
+    @command(on=0x03, data="<BH")
+    def configure(self, request: Request):
+        """Send one frame, or frames unasked, or none."""
+        self.flags, rate = request.values
+        acquire, streams = bool(self.flags & ACQUIRE_FLAG), rate > 0 or self.software in RELEASES_WITHOUT_SINGLES
+        self.pushing, self.once = acquire and streams, acquire and not streams
+        return DONE
 
-    def _set(self, request: int, payload: bytes) -> Transmissions:
-        table, name, high = SETTINGS[request]
-        given = table.unpack(payload)
-        assert given is not None, "its length has been checked"
-        every, value = len(self.layout.patches), given[name]
-        wrong = 0 if given["flags"] & RESET_FLAG or 0 <= value <= high else OUT_OF_RANGE
-        wrong = wrong or (0 if given["flags"] & ALL_FLAG or given["matrix"] < every else NO_MATRIX)
-        if wrong:
-            self.counters["refused"] += 1
-            return _error(request, wrong)
-        for matrix in range(every) if given["flags"] & ALL_FLAG else (given["matrix"],):
-            self.current[name][matrix] = self.factory[name][matrix] if given["flags"] & RESET_FLAG else value
-        if given["flags"] & PERSISTENT_FLAG:
+    @command(on=0x0B, data="B")
+    def matrix(self, request: Request):
+        """Return size and cells of a matrix."""
+        patch = self.layout.patches[self._matrix(request)]
+        return MATRIX.pack(texel=[1000 * patch.pitch] * 2, cells=[patch.cols, patch.rows])
+
+    @command(on=0x0F, data="<BBf")
+    def set_sensitivity(self, request: Request):
+        """Set the sensitivity of a matrix, or of all."""
+        return self._set("sensitivity", request, 1.0)
+
+    @command(on=0x12, data="B")
+    def get_sensitivity(self, request: Request):
+        """Return the sensitivity of a matrix."""
+        current, factory = (kept["sensitivity"][self._matrix(request)] for kept in (self.current, self.factory))
+        return SENSITIVITY.pack(current=current, factory=factory)
+
+    @command(on=0x13, data="<BBH")
+    def set_threshold(self, request: Request):
+        """Set the threshold of a matrix, or of all."""
+        return self._set("threshold", request, 4095)
+
+    @command(on=0x14, data="B")
+    def get_threshold(self, request: Request):
+        """Return the threshold of a matrix."""
+        return DONE + struct.pack("<H", self.current["threshold"][self._matrix(request)])
+
+    def _matrix(self, request: Request) -> int:
+        if request.value >= len(self.layout.patches):
+            raise Refused("address")
+        return request.value
+
+    def _set(self, name: str, request: Request, high: float):
+        flags, matrix, value = request.values
+        every = range(len(self.layout.patches))
+        if not (flags & RESET_FLAG or 0 <= value <= high):
+            raise Refused("value")
+        if not (flags & ALL_FLAG or matrix in every):
+            raise Refused("address")
+        for k in every if flags & ALL_FLAG else (matrix,):
+            self.current[name][k] = self.factory[name][k] if flags & RESET_FLAG else value
+        if flags & PERSISTENT_FLAG:
             self.factory[name] = self.flash[name] = list(self.current[name])
             return ()
-        return _error(request, 0)
+        return DONE
 
-    def _information(self, request: int, matrix: int = 0) -> bytes:
-        """Return information on the box, or on a matrix."""
-        patches = self.layout.patches
-        if request == CONTROLLER_INFO:
-            return CONTROLLER.pack(serial=self.serial, software=self.software)
-        if request == SENSOR_INFO:
-            return SENSOR.pack(matrices=len(patches), serial=self.serial)
-        if request == MATRIX_INFO:
-            patch = patches[matrix]
-            return MATRIX.pack(texel=[1000 * patch.pitch] * 2, cells=[patch.cols, patch.rows])
-        if request == GET_SENSITIVITY:
-            return SENSITIVITY.pack(
-                current=self.current["sensitivity"][matrix], factory=self.factory["sensitivity"][matrix]
-            )
-        return THRESHOLD.pack(threshold=self.current["threshold"][matrix])
+    def reply(self, request: Request, content: bytes) -> Transmissions:
+        """Return the answer, with the id of the request."""
+        return [MESSAGE.pack(id=request.id, payload=content)]
 
-
-def _error(request: int, error: int) -> list[bytes]:
-    return [MESSAGE.pack(id=request, payload=DONE.pack(error=error))]
-
-
-def _size(data: bytes) -> int:
-    if len(data) < 6:
-        return MORE
-    payload = int.from_bytes(data[4:6], "little")
-    return 6 + payload + 2 * (payload > 0)
-
-
-def _check(packet: bytes) -> str:
-    if len(packet) == 6:
-        return SOUND
-    return SOUND if crc16_weiss(packet[3:-2]) == int.from_bytes(packet[-2:], "little") else "bad_checksum"
+    def refused(self, request: Request, why: str) -> Transmissions:
+        """Return the answer with an error."""
+        is_short = len(request.payload) < request.wanted
+        error = {"unknown_command": UNKNOWN_ID, "bad_length": TOO_SHORT if is_short else TOO_LONG}.get(why)
+        return self.reply(request, struct.pack("<H", error or {"value": OUT_OF_RANGE}.get(request.why, NO_MATRIX)))
 
 
 def _run_length(values: np.ndarray) -> np.ndarray:

@@ -68,7 +68,6 @@ SYSTEM = Frame("""
 """)
 MAX_PAYLOAD_BYTES = 64
 PUSHED, SINGLE = 0x00, 0x20
-WITHOUT_PAYLOAD = (0x22, 0x30, 0x35, 0x37, 0x38, 0x46, 0x50, 0x52)
 DONE = b"\0\0"
 
 SCAN_PERIOD_NS = 10_000_000
@@ -265,5 +264,5 @@ class WeissWts(Device):
 
     def refused(self, request: Request, why: str) -> Transmissions:
         """Return the answer with an error."""
-        error = 14 if why == "unknown_command" else 12 if request.id in WITHOUT_PAYLOAD else 13
+        error = 14 if why == "unknown_command" else 13 if request.wanted else 12
         return [MESSAGE.pack(id=request.id, payload=error.to_bytes(2, "little"))]

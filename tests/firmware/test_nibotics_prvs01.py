@@ -8,12 +8,12 @@ import pytest
 import firmware_protocols as fp
 from firmware_protocols.adc import pack_12_bits
 from firmware_protocols.check.readings import reading_of
-from firmware_protocols.devices.nibotics_prvs01 import message
+from firmware_protocols.devices.nibotics_prvs01 import MESSAGE
 from tests.firmware.feeding import sample, send
 
 
 def order(positions, speeds) -> bytes:
-    return message(3, struct.pack("<7H7B", *positions, *speeds))
+    return MESSAGE.pack(kind=3, data=struct.pack("<7H7B", *positions, *speeds))
 
 
 def test_channels_that_are_not_in_use_are_zero():
@@ -60,5 +60,5 @@ def test_speeds_go_to_250_and_pressures_are_hectopascals():
 
 def test_messages_of_other_kinds_are_counted():
     hand = fp.create("nibotics_prvs01")
-    send(hand, message(9, b"") + message(3, bytes(20)))
-    assert hand.counters["unknown_command"] == 2 and len(sample(hand)) == 2
+    send(hand, MESSAGE.pack(kind=9, data=b"") + MESSAGE.pack(kind=3, data=bytes(20)))
+    assert hand.counters["unknown_command"] == hand.counters["bad_length"] == 1 and len(sample(hand)) == 2

@@ -195,3 +195,26 @@ def test_packets_need_a_table_or_a_size():
     with pytest.raises(TypeError, match="give the table of a packet"):
         Packets(b"\xaa", counters=Device.__new__(Console).counters)
     assert issubclass(Stage, bytes)
+
+
+class Stick(Device):
+    """A device that answers broken requests, and says why it refuses others."""
+
+    name = "stick"
+    ports = (Serial(baud=9600),)
+
+    def __init__(self):
+        self.layout = grid_layout(1, 1, 0.004)
+        self.packets = Packets(MESSAGE, by="command", counters=self.counters, broken=True)
+
+    @command(on=1, data="<H")
+    def jump(self, request):
+        raise fp.Refused("value")
+
+    def refused(self, request, why):
+        return [f"{why} {request.why} {request.wanted}".encode()]
+
+
+def test_a_refused_request_has_its_reason():
+    said = received(Stick(), "C1 01 02 00 00 C2", "C1 01 00 C0", "C1 09 00 C8", "C1 01 00 FF")
+    assert said == [b"refused value 0", b"bad_length  2", b"unknown_command  0", b"bad_checksum  0"]
