@@ -1,7 +1,8 @@
 """``can:INTERFACE:CHANNEL``: any interface of python-can, CAN and CAN-FD.
 
 ``can:udp_multicast:239.74.163.2`` needs no CAN in the kernel, ``can:virtual:NAME`` stays inside this process;
-``can:socketcan:vcan0`` is Linux CAN, which needs no python-can: :mod:`tactemu.transports.socketcan`.
+``can:socketcan:vcan0`` is Linux CAN, which needs no python-can: :mod:`tactemu.transports.socketcan`. An adapter with a
+real bus, ``can:pcan:PCAN_USBBUS1``, is set to the bit rates of the device, and its bus takes a frame's time itself.
 
 Multicast stays on this machine, since every receiver may also command the device. To reach other machines, set
 python-can's ``CAN_CONFIG='{"hop_limit": 1}'``, for the driver's process too.
@@ -20,17 +21,20 @@ from typing import Any
 
 import can
 
-from firmware_protocols import CanFrame, WireFrame
+from firmware_protocols import Can, CanFrame, Connector, WireFrame
 from tactemu.base.errors import TransportError, TransportUnavailable
 from tactemu.transports.can_messages import frame_of, message_of
 from tactemu.transports.forks import close_in_children
 from tactemu.transports.receive_queue import ReceiveQueue
-from tactemu.transports.transport import CanFilter, Event, Received, Transport
+from tactemu.transports.transport import CanFilter, Counted, Event, Received, Transport
 
 _logger = logging.getLogger(__name__)
 
 MAX_ECHOES = 16_384
 """Maximum number of own frames that are expected back on an interface that returns them; its queue holds as many."""
+
+WITHOUT_BUS = ("udp_multicast", "virtual", "socketcand", "tactemu")
+"""The interfaces of python-can behind which there is no bus that takes a frame's time, or none that one knows of."""
 
 
 class CanTransport(Transport):
@@ -43,6 +47,8 @@ class CanTransport(Transport):
         if not self.interface or not self.channel:
             raise TransportError(f"port 'can:{location}': expected can:INTERFACE:CHANNEL, as in can:socketcan:vcan0")
         self.address = location
+        self.is_paced = self.interface not in WITHOUT_BUS
+        self._device = Can()
         self._bus: can.BusABC | None = None
         self._fileno = -1
         self._queue: ReceiveQueue | None = None
@@ -58,6 +64,11 @@ class CanTransport(Transport):
         """
         self._filters = tuple(filters)
 
+    def set_connector(self, connector: Connector) -> None:
+        """Take over the bit rates, to which an adapter is set."""
+        if isinstance(connector, Can):
+            self._device = connector
+
     def open(self) -> None:
         """Join the bus.
 
@@ -68,7 +79,7 @@ class CanTransport(Transport):
             return
         try:
             self._bus = can.Bus(interface=self.interface, channel=self.channel, **self._options())
-        except (can.CanError, OSError, ImportError, ValueError, NotImplementedError) as error:
+        except (can.CanError, OSError, ImportError, ValueError, TypeError, NotImplementedError) as error:
             raise TransportUnavailable(f"cannot open can:{self.address}: {error}; {self._fix()}") from error
         close_in_children(self)
         try:
@@ -93,10 +104,11 @@ class CanTransport(Transport):
         return [self._fileno] if self._fileno >= 0 and reading else []
 
     def poll(self, reading: bool = True) -> list[Event]:
-        """Return frames of the other nodes."""
+        """Return frames of the other nodes, and the number of errors of a real bus."""
         if self._bus is None or self._queue is None:
             return []
         events: list[Event] = []
+        errors = 0
         end = self._queue.poll_deadline_s()
         while reading:
             try:
@@ -105,10 +117,13 @@ class CanTransport(Transport):
                 break
             if message is None:
                 break
+            errors += message.is_error_frame
             if self._passes_filters(message) and not self._is_echo(frame := frame_of(message)):
                 events.append(Received(frame))
             if time.monotonic() > end:
                 break
+        if errors and self.is_paced:
+            events.append(Counted("bus_error", errors))
         return events + self._queue.overflows() if events else events
 
     def _passes_filters(self, message: can.Message) -> bool:
@@ -160,6 +175,10 @@ class CanTransport(Transport):
     def _options(self) -> dict[str, Any]:
         """Return the options for python-can beside interface and channel."""
         options: dict[str, Any] = {"fd": True} if self.interface == "udp_multicast" else {}
+        if self.is_paced:
+            options["bitrate"] = self._device.bitrate
+            if self._device.data_bitrate:
+                options |= {"fd": True, "data_bitrate": self._device.data_bitrate}
         if self.interface == "udp_multicast":
             options["hop_limit"] = int(can.util.load_config(config={"interface": self.interface}).get("hop_limit", 0))
             if options["hop_limit"] > 0:

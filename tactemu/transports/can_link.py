@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from firmware_protocols import Can
+from tactemu.transports import can_errors
 
 _RTM_GETLINK, _RTM_NEWLINK, _NLM_F_REQUEST = 18, 16, 1
 _IFLA_IFNAME, _IFLA_TXQLEN, _IFLA_LINKINFO = 3, 13, 18
@@ -129,10 +130,7 @@ def advice(link: CanLink, name: str) -> list[str]:
     """Return what should be changed of an interface that works."""
     words = []
     if link.state == "ERROR-PASSIVE":
-        words.append(
-            f"{name} is error-passive: nobody acknowledges. Is the other end on, at the same bit rate, and is there a "
-            "120 Ohm terminator at both ends of the bus?"
-        )
+        words.append(f"{name} {can_errors.ADVICE['error_passive']}")
     if link.queue_length < SHORT_QUEUE:
         words.append(
             f"the transmit queue of {name} holds {link.queue_length} frames, fewer than a burst of a hand: "

@@ -15,6 +15,7 @@ from firmware_protocols.can_frames import CAN_FRAME, CanFrames
 from tactemu.base.errors import TransportError, TransportUnavailable
 from tactemu.base.frame_text import PROTOCOL_ERROR
 from tactemu.transports import can_link
+from tactemu.transports.can_errors import ALL_ERRORS, BusErrors
 from tactemu.transports.forks import close_in_children
 from tactemu.transports.receive_queue import ReceiveQueue
 from tactemu.transports.transport import CanFilter, Closed, Event, Opened, Received, Transport
@@ -28,6 +29,8 @@ _CAN_FRAME, _CANFD_FRAME = struct.Struct("=IB3x8s"), struct.Struct("=IBB2x64s")
 _FILTER = struct.Struct("=II")
 _SIOCGIFFLAGS, _SIOCGIFMTU, _IFF_UP = 0x8913, 0x8921, 1
 """Constants of ``linux/sockios.h`` and ``net/if.h``."""
+_CAN_RAW_ERR_FILTER = 2
+"""A constant of ``linux/can/raw.h`` for which Python has no name."""
 _EXTENDED, _REMOTE, _ERROR = 1 << 31, 1 << 30, 1 << 29
 _SWITCHED, _FD_FLAG = 1, 4
 """Flags of a CAN-FD frame: bit rate switch, and FD format."""
@@ -47,6 +50,7 @@ class SocketCanTransport(Transport):
         self._out: socket.socket | None = None
         """The socket that frames are written to; the same as ``_in`` where the kernel has CAN."""
         self._queue: ReceiveQueue | None = None
+        self._errors = BusErrors(self.channel)
         self._filters: tuple[CanFilter, ...] = ()
         self._device: Can | None = None
         """The device's connector, with its bit rates."""
@@ -93,6 +97,8 @@ class SocketCanTransport(Transport):
             OSError: there is no such interface.
         """
         made = can_socket(self.channel, self._filters)
+        if self.is_paced:
+            made.setsockopt(socket.SOL_CAN_RAW, _CAN_RAW_ERR_FILTER, ALL_ERRORS)
         if self._data_bitrate and (mtu := mtu_of(self.channel)) < _FD_SIZE:
             made.close()
             raise TransportUnavailable(
@@ -137,7 +143,7 @@ class SocketCanTransport(Transport):
         return [self._in.fileno()] if self._in is not None and reading else []
 
     def poll(self, reading: bool = True) -> list[Event]:
-        """Return frames of the other nodes, and whether the network interface went away or came back."""
+        """Return frames of the other nodes, errors of a real bus, and whether the interface went away or came back."""
         events: list[Event] = []
         if self._away and self._come_back():
             events.append(Opened())
@@ -151,10 +157,13 @@ class SocketCanTransport(Transport):
                 if self._has_gone():
                     events.append(Closed())
                 break
-            if (frame := _frame_of(data)) is not None and self._passes_filters(frame):
+            if self.is_paced and (error := _error_of(data)) is not None:
+                self._errors.add(*error)
+            elif (frame := _frame_of(data)) is not None and self._passes_filters(frame):
                 events.append(Received(frame))
             if time.monotonic() > end:
                 break
+        events += self._errors.take()
         return events + self._queue.overflows() if events and self._queue is not None else events
 
     def _passes_filters(self, frame: CanFrame) -> bool:
@@ -289,6 +298,14 @@ def _packed(frame: CanFrame) -> bytes:
     if frame.is_error_frame:
         return _CAN_FRAME.pack(identifier, 8, bytes(8))
     return _CAN_FRAME.pack(identifier, len(frame.data), frame.data)
+
+
+def _error_of(data: bytes) -> tuple[int, bytes] | None:
+    """Return the classes and details of an error frame; ``None`` for other data."""
+    if len(data) != _SIZE:
+        return None
+    identifier, size, details = _CAN_FRAME.unpack(data)
+    return (identifier & ALL_ERRORS, details[:size]) if identifier & _ERROR else None
 
 
 def _frame_of(data: bytes) -> CanFrame | None:

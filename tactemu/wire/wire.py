@@ -59,8 +59,10 @@ class Wire(WirePort):
     the port open), ``misheard`` (the settings differ), ``overrun`` (the driver was a second ahead of the line),
     ``unprocessed`` (data of the driver that no device had when the port closed), ``overflow`` (frames that the kernel
     dropped because the loop was too late to take them), ``framing``, ``parity``, ``uart_overrun``, ``breaks`` and
-    ``buffer_overrun`` (counted by a real UART), ``collision`` (the driver sends while a device does),
-    ``load_missed`` and ``babble_missed`` (frames of other nodes that a late loop left out), and faults by their kind.
+    ``buffer_overrun`` (counted by a real UART), ``bus_error``, ``unacknowledged``, ``arbitration_lost``,
+    ``error_warning``, ``error_passive``, ``bus_off``, ``restarts`` and others (of a real CAN controller),
+    ``collision`` (the driver sends while a device does), ``load_missed`` and ``babble_missed`` (frames of other nodes
+    that a late loop left out), and faults by their kind.
     """
 
     TRANSIENT_FIELDS: ClassVar[tuple[str, ...]] = (

@@ -14,8 +14,9 @@ import pytest
 from firmware_protocols import Can, CanFrame
 from tactemu.base.errors import TransportError, TransportUnavailable
 from tactemu.transports import create, socketcan
+from tactemu.transports.can_errors import BusErrors, errors_of
 from tactemu.transports.can_link import CanLink, advice, can_link, mismatch
-from tactemu.transports.transport import CanFilter, Closed, Opened, Received
+from tactemu.transports.transport import CanFilter, Closed, Counted, Opened, Received
 
 GROUP = "239.74.77.9"
 
@@ -197,6 +198,68 @@ def test_a_real_bus_gets_advice():
     passive, short = advice(CanLink("can", 1_000_000, state="ERROR-PASSIVE", queue_length=10), "can0")
     assert "120 Ohm" in passive and "txqueuelen 1000" in short
     assert not advice(CanLink("can", 1_000_000, state="ERROR-ACTIVE", queue_length=1000), "can0")
+
+
+@pytest.mark.parametrize(
+    ("identifier", "details", "counted"),
+    [
+        (0x02, "0b", {"arbitration_lost"}),
+        (0x04, "0010", {"error_passive"}),
+        (0x04, "0008", {"error_warning"}),
+        (0x04, "0001", {"controller_overflow"}),
+        (0x04, "0040", set()),
+        (0x88, "00000219", {"unacknowledged"}),
+        (0xA8, "", {"unacknowledged"}),
+        (0x88, "0000100f", {"bus_error"}),
+        (0x40, "", {"bus_off"}),
+        (0x100, "", {"restarts"}),
+        (0x24, "0020", {"unacknowledged", "error_passive"}),
+        (0x200, "000000000000807f", set()),
+    ],
+)
+def test_error_frames_of_a_controller_are_counted_by_what_they_say(identifier, details, counted):
+    assert errors_of(identifier, bytes.fromhex(details)) == counted
+
+
+def test_a_state_of_the_bus_is_said_once_until_it_restarts(caplog):
+    errors = BusErrors("can3")
+    for _ in range(3):
+        errors.add(0x04, b"\0\x20")
+        errors.add(0x40, b"")
+    assert [record.message[:22] for record in caplog.records] == ["can3 is error-passive:", "can3 is bus-off, and t"]
+    assert "sudo ip link set can3 type can restart-ms 100" in caplog.records[1].message
+    assert errors.take() == [Counted("bus_off", 3), Counted("error_passive", 3)] and errors.take() == []
+    errors.add(0x100, b"")
+    errors.add(0x40, b"")
+    assert len(caplog.records) == 3
+
+
+@pytest.mark.parametrize(("device", "fd"), [(Can(bitrate=250_000), {}), (Can(data_bitrate=5_000_000), {"fd": True})])
+def test_an_adapter_is_set_to_the_bit_rates_of_the_device_and_paces_its_bus(monkeypatch, device, fd):
+    class Adapter:
+        messages = [can.Message(is_error_frame=True), can.Message(arbitration_id=0x28, is_extended_id=False), None]
+        options = None
+
+        def __init__(self, **options):
+            Adapter.options = options
+
+        def recv(self, timeout):
+            return self.messages.pop(0)
+
+        def fileno(self):
+            raise NotImplementedError
+
+        def shutdown(self):
+            pass
+
+    monkeypatch.setattr(can, "Bus", Adapter)
+    port = create("can:pcan:PCAN_USBBUS1")
+    port.set_connector(device)
+    with port:
+        rates = {"bitrate": device.bitrate} | ({"data_bitrate": 5_000_000} if fd else {})
+        assert Adapter.options == {"interface": "pcan", "channel": "PCAN_USBBUS1", **fd, **rates}
+        assert port.is_paced and not create("can:virtual:v").is_paced
+        assert Counted("bus_error", 1) in (events := port.poll()) and events[0].data.arbitration_id == 0x28
 
 
 def test_the_kernel_tells_the_kind_of_an_interface():

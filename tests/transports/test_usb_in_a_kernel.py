@@ -75,6 +75,7 @@ def test_a_board_on_can_is_read_through_an_adapter(told):
 def test_at_another_bit_rate_nobody_acknowledges(told):
     said, _ = told
     assert said["can0"]["states"] == ["ERROR-PASSIVE", "ERROR-ACTIVE"]
+    assert said["can0"]["counted"] == [["error_passive", "unacknowledged"], []]
 
 
 def test_a_bus_at_another_bit_rate_is_refused_with_the_command_that_mends_it(told):

@@ -3,6 +3,8 @@
 import os
 import re
 import select
+import socket
+import struct
 import subprocess
 import time
 
@@ -14,10 +16,11 @@ from firmware_protocols import Can, CanFrame
 from tactemu.base.clock import RealClock
 from tactemu.base.errors import TransportError
 from tactemu.transports import create
+from tactemu.transports.can_link import CanLink
 from tactemu.transports.transport import Closed, Opened, Received
 from tactemu.wire.can_bits import frame_bits
 from tactemu.wire.line import MAX_CATCH_UP_NS
-from tactemu.wire.wire import Wire
+from tactemu.wire.wire import ReceivedData, Wire
 
 pytestmark = pytest.mark.vcan
 ETHERNET = os.environ.get("VCAN_GUEST") == "preload"
@@ -73,6 +76,32 @@ def test_an_error_frame_is_seen_as_one(port):
         assert port.write(CanFrame(arbitration_id=0x28, data=bytes(8), is_error_frame=True))
         message = driver.recv(2)
     assert message is not None and message.is_error_frame and message.arbitration_id == 0x8
+
+
+def test_error_frames_of_a_real_controller_are_counted_and_frames_still_come(monkeypatch):
+    """The kernel hands out error frames of a controller as it does those that a program sends on vcan."""
+    link = CanLink("can", 1_000_000, state="ERROR-ACTIVE", queue_length=1000)
+    monkeypatch.setattr("tactemu.transports.can_link.can_link", lambda name: link)
+    with socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW) as controller:
+        controller.bind(("vcan0",))
+        port = create("can:socketcan:vcan0")
+        device = Can(filters=((0x123, 0x7FF),))
+        wire = Wire(port, device)
+        wire.attach("skin", device)
+        wire.open()
+        assert port.is_paced
+        for identifier, details in ((0x02, b""), (0x24, b"\0\x20"), (0x02, b"")):
+            controller.send(struct.pack("=IB3x8s", 1 << 29 | identifier, 8, details))
+        controller.send(struct.pack("=IB3x8s", 0x123, 1, b"x"))
+        frames, end = [], time.monotonic() + 2
+        while not frames and time.monotonic() < end:
+            frames = [event for event in wire.receive(0) if isinstance(event, ReceivedData)]
+            wire.flush(0)
+        wire.close()
+    assert [frame.data.data for frame in frames] == [b"x"]
+    assert {name: wire.counters[name] for name in ("arbitration_lost", "error_passive", "unacknowledged")} == {
+        "arbitration_lost": 2, "error_passive": 1, "unacknowledged": 1,
+    }  # fmt: skip
 
 
 def test_candump_prints_what_was_sent(port):

@@ -17,9 +17,10 @@ import serial
 from firmware_protocols import Can
 from tactemu import transports
 from tactemu.base.errors import TransportError
+from tactemu.transports.transport import Counted
 
 ROOT = Path(__file__).parents[2]
-port, count, *nodes = sys.argv[1:]
+number, count, *nodes = sys.argv[1:]
 host = os.environ["KERNEL_GUEST_HOST"]
 
 
@@ -49,7 +50,7 @@ def refusal():
         return str(error)
 
 
-keeper = subprocess.Popen([sys.executable, "-m", "tactemu", "attach", f"{host}:{port}"], cwd=ROOT)
+keeper = subprocess.Popen([sys.executable, "-m", "tactemu", "attach", f"{host}:{number}"], cwd=ROOT)
 try:
     for node in nodes:
         assert wait(lambda node=node: os.path.exists(f"/dev/{node}"), 240), f"no {node}"
@@ -60,14 +61,17 @@ try:
         print(json.dumps({"node": node, "readings": readings, **identity(node)}), flush=True)
     # At another bit rate nobody acknowledges; then the rate of the bus.
     assert wait(lambda: os.path.exists("/sys/class/net/can0"), 60)
-    states, refusals = [], [refusal()]
+    states, refusals, counted = [], [refusal()], []
     for bitrate in (500_000, 1_000_000):
         subprocess.run(["ip", "link", "set", "can0", "up", "type", "can", "bitrate", str(bitrate)], check=True)
-        with can.Bus(interface="socketcan", channel="can0") as bus:
+        port = transports.create("can:socketcan:can0")
+        port.set_connector(Can(bitrate=bitrate))
+        with port, can.Bus(interface="socketcan", channel="can0") as bus:
             with contextlib.suppress(can.CanOperationError):  # frames that nobody acknowledges fill the queue
                 for _ in range(40):
                     bus.send(can.Message(arbitration_id=0x123, data=b"?", is_extended_id=False), timeout=1)
             time.sleep(0.5)
+            counted.append(sorted({event.counter for event in port.poll() if isinstance(event, Counted)}))
         shown = subprocess.run(["ip", "-json", "-details", "link", "show", "can0"], capture_output=True, check=True)
         states.append(json.loads(shown.stdout)[0]["linkinfo"]["info_data"]["state"])
         refusals.append(refusal())
@@ -76,7 +80,8 @@ try:
     read = [ROOT / "tests/drivers/scripts/python_can_read.py", "socketcan", "can0", "-", "40"]
     done = subprocess.run([sys.executable, *read], capture_output=True, text=True, timeout=120, check=True)
     samples = json.loads(done.stdout.splitlines()[-1])
-    print(json.dumps({"node": "can0", "states": states, "refusals": refusals, "readings": samples}), flush=True)
+    said = {"states": states, "refusals": refusals, "counted": counted, "readings": samples}
+    print(json.dumps({"node": "can0", **said}), flush=True)
     # The kernel's side of a pulled cable: a driver's read fails, and the keeper attaches the device again.
     with serial.Serial(f"/dev/{nodes[0]}", 115_200, timeout=1) as driver:
         driver.read(10)
