@@ -63,6 +63,7 @@ from firmware_protocols.registers import Memory as Memory
 from firmware_protocols.registers import Refused as Refused
 from firmware_protocols.registers import RegisterMap as RegisterMap
 from firmware_protocols.registers import Registers as Registers
+from firmware_protocols.registers import one_of as one_of
 from firmware_protocols.registry import DEVICES as DEVICES
 from firmware_protocols.registry import create as create
 from firmware_protocols.registry import device_class as device_class

@@ -182,7 +182,7 @@ def _command(row: str, head: str, tail: str, more: dict[str, Any]) -> Command:
         raise ValueError(f"command {row!r}: expected `name  request  reply  about`, in columns two spaces apart")
     more = {**more, "safe": name.startswith("? "), "name": name.removeprefix("? ")}
     request, reply, about = [*cells, "", ""][:3]
-    port, _, text = request.rpartition(": ") if request[:1] not in "'\"" else ("", "", request)
+    port, text = re.findall(r"^(?:(\w+): )?(.*)$", request)[0]
     *after, request = re.split("; ", text)
     more = {
         **more,

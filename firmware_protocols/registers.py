@@ -47,6 +47,17 @@ class Refused(Exception):
         self.why: Why = why
 
 
+def one_of(choices: Any, index: int) -> Any:
+    """Return the choice with this index.
+
+    Raises:
+        Refused: there is none.
+    """
+    if not 0 <= index < len(choices):
+        raise Refused("value")
+    return choices[index]
+
+
 class Memory(Protocol):
     """The memory that a protocol reads and writes, by byte address."""
 

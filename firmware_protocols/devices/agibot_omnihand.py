@@ -83,11 +83,6 @@ class AgibotOmniHandO10(AgibotOmniHand):
             grid = grid[::-1, ::-1] if side == "left" else grid[::-1]
         return grid.ravel()
 
-    def measure(self, reading: Reading, t_ns: int) -> Counts:
-        """Return the normal force on each taxel [g], 0..255, shape ``(n_taxels,)``."""
-        self.counts = quantize(self.layout.push(reading["force"]), COUNTS_PER_NEWTON, 0, 0xFF)
-        return self.counts
-
 
 class AgibotOmniHandPro(AgibotOmniHand):
     """An O12: nine channels on each finger, and the force that its firmware computes from them."""

@@ -10,8 +10,8 @@ from typing import Annotated, ClassVar, Literal
 import numpy as np
 
 from firmware_protocols import (
-    Can, CanFrame, Command, Device, Fact, Frame, Identifier, Motors, Option, Transmissions, fact_table, grid_layout,
-    stack, with_payload,
+    Can, CanFrame, CanRequests, Command, Device, Fact, Frame, Identifier, Motors, Option, Request,
+    Transmissions, command, command_table, fact_table, grid_layout, one_of, stack,
 )  # fmt: skip
 
 CAN_ID = Identifier("ppppptttttttt00000001wddddddd", {"part": "p", "message": "t", "write": "w", "device": "d"})
@@ -33,23 +33,14 @@ NUMBER = Frame("""
     3     03            data_bits     5 Mbit/s
     4     00            data_sampled  at 75 %
 """)
-VENDOR_INFO = 0x01
-DEVICE = 0x02
-THRESHOLD = 0x03
-TOUCH = 0x05
-MODE = 0x10
-TORQUE = 0x11
-SPEED = 0x12
-POSITION = 0x13
-MIXED = 0x14
-ERRORS = 0x20
-TEMPERATURE = 0x21
-CURRENT = 0x22
-TYPES = {
-    MODE: "u1", THRESHOLD: "<i2", TORQUE: "<i2", SPEED: "<i2", POSITION: "<i2", ERRORS: "<u2", TEMPERATURE: "<u2",
-    CURRENT: "<i2",
+VALUES = {
+    # message: name and type of a value of each joint
+    0x03: ("threshold", "<i2"), 0x10: ("mode", "u1"), 0x11: ("torque", "<i2"), 0x12: ("velocity", "<i2"),
+    0x13: ("position", "<i2"), 0x20: ("errors", "<u2"), 0x21: ("temperature", "<u2"), 0x22: ("current", "<i2"),
 }  # fmt: skip
-REPORTS = (ERRORS, TEMPERATURE, CURRENT)
+VENDOR_INFO, DEVICE, THRESHOLD, TOUCH, POSITION, MIXED, TEMPERATURE = 0x01, 0x02, 0x03, 0x05, 0x13, 0x14, 0x21
+REPORTS = (0x20, TEMPERATURE, 0x22)
+ZEROS = "00" * 64
 MIXED_BYTES = {"O12": {3: 5, 4: 5, 5: 7}, "O10": {4: 5, 5: 5, 6: 7}}
 """The bytes of one joint in a mixed order, by model and mode."""
 WITH_POSITION = {"O12": (3, 5), "O10": (4, 6)}
@@ -92,8 +83,9 @@ class AgibotOmniHand(Device[CanFrame]):
         self.layout = stack(*pads)
         n = len(self.joint_names)
         self.motors = Motors([2000] * n, low=0, high=self.highest, time_constant_s=0.05, speed_limit=2000)
-        self.stored = {message: np.zeros(n, int) for message in (MODE, THRESHOLD, TORQUE, SPEED)}
+        self.stored = {message: np.zeros(n, int) for message in (THRESHOLD, 0x10, 0x11, 0x12)}
         self.stored[THRESHOLD] += 1000
+        self.packets = CanRequests(CAN_ID, by="message", is_fd=True)
         self.periods_ms = {message: np.zeros(n, int) for message in REPORTS}
         self.due_ns: dict[int, int] = dict.fromkeys(REPORTS, 0)
 
@@ -101,58 +93,68 @@ class AgibotOmniHand(Device[CanFrame]):
         """Return the index of the taxel that is sent first, second ..."""
         return np.arange(rows * cols)
 
-    def receive(self, data: CanFrame, t_ns: int, port: str) -> Transmissions[CanFrame]:
-        """Answer a read or a write."""
-        asked = CAN_ID.read(data.arbitration_id) if data.is_extended_id and data.is_fd else None
-        if asked is None or asked["device"] != self.device:
-            self.counters["ignored" if asked is None else "other_device"] += 1
-            return ()
-        answered = self.device
-        answer = self._answer(asked["message"], asked["part"], data.data if asked["write"] else None, t_ns)
-        if answer is None:
-            self.counters["unknown_command"] += 1
-            return ()
-        self.counters["requests"] += 1
-        return [_frame(asked["message"], asked["part"], answered, answer)]
+    def accepts(self, request: Request) -> bool:
+        """Return True for the number of this hand."""
+        return request.device == self.device
 
-    def _answer(self, message: int, part: int, order: bytes | None, t_ns: int) -> bytes | None:
-        if message == TOUCH and 1 <= part <= len(self.parts):
-            patch = self.layout.patches[part - 1]
-            return self._touch(self.answers[patch.rows, patch.cols], self.layout.on_wire(self.counts)[patch.taxels])
-        if message == VENDOR_INFO and part == 0:
-            return VENDOR.pack(
-                model=self.reported_model.encode("ascii").ljust(16, b"\0"), serial=self.serial, hardware=(1, 0, 0, 0),
-                software=(1, 1, 0, 0), supply=24000, joints=len(self.joint_names),
-            )  # fmt: skip
-        if message == DEVICE and part <= 1:
-            if order and part == 1 and order[0] < 128:
-                self.device = self.flash["device"] = order[0]
-            return NUMBER.pack(number=self.device)
-        if message == MIXED and part == 0:
-            self._mix(order or b"", t_ns)
-            return bytes(8)
-        if message in TYPES and part <= len(self.joint_names):
-            joints = slice(None) if part == 0 else slice(part - 1, part)
-            if order is not None:
-                self._order_joints(message, joints, order, t_ns)
-            return self._joints(message, t_ns)[joints].astype(TYPES[message]).tobytes()
-        return None
+    def reply(self, request: Request, content: bytes) -> Transmissions[CanFrame]:
+        """Return the answer, under the number that was asked."""
+        return [self._frame(request.message, request.part, request.device, content)]
+
+    def _frame(self, message: int, part: int, device: int, data: bytes) -> CanFrame:
+        return self.packets.frame(CAN_ID.of(part=part, message=message, write=0, device=device), data)
+
+    @command(on=TOUCH, data="*")
+    def touch(self, request: Request):
+        """Return the touch of a part."""
+        patch = one_of(self.layout.patches, request.part - 1)
+        return self._touch(self.answers[patch.rows, patch.cols], self.layout.on_wire(self.counts)[patch.taxels])
+
+    @command(on=VENDOR_INFO, data="*")
+    def vendor(self, request: Request):
+        """Return what the hand is."""
+        one_of(range(1), request.part)
+        return VENDOR.pack(
+            model=self.reported_model.encode("ascii").ljust(16, b"\0"), serial=self.serial, hardware=(1, 0, 0, 0),
+            software=(1, 1, 0, 0), supply=24000, joints=len(self.joint_names),
+        )  # fmt: skip
+
+    @command(on=DEVICE, data="*")
+    def number(self, request: Request):
+        """Return the number of the hand, or another one."""
+        if one_of(range(2), request.part) and request.write and request.data and request.data[0] < 128:
+            self.device = self.flash["device"] = request.data[0]
+        return NUMBER.pack(number=self.device)
+
+    @command(on=MIXED, data="*")
+    def mixed(self, request: Request):
+        """Obey an order for several joints."""
+        one_of(range(1), request.part)
+        self._mix(request.data if request.write else b"", request.t_ns)
+        return bytes(8)
+
+    @command(on=tuple(VALUES), data="*")
+    def values(self, request: Request):
+        """Return a value of one joint or all, which a write sets."""
+        n = len(self.joint_names)
+        part = one_of(range(n + 1), request.part)
+        joints = slice(part - 1, part) if part else slice(n)
+        if request.write:
+            self._order_joints(request.message, joints, request.data, request.t_ns)
+        return self._values(request.message, request.t_ns)[joints].tobytes()
 
     def _touch(self, table: Frame, counts: np.ndarray) -> bytes:
         """Return the touch answer of a part with these counts."""
         return table.pack(channels=counts)
 
-    def _joints(self, message: int, t_ns: int) -> np.ndarray:
-        """Return what a read of ``message`` gives for all joints."""
-        if message == POSITION:
-            return np.rint(self.motors.positions(t_ns))
-        if message == TEMPERATURE:
-            return np.full(len(self.joint_names), 25)
-        return self.stored.get(message, np.zeros(len(self.joint_names), int))
+    def _values(self, message: int, t_ns: int) -> np.ndarray:
+        """Return what a read of ``message`` gives for all joints, as it is sent."""
+        values = self.stored.get(message, np.full(len(self.joint_names), 25 if message == TEMPERATURE else 0))
+        return (np.rint(self.motors.positions(t_ns)) if message == POSITION else values).astype(VALUES[message][1])
 
     def _order_joints(self, message: int, joints: slice, order: bytes, t_ns: int) -> None:
         n = len(range(len(self.joint_names))[joints])
-        kind = np.dtype("<u2" if message in REPORTS else TYPES[message])
+        kind = np.dtype("<u2" if message in REPORTS else VALUES[message][1])
         if len(order) < n * kind.itemsize:
             return
         numbers = np.frombuffer(order, kind, n)
@@ -191,59 +193,24 @@ class AgibotOmniHand(Device[CanFrame]):
         for message in due:
             self.due_ns[message] += self._period_ns(message)
         self._wait()
-        return [
-            _frame(message, 0, self.device, self._joints(message, t_ns).astype(TYPES[message]).tobytes())
-            for message in due
-        ]
+        return [self._frame(message, 0, self.device, self._values(message, t_ns).tobytes()) for message in due]
 
     @property
     def commands(self) -> tuple[Command, ...]:
         """A read of each part and of each value, and two writes; for a hand with number 1."""
         if self.device != 1:
             return ()
-        origin, n = self.sources[0], len(self.joint_names)
-        asked = [(f"touch of {part}", TOUCH, k, "") for k, part in enumerate(self.parts, 1)]
-        asked += [("vendor", VENDOR_INFO, 0, "..{30} 01000000 01010000 C05D *"), ("number", DEVICE, 0, "0102010300")]
-        asked += [(f"{name} of all joints", message, 0, "") for name, message in _NAMES.items()]
-        asked += [(f"{name} of joint {n}", message, n, "") for name, message in _NAMES.items()]
-        questions = tuple(
-            Command(
-                name=name,
-                request=f"{part:02X}{message:02X}0101##1{'00' * 64}",
-                reply=f"{part:02X}{message:02X}0101##1 {reply or '*'}",
-                origin=origin,
-                safe=True,
-            )
+        asked = [("vendor", VENDOR_INFO, 0, "..{30} 01000000 01010000 C05D *"), ("number", DEVICE, 0, "0102010300")]
+        asked += [(f"touch of {part}", TOUCH, k, "*") for k, part in enumerate(self.parts, 1)]
+        for part, whose in ((0, "all joints"), (n := len(self.joint_names), f"joint {n}")):
+            asked += [(f"{name} of {whose}", message, part, "*") for message, (name, _) in VALUES.items()]
+        return command_table(f"""
+            position of joint 8   08130181##1E803{ZEROS[4:]}  08130101##1 D007
+            threshold of joint 1  01030181##12003{ZEROS[4:]}  01030101##1 2003
+        """ + "".join(
+            f"            ? {name}  {part:02X}{message:02X}0101##1{ZEROS}  {part:02X}{message:02X}0101##1 {reply}\n"
             for name, message, part, reply in asked
-        )
-        return (
-            *questions,
-            Command(
-                name="position of joint 8",
-                request=f"08130181##1E803{'00' * 62}",
-                reply="08130101##1 D007",
-                origin=origin,
-            ),
-            Command(
-                name="threshold of joint 1",
-                request=f"01030181##12003{'00' * 62}",
-                reply="01030101##1 2003",
-                origin=origin,
-            ),
-        )
-
-
-_NAMES = {
-    "threshold": THRESHOLD, "mode": MODE, "torque": TORQUE, "velocity": SPEED, "position": POSITION, "errors": ERRORS,
-    "temperature": TEMPERATURE, "current": CURRENT,
-}  # fmt: skip
-
-
-def _frame(message: int, part: int, device: int, data: bytes) -> CanFrame:
-    ident = CAN_ID.of(part=part, message=message, write=0, device=device)
-    frame = with_payload(CanFrame(arbitration_id=ident, is_extended_id=True, is_fd=True, bitrate_switch=True), data)
-    assert isinstance(frame, CanFrame)
-    return frame
+        ), origin=self.sources[0])  # fmt: skip
 
 
 def shared_facts(looked: str) -> tuple[Fact, ...]:

@@ -46,7 +46,7 @@ from typing import Annotated
 
 import numpy as np
 
-from firmware_protocols import Command, Option, Rollover, Tcp, Tool, Transmissions, fact_table, quantize
+from firmware_protocols import Option, Rollover, Tcp, Tool, Transmissions, command_table, fact_table
 from firmware_protocols.devices.ati_rdt import READ, REQUEST, START, Rdt
 from firmware_protocols.protocols.http import Pages
 
@@ -58,17 +58,9 @@ PAGE = (
     "<comrdte>Enabled</comrdte><comrdtrate>{rate}</comrdtrate><comrdtbsiz>{buffered}</comrdtbsiz>\n</netft>\n"
 )
 LIVE = "a live page of a box with firmware 2.2.59, in a public repository's test_ft_config.py"
-FILTER = 0x81
-PERIOD = 0x82
-AXIA_START = 0x01
-START_BUFFERED = 0x03
-CLEAR_LATCH = 0x41
-BIAS = 0x42
-BIAS_ON = 0xFF
-BIAS_OFF = 0x00
-WRITE_REQUESTS = (2, 3)
-REFUSED = 1
-TCP_BIAS = 1
+AXIA_START, START_BUFFERED, CLEAR_LATCH, BIAS, FILTER, PERIOD = 0x01, 0x03, 0x41, 0x42, 0x81, 0x82
+BIAS_ON, BIAS_OFF, TCP_BIAS = 0xFF, 0x00, 1
+WRITE_REQUESTS, REFUSED = (2, 3), 1
 NET_FT = "ATI 9620-05-NET FT-11"
 AXIA = "ATI 9610-05-Ethernet Axia-09"
 HEX = "jsbyysheng/onrobot_hex_ft_sensor@b8ae330"
@@ -96,6 +88,29 @@ class AtiNetFt(Rdt):
         "LouKordos/ati-netft-cpp@73a6349 netft_sensor.hpp (TCP), gpldecha/netft_rdt_driver@115cf5a (RDT)",
         "rpiRobotics/rpi_ati_net_ft and gbartyzel/ros2_net_ft_driver (what they look for in the page)",
     )
+    documented_with = None
+    documented = command_table(rf"""
+        @ pynetft 2.1.3
+        start                 12 34 00 02 00 00 00 00
+        bias                  12 34 00 42 00 00 00 00
+        ? page                http: 'GET /netftapi2.xml HTTP/1.1\r\nHost: 192.168.1.1\r\nAccept: */*\r\n\r\n'
+            48 54 54 50 2F 31 2E 31 20 32 30 30 20 *  HTTP/1.1 200
+        @ NetFT 2.0.1
+        one record            12 34 00 02 00 00 00 01
+        stop                  12 34 00 00 00 00 00 00
+        @ {AXIA}, table 12.1
+        start, Axia           12 34 00 01 00 00 00 00
+        @ {NET_FT}, table 10.1
+        start, buffered       12 34 00 03 00 00 00 00
+        clear latch           12 34 00 41 00 00 00 00
+        @ LouKordos/ati-netft-cpp@73a6349 netft_sensor.hpp
+        ? read                tcp: {"00" * 20}               12 34 ..{{14}}
+        ? calibration         tcp: 01{"00" * 19}             12 34 02 03 ..{{20}}
+        @ {AXIA}, chapter 10
+        bias and read         tcp: {"00" * 19}01             12 34 ..{{14}}
+        tool transform        tcp: 02{"00" * 19}             12 34 02 01
+        monitor condition     tcp: 03{"00" * 19}             12 34 03 01
+    """)
     judge = "pynetft 2.1.3, NetFT 2.0.1, LouKordos/ati-netft-cpp@73a6349, gpldecha/netft_rdt_driver@115cf5a"
     facts = fact_table(f"""
         stated touch: counts over counts per unit are N and Nm; over TCP also times the axis's scale @ {AXIA} 10.5,
@@ -155,44 +170,6 @@ class AtiNetFt(Rdt):
         self.rated, self.buffered = [f"{most:g}" for most in [force_range] * 3 + [torque_range] * 3], buffered
         self.records_a_datagram, self.held = 1, b""
 
-    @property
-    def commands(self) -> tuple[Command, ...]:
-        """The drivers' requests, and those of the manual."""
-        ask = b"GET /netftapi2.xml HTTP/1.1\r\nHost: 192.168.1.1\r\nAccept: */*\r\n\r\n"
-        tcp, manual = "LouKordos/ati-netft-cpp@73a6349 netft_sensor.hpp", f"{AXIA}, chapter 10"
-        padding = "00" * 18
-        return (
-            Command(name="start", request="12 34 00 02 00 00 00 00", origin="pynetft 2.1.3"),
-            Command(name="one record", request="12 34 00 02 00 00 00 01", origin="NetFT 2.0.1 getMeasurement()"),
-            Command(name="bias", request="12 34 00 42 00 00 00 00", origin="pynetft 2.1.3 bias()"),
-            Command(name="stop", request="12 34 00 00 00 00 00 00", origin="NetFT 2.0.1 stopStreaming()"),
-            Command(name="start, Axia", request="12 34 00 01 00 00 00 00", origin=f"{AXIA}, table 12.1"),
-            Command(name="start, buffered", request="12 34 00 03 00 00 00 00", origin=f"{NET_FT}, table 10.1"),
-            Command(name="clear latch", request="12 34 00 41 00 00 00 00", origin=f"{NET_FT}, table 10.1"),
-            Command(
-                name="page",
-                request=ask,
-                reply=f"{b'HTTP/1.1 200 '.hex()} *",
-                port="http",
-                origin="pynetft 2.1.3",
-                safe=True,
-            ),
-            Command(name="read", request=f"00 {padding} 00", reply="12 34 ..{14}", port="tcp", origin=tcp, safe=True),
-            Command(
-                name="calibration",
-                request=f"01 {padding} 00",
-                reply="12 34 02 03 ..{20}",
-                port="tcp",
-                origin=tcp,
-                safe=True,
-            ),
-            Command(name="bias and read", request=f"00 {padding} 01", reply="12 34 ..{14}", port="tcp", origin=manual),
-            Command(name="tool transform", request=f"02 {padding} 00", reply="12 34 02 01", port="tcp", origin=manual),
-            Command(
-                name="monitor condition", request=f"03 {padding} 00", reply="12 34 03 01", port="tcp", origin=manual
-            ),
-        )
-
     def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
         """Obey one datagram, or answer a request over TCP or to the web server."""
         if port != "http":
@@ -200,13 +177,11 @@ class AtiNetFt(Rdt):
         return self.pages.answers(data, {"/netftapi2.xml": ("text/xml", self._page())})
 
     def _page(self) -> bytes:
-        each = (self.counts[0], quantize(self.bias[0], self.scale, -(2**31), 2**31 - 1), self.rated)
+        each = (self.counts[0], self.quantized(self.bias[0]), self.rated)
         counts, bias, rated = (";".join(map(str, values)) for values in each)
         force, torque, rate = int(self.scale[0]), int(self.scale[3]), int(self.rate_hz)
-        return PAGE.format(
-            status=self.status, counts=counts, bias=bias, rated=rated, force=force, torque=torque, rate=rate,
-            buffered=self.buffered,
-        ).encode("ascii")  # fmt: skip
+        numbers = {"force": force, "torque": torque, "rate": rate, "buffered": self.buffered}
+        return PAGE.format(status=self.status, counts=counts, bias=bias, rated=rated, **numbers).encode("ascii")
 
     def lines(self, dtr: bool, rts: bool, t_ns: int, port: str) -> Transmissions:
         """Drop the incomplete request of a client that comes or goes."""
@@ -237,7 +212,7 @@ class AtiNetFt(Rdt):
             return [REQUEST.head + bytes([request[0], REFUSED])]
         if request[0] == READ and request[-1] & TCP_BIAS:
             self.bias = self.felt
-            self.counts = quantize(self.felt - self.bias, self.scale, -(2**31), 2**31 - 1)
+            self.counts = self.quantized(self.felt - self.bias)
         return super()._answer(request)
 
     def _tcp_status(self) -> int:
@@ -258,6 +233,24 @@ class OnrobotHex(Rdt):
         "jsbyysheng/onrobot_hex_ft_sensor@b8ae330 example/highspeed_udp.c, example/tcp.c, src/etherdaq_driver.cpp",
         "Fiiila/Optoforce_ethernet_client@ffaab55 UDP_client.py, TCP_client.py",
     )
+    documented_with = None
+    documented = command_table(f"""
+        @ {HEX} example/highspeed_udp.c
+        100 records a second       12 34 00 82 00 00 00 0A
+        15 Hz filter               12 34 00 81 00 00 00 04
+        bias                       12 34 00 42 00 00 00 FF
+        start                      12 34 00 02 00 00 00 00
+        no bias                    12 34 00 42 00 00 00 00
+        stop                       12 34 00 00 00 00 00 00
+        @ {HEX} src/etherdaq_driver.cpp
+        100 records a second, ROS  12 34 00 82 00 0A 00 0A
+        50 Hz filter, ROS          12 34 00 81 00 03 00 03
+        @ {HEX_MANUAL}, 8.6
+        no records                 12 34 00 82 00 00 00 00
+        @ {HEX} example/tcp.c
+        ? read                     tcp: {"00" * 20}    12 34 ..{{14}}
+        ? calibration              tcp: 01{"00" * 19}  12 34 02 03 ..{{20}}
+    """)
     judge = "Fiiila/Optoforce_ethernet_client@ffaab55, jsbyysheng/onrobot_hex_ft_sensor@b8ae330, NetFT 2.0.1"
     facts = fact_table(f"""
         stated touch: 10 000 counts per N, 100 000 per Nm; over TCP counts times scale over counts per unit @
@@ -294,30 +287,6 @@ class OnrobotHex(Rdt):
         self._power_up(tool, 10_000, 100_000, [100] * 6, status)
         self.low_pass.cutoff_hz = CUTOFF_HZ[4]
         self.range = np.array([force_range] * 3 + [torque_range] * 3)
-
-    @property
-    def commands(self) -> tuple[Command, ...]:
-        """The requests of the vendor's examples and of its ROS driver."""
-        named = (("100 records a second", "82 00 00 00 0A"), ("15 Hz filter", "81 00 00 00 04"),
-                 ("bias", "42 00 00 00 FF"), ("start", "02 00 00 00 00"), ("no bias", "42 00 00 00 00"),
-                 ("stop", "00 00 00 00 00"))  # fmt: skip
-        twice = (("100 records a second, ROS", "82 00 0A 00 0A"), ("50 Hz filter, ROS", "81 00 03 00 03"))
-        vendor, ros, padding = f"{HEX} example/highspeed_udp.c", f"{HEX} src/etherdaq_driver.cpp", "00" * 19
-        tcp = f"{HEX} example/tcp.c"
-        return (
-            *(Command(name=name, request=f"12 34 00 {what}", origin=vendor) for name, what in named),
-            *(Command(name=name, request=f"12 34 00 {what}", origin=ros) for name, what in twice),
-            Command(name="no records", request="12 34 00 82 00 00 00 00", origin=f"{HEX_MANUAL}, 8.6"),
-            Command(name="read", request=f"00 {padding}", reply="12 34 ..{14}", port="tcp", origin=tcp, safe=True),
-            Command(
-                name="calibration",
-                request=f"01 {padding}",
-                reply="12 34 02 03 ..{20}",
-                port="tcp",
-                origin=tcp,
-                safe=True,
-            ),
-        )
 
     def _sample(self, t_ns: int) -> int:
         return super()._sample(t_ns) & 0xFFFF

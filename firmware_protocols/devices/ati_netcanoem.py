@@ -33,8 +33,8 @@ from typing import Annotated, Literal
 import numpy as np
 
 from firmware_protocols import (
-    Can, CanFrame, Column, Counts, Device, Frame, Option, Reading, Sense, Tool, Transmissions, command_table,
-    fact_table, points, quantize,
+    Can, CanFrame, CanRequests, Column, Counts, Device, Frame, Identifier, Option, Reading, Request, Sense, Tool,
+    command, command_table, fact_table, one_of, points, quantize,
 )  # fmt: skip
 
 FIRST = Frame("""
@@ -61,35 +61,18 @@ VERSION = Frame("""
     1     u1         minor
     2     >u2        build
 """)
-GAUGES = 0
-ROW = 2
-SERIAL = 5
-SLOT = 6
-PER_UNIT = 7
-UNITS = 8
-VOLTAGE = 9
-RESET = 0xC
-BASE = 0xD
-BAUD = 0xE
-FIRMWARE = 0xF
-DATA_BYTES = {GAUGES: 0, ROW: 1, SERIAL: 0, SLOT: 1, PER_UNIT: 0, UNITS: 0, VOLTAGE: 1, RESET: 0, BASE: 1, BAUD: 1,
-              FIRMWARE: 0}  # fmt: skip
+SERIAL, PER_UNIT, UNITS, VERSIONS = 5, 7, 8, 0xF
 BAD_CALIBRATION = 1 << 6
 ANY_ERROR = 1 << 15
-NEWTON = 2
-NEWTON_METRE = 3
 VOLTAGE_COUNTS = (0x8000, 0, 0x6000, 0x9000, 0x8000, 0)
-MINI45_CALIBRATION = np.array(
-    """
+MINI45_CALIBRATION = np.array("""
     10.0835583 114.459548 980.330335 -31561.5308 1061.32636 31461.1601
     -1084.03836 35437.2111 460.271838 -18530.1499 -255.517816 -17976.089
     37692.0271 24.827954 40565.9105 -2225.79045 38187.8589 -319.026033
     -26.1841023 247.507591 -638.468458 -92.0704656 627.375533 -129.739674
     715.795266 1.51704258 -395.805429 236.24811 -370.835901 -209.272225
     14.1880353 -435.510512 15.2161441 -448.583974 -15.3689784 -456.04746
-""".split(),
-    float,
-).reshape(6, 6)
+""".split(), float).reshape(6, 6)  # fmt: skip
 """The rows Fx, Fy, Fz, Tx, Ty, Tz of a Mini45 SI-580-20, for 1000000 counts per N and Nm."""
 
 
@@ -182,57 +165,69 @@ class AtiNetcanoem(Device[CanFrame]):
         order: Annotated[Literal["024135", "012345"], Option("which gauge stands at each place")] = "024135",
         tool: Tool = (0.0, 0.0, 0.05),
     ):
-        self.first_id, self.order = self.flash.get("base", base) << 4, [int(gauge) for gauge in order]
-        self.ports = (Can(bitrate=2_000_000 // self.flash.get("divisor", 8), filters=((self.first_id, 0x7F0),)),)
+        ident = Identifier(f"{self.flash.get('base', base):07b}cccc", {"code": "c"})
+        self.packets, self.order = CanRequests(ident, by="code"), [int(gauge) for gauge in order]
+        self.ports = (Can(bitrate=2_000_000 // self.flash.get("divisor", 8), filters=(ident.filter(),)),)
         self.layout = points({"tool": tool})
         self.serial = serial.encode("ascii")[:8].ljust(8, b"\0")
-        self.per_unit = counts_per_force, counts_per_torque
+        self.per_unit = COUNTS.pack(force=counts_per_force, torque=counts_per_torque)
         self.status, self.slot = status, 0
         self.sensitivity = np.linalg.inv(MINI45_CALIBRATION / 1e6)
-        self.matrix = (MINI45_CALIBRATION / 1e6 * np.repeat(self.per_unit, 3)[:, None]).astype(np.float32)
+        self.matrix = (MINI45_CALIBRATION / 1e6 * np.repeat([counts_per_force, counts_per_torque], 3)[:, None]).astype(
+            np.float32
+        )
 
     def measure(self, reading: Reading, t_ns: int) -> Counts:
         """Return the counts of the six gauges, int16 range, shape ``(1, 6)``."""
         self.counts = quantize(reading["wrench"] @ self.sensitivity.T, 1.0, -0x8000, 0x7FFF)
         return self.counts
 
-    def receive(self, data: CanFrame, t_ns: int, port: str) -> Transmissions[CanFrame]:
-        """Answer a request for gauges, calibration or identity, or store settings for the next power-up."""
-        code, message = data.arbitration_id - self.first_id, data.data
-        if code not in range(16) or data != CanFrame(arbitration_id=data.arbitration_id, data=message):
-            self.counters["ignored"] += 1
-            return ()
-        if DATA_BYTES.get(code, 9) > len(message):
-            self.counters["bad_length" if code in DATA_BYTES else "unknown_command"] += 1
-            return ()
-        argument = message[0] if DATA_BYTES[code] else 0
-        most = {ROW: 5, SLOT: 15, VOLTAGE: 5, BASE: 0x7F}
-        if argument > most.get(code, 0xFF):
-            self.counters["refused"] += 1
-            return ()
-        self.counters["requests"] += 1
-        answers = self._answers(code, argument, message)
-        return [CanFrame(arbitration_id=self.first_id + code + k, data=answer) for k, answer in enumerate(answers)]
+    @command(on=0, data="*")
+    def gauges(self, request: Request):
+        """Return status and gauges."""
+        gauges = self.counts[0][self.order]
+        status = self.status | (BAD_CALIBRATION | ANY_ERROR if self.slot else 0)
+        return self._frames(request, FIRST.pack(status=status, gauges=gauges[:3]), SECOND.pack(gauges=gauges[3:]))
 
-    def _answers(self, code: int, argument: int, message: bytes) -> list[bytes]:
-        if code == GAUGES:
-            gauges = self.counts[0][self.order]
-            status = self.status | (BAD_CALIBRATION | ANY_ERROR if self.slot else 0)
-            return [FIRST.pack(status=status, gauges=gauges[:3]), SECOND.pack(gauges=gauges[3:])]
-        if code == ROW:
-            return [PAIR.pack(row=pair) for pair in self.matrix[argument].reshape(3, 2)]
-        if code in (SLOT, RESET):
-            self.slot = argument
-            return [message[:1]] if code == SLOT else []
-        if code in (BASE, BAUD):
-            self.flash |= {"base": argument} if code == BASE else {"divisor": argument + 1}
-            return [b""]
-        return [
-            {
-                SERIAL: self.serial,
-                PER_UNIT: COUNTS.pack(force=self.per_unit[0], torque=self.per_unit[1]),
-                UNITS: bytes([NEWTON, NEWTON_METRE]),
-                VOLTAGE: VOLTAGE_COUNTS[argument % len(VOLTAGE_COUNTS)].to_bytes(2, "big"),
-                FIRMWARE: VERSION.pack(major=3, minor=8, build=2),
-            }[code]
-        ]
+    @command(on=2, data="B*")
+    def row(self, request: Request):
+        """Return a row of the matrix."""
+        row = one_of(self.matrix, request.value).reshape(3, 2)
+        return self._frames(request, *(PAIR.pack(row=pair) for pair in row))
+
+    @command(on=(SERIAL, PER_UNIT, UNITS, VERSIONS), data="*")
+    def identity(self, request: Request):
+        """Return serial number, counts per unit, units or version."""
+        version = VERSION.pack(major=3, minor=8, build=2)
+        return {SERIAL: self.serial, PER_UNIT: self.per_unit, UNITS: b"\2\3", VERSIONS: version}[request.code]
+
+    @command(on=6, data="B*")
+    def select(self, request: Request):
+        """Select a calibration."""
+        self.slot = one_of(range(16), request.value)
+        return request.data[:1]
+
+    @command(on=9, data="B*")
+    def voltage(self, request: Request):
+        """Return a diagnostic voltage."""
+        return one_of(VOLTAGE_COUNTS, request.value).to_bytes(2, "big")
+
+    @command(on=0xC, data="*")
+    def reset(self, request: Request):
+        """Select the first calibration."""
+        self.slot = 0
+
+    @command(on=0xD, data="B*")
+    def set_base(self, request: Request):
+        """Set the base from the next power-up on."""
+        self.flash["base"] = one_of(range(0x80), request.value)
+        return self._frames(request, b"")
+
+    @command(on=0xE, data="B*")
+    def set_baud(self, request: Request):
+        """Set the line speed from the next power-up on."""
+        self.flash["divisor"] = request.value + 1
+        return self._frames(request, b"")
+
+    def _frames(self, request: Request, *contents: bytes) -> list[CanFrame]:
+        return [self.packets.frame(request.id + k, content) for k, content in enumerate(contents)]

@@ -4,13 +4,12 @@ The datasheet of both is :mod:`firmware_protocols.devices.ati_net_ft`.
 """
 
 from collections.abc import Sequence
-from typing import Literal
+from typing import Any
 
 import numpy as np
 
 from firmware_protocols import (
-    Column, Counts, Device, Frame, LowPass, Packets, Reading, Rollover, Sense, Tcp, Transmissions, Udp, points,
-    quantize,
+    Counts, Device, Frame, LowPass, Packets, Reading, Rollover, Sense, Tcp, Transmissions, Udp, points, quantize, xyz,
 )  # fmt: skip
 
 REQUEST = Frame("""
@@ -41,16 +40,12 @@ CALIBRATION = Frame("""
     8     >u4             torque     counts per Nm
     12    >u2 x 6         scale      of the counts in an answer to 00
 """)
-STOP = 0x00
-START = 0x02
+STOP, START = 0x00, 0x02
+READ, CALIBRATE = 0, 1
 TCP_REQUEST_BYTES = 20
-READ = 0
-CALIBRATE = 1
+INT32: dict[str, Any] = {"low": -(2**31), "high": 2**31 - 1}
 UNTIL_STOPPED = -1
 """The number of records left while a stream has no end."""
-AXES: tuple[tuple[str, Literal["x", "y", "z"]], ...] = tuple(
-    (kind + axis, axis) for kind in "FT" for axis in ("x", "y", "z")
-)
 
 
 class Rdt(Device):
@@ -67,11 +62,10 @@ class Rdt(Device):
         self.layout = points({"tool": tool})
         self.senses = (Sense("wrench", at=points({"origin": (0.0, 0.0, 0.0)})),)
         self.scale, self.status = np.array([per_newton] * 3 + [per_newton_metre] * 3), status
-        self.columns = tuple(
-            Column(name=name, axis=axis, unit="N" if name[0] == "F" else "Nm", counts_per_unit=scale, low=-(2**31),
-                   high=2**31 - 1, push=-1 if name == "Fz" else 0)
-            for (name, axis), scale in zip(AXES, self.scale.tolist())
-        )  # fmt: skip
+        self.columns = (
+            *xyz("Fx Fy Fz", unit="N", counts_per_unit=per_newton, push=-1, **INT32),
+            *xyz("Tx Ty Tz", unit="Nm", counts_per_unit=per_newton_metre, **INT32),
+        )
         self.calibration = CALIBRATION.pack(force=per_newton, torque=per_newton_metre, scale=tcp_scale)
         self.tcp_scale = np.array(tcp_scale)
         self.packets = Packets(b"", _tcp_size, counters=self.counters)
@@ -83,8 +77,12 @@ class Rdt(Device):
     def measure(self, reading: Reading, t_ns: int) -> Counts:
         """Return counts of Fx, Fy, Fz, Tx, Ty, Tz on the tool, less the bias, int32 range, shape ``(1, 6)``."""
         self.felt = self.low_pass(reading["wrench"], t_ns)
-        self.counts = quantize(self.felt - self.bias, self.scale, -(2**31), 2**31 - 1)
+        self.counts = self.quantized(self.felt - self.bias)
         return self.counts
+
+    def quantized(self, wrench: np.ndarray) -> np.ndarray:
+        """Return the counts of a wrench."""
+        return quantize(wrench, self.scale, *INT32.values())
 
     def stream(self, t_ns: int, name: str) -> Transmissions:
         """Return one record, between start and stop."""

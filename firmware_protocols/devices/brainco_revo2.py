@@ -45,7 +45,7 @@ Try it: ``tactemu run brainco_revo2``, then ``bc_stark_sdk.main_mod.modbus_open(
 ``await client.get_touch_sensor_status(0x7E)``.
 """
 
-from firmware_protocols import Can, CanFrame, Command, Rs485, Transmissions, with_payload
+from firmware_protocols import Can, CanFrame, CanRequests, Identifier, Rs485, Transmissions, command_table
 from firmware_protocols.devices.brainco_revo2_hand import BAUDS, Revo2
 from firmware_protocols.protocols.modbus import Banks, Rtu, answer, rtu, silence_ns
 from firmware_protocols.sums import crc16_modbus
@@ -61,6 +61,33 @@ class BraincoRevo2(Revo2):
     name = "brainco_revo2"
     title = "BrainCo Revo2 Touch hand"
     ports = (Rs485(baud=460800),)
+    documented = command_table(
+        """
+        ? side                                         03 03 85 00 01 9E 68  03 02 00 02 2C 4F
+        ? kind of touch                                03 03 CA 00 01 AF BF  03 02 00 01 6C 4E
+        ? firmware                                     04 0B B8 00 0A F9 C3  04 14 ..{20} ..{2}
+        ? serial number                                04 0B C2 00 0A D8 1A  04 14 ..{20} ..{2}
+        ? which are on                                 03 0F A0 00 05 8D 30  03 0A ..{10} ..{2}
+        ? forces, proximities, all but the last state  04 10 68 00 1D BE D0  04 3A ..{58} ..{2}
+        ? last state                                   04 10 85 00 01 2F 2C  04 02 ..{2} ..{2}
+        ? forces, proximities, states                  04 10 68 00 1E FE D1  04 3C ..{60} ..{2}
+        ? thumb                                        04 10 9A 00 06 5F 28  04 0C ..{12} ..{2}
+        ? little finger                                04 10 B2 00 06 DF 20  04 0C ..{12} ..{2}
+        all on                                         10 0F A0 00 05 0A 00 01 00 01 00 01 00 01 00 01 4E E4
+            10 0F A0 00 05 08 F3
+        new baseline of two                            10 0F A5 00 05 0A 00 01 00 01 00 00 00 00 00 00 E6 21
+            10 0F A5 00 05 18 F2
+        calibrate the thumb                            10 0F AA 00 05 0A 00 01 00 00 00 00 00 00 00 00 F9 EE
+            10 0F AA 00 05 28 F1
+        ring finger off                                06 0F A3 00 00 71 33  =
+        ? beyond the map: illegal address              03 23 28 00 01 04 49  83 02 F1 29
+        write a force: illegal address                 06 10 68 00 01 C6 D9  86 02 F2 79
+        on is 2: illegal value                         06 0F A0 00 02 00 F2  86 03 33 B9
+        read coils: illegal function                   01 00 00 00 01 F6 05  81 01 B0 48
+        """,
+        head="7E",
+        origin=Revo2.sources[0],
+    )
 
     def _plug(self) -> None:
         baud = BAUDS[self.registers["baud"]]
@@ -72,40 +99,53 @@ class BraincoRevo2(Revo2):
         banks = Banks(holding=self, inputs=self, functions=FUNCTIONS)
         return self._restarted(self.rtu.answers(data, t_ns, {self.unit: banks}))
 
-    @property
-    def commands(self) -> tuple[Command, ...]:
-        """Requests to a left hand with default options."""
-        if self.unit != 0x7E or not self.capacitive:
-            return ()
-        return tuple(
-            Command(
-                name=name,
-                request=f"7E {request}",
-                reply=f"7E {reply or request}",
-                origin=self.sources[0],
-                safe=request[:2] in ("03", "04"),
-            )
-            for name, request, reply in _EXAMPLES
-        )
-
 
 class BraincoRevo2CanFd(Revo2):
     """A Revo2 on CAN-FD."""
 
     name = "brainco_revo2_canfd"
     title = "BrainCo Revo2 Touch hand on CAN-FD"
+    documented = command_table(
+        """
+        ? side                      007E0108##1 7E 03 03 85 00 01 9E 68  007E0107##1 7E 03 02 00 02 2C 4F
+        ? kind of touch             007E0108##1 7E 03 03 CA 00 01 AF BF  007E0107##1 7E 03 02 00 01 6C 4E
+        ? firmware                  007E0108##1 7E 04 0B B8 00 0A F9 C3  007E0119##1 7E 04 14 ..{20} ..{2} 00{7}
+        ? serial number             007E0108##1 7E 04 0B C2 00 0A D8 1A  007E0119##1 7E 04 14 ..{20} ..{2} 00{7}
+        ? which are on              007E0108##1 7E 03 0F A0 00 05 8D 30  007E010F##1 7E 03 0A ..{10} ..{2} 00{1}
+        ? forces, proximities, all but the last state  007E0108##1 7E 04 10 68 00 1D BE D0
+            007E013F##1 7E 04 3A ..{58} ..{2} 00{1}
+        ? last state                007E0108##1 7E 04 10 85 00 01 2F 2C  007E0107##1 7E 04 02 ..{2} ..{2}
+        ? thumb                     007E0108##1 7E 04 10 9A 00 06 5F 28  007E0111##1 7E 04 0C ..{12} ..{2} 00{3}
+        ? little finger             007E0108##1 7E 04 10 B2 00 06 DF 20  007E0111##1 7E 04 0C ..{12} ..{2} 00{3}
+        all on                      007E0113##1 7E 10 0F A0 00 05 0A 00 01 00 01 00 01 00 01 00 01 4E E4 00
+            007E0108##1 7E 10 0F A0 00 05 08 F3
+        new baseline of two         007E0113##1 7E 10 0F A5 00 05 0A 00 01 00 01 00 00 00 00 00 00 E6 21 00
+            007E0108##1 7E 10 0F A5 00 05 18 F2
+        calibrate the thumb         007E0113##1 7E 10 0F AA 00 05 0A 00 01 00 00 00 00 00 00 00 00 F9 EE 00
+            007E0108##1 7E 10 0F AA 00 05 28 F1
+        ring finger off             007E0108##1 7E 06 0F A3 00 00 71 33  =
+        ? beyond the map: illegal address  007E0108##1 7E 03 23 28 00 01 04 49  007E0105##1 7E 83 02 F1 29
+        write a force: illegal address  007E0108##1 7E 06 10 68 00 01 C6 D9  007E0105##1 7E 86 02 F2 79
+        on is 2: illegal value      007E0108##1 7E 06 0F A0 00 02 00 F2  007E0105##1 7E 86 03 33 B9
+        read coils: illegal function  007E0108##1 7E 01 00 00 00 01 F6 05  007E0105##1 7E 81 01 B0 48
+        ? too much for one frame: illegal value  007E0108##1 7E 04 10 68 00 1E FE D1  007E0105##1 7E 84 03 32 D9
+        """,
+        origin="; ".join(Revo2.sources[:2]),
+    )
 
     def _plug(self) -> None:
-        self.ports = (Can(data_bitrate=5_000_000, filters=((self.unit << 16, 0x1FFF0000),)),)
+        ident = Identifier(f"{self.unit:013b}hhhhhhhhssssssss", {"host": "h", "size": "s"})
+        self.packets = CanRequests(ident, by="", is_fd=True)
+        self.ports = (Can(data_bitrate=5_000_000, filters=(ident.filter(),)),)
 
     def receive(self, data: CanFrame, t_ns: int, port: str) -> Transmissions[CanFrame]:
         """Answer the request in one frame."""
-        ident, size = data.arbitration_id, data.arbitration_id & 0xFF
-        adu = data.data[:size]
-        if ident >> 16 != self.unit or not (data.is_extended_id and data.is_fd):
+        asked = self.packets.fields(data)
+        if asked is None:
             self.counters["ignored"] += 1
             return ()
-        if len(adu) < 4 or len(adu) != size or adu[0] != self.unit or crc16_modbus(adu):
+        adu = data.data[: asked["size"]]
+        if len(adu) < 4 or len(adu) != asked["size"] or adu[0] != self.unit or crc16_modbus(adu):
             self.counters["bad_checksum"] += 1
             return ()
         self.counters["requests"] += 1
@@ -113,83 +153,4 @@ class BraincoRevo2CanFd(Revo2):
         if len(reply) + 3 > MAX_CAN_DATA_BYTES:
             reply = bytes([adu[1] | 0x80, 3])
         frame = rtu(self.unit, reply)
-        sent = CanFrame(arbitration_id=ident & ~0xFF | len(frame), is_extended_id=True, is_fd=True, bitrate_switch=True)
-        padded = with_payload(sent, frame)
-        assert isinstance(padded, CanFrame)
-        return self._restarted([padded])
-
-    @property
-    def commands(self) -> tuple[Command, ...]:
-        """Requests to a left hand with default options, from host 1."""
-        if self.unit != 0x7E or not self.capacitive:
-            return ()
-        return tuple(
-            Command(
-                name=name,
-                request=request,
-                reply=reply,
-                origin="; ".join(self.sources[:2]),
-                safe=request.startswith(("007E0108##1 7E 03", "007E0108##1 7E 04")),
-            )
-            for name, request, reply in _CAN_EXAMPLES
-        )
-
-
-_EXAMPLES = (
-    # name, request, answer, without the unit; CRC by pymodbus; a write of one register comes back as it was
-    ("side", "03 03 85 00 01 9E 68", "03 02 00 02 2C 4F"),
-    ("kind of touch", "03 03 CA 00 01 AF BF", "03 02 00 01 6C 4E"),
-    ("firmware", "04 0B B8 00 0A F9 C3", "04 14 ..{20} ..{2}"),
-    ("serial number", "04 0B C2 00 0A D8 1A", "04 14 ..{20} ..{2}"),
-    ("which are on", "03 0F A0 00 05 8D 30", "03 0A ..{10} ..{2}"),
-    ("forces, proximities, all but the last state", "04 10 68 00 1D BE D0", "04 3A ..{58} ..{2}"),
-    ("last state", "04 10 85 00 01 2F 2C", "04 02 ..{2} ..{2}"),
-    ("forces, proximities, states", "04 10 68 00 1E FE D1", "04 3C ..{60} ..{2}"),
-    ("thumb", "04 10 9A 00 06 5F 28", "04 0C ..{12} ..{2}"),
-    ("little finger", "04 10 B2 00 06 DF 20", "04 0C ..{12} ..{2}"),
-    ("all on", "10 0F A0 00 05 0A 00 01 00 01 00 01 00 01 00 01 4E E4", "10 0F A0 00 05 08 F3"),
-    ("new baseline of two", "10 0F A5 00 05 0A 00 01 00 01 00 00 00 00 00 00 E6 21", "10 0F A5 00 05 18 F2"),
-    ("calibrate the thumb", "10 0F AA 00 05 0A 00 01 00 00 00 00 00 00 00 00 F9 EE", "10 0F AA 00 05 28 F1"),
-    ("ring finger off", "06 0F A3 00 00 71 33", ""),
-    ("beyond the map: illegal address", "03 23 28 00 01 04 49", "83 02 F1 29"),
-    ("write a force: illegal address", "06 10 68 00 01 C6 D9", "86 02 F2 79"),
-    ("on is 2: illegal value", "06 0F A0 00 02 00 F2", "86 03 33 B9"),
-    ("read coils: illegal function", "01 00 00 00 01 F6 05", "81 01 B0 48"),
-)
-_CAN_EXAMPLES = (
-    # name, request, answer; length in the id, padding as in common_socketcan.py
-    ("side", "007E0108##1 7E 03 03 85 00 01 9E 68", "007E0107##1 7E 03 02 00 02 2C 4F"),
-    ("kind of touch", "007E0108##1 7E 03 03 CA 00 01 AF BF", "007E0107##1 7E 03 02 00 01 6C 4E"),
-    ("firmware", "007E0108##1 7E 04 0B B8 00 0A F9 C3", "007E0119##1 7E 04 14 ..{20} ..{2} 00{7}"),
-    ("serial number", "007E0108##1 7E 04 0B C2 00 0A D8 1A", "007E0119##1 7E 04 14 ..{20} ..{2} 00{7}"),
-    ("which are on", "007E0108##1 7E 03 0F A0 00 05 8D 30", "007E010F##1 7E 03 0A ..{10} ..{2} 00{1}"),
-    (
-        "forces, proximities, all but the last state",
-        "007E0108##1 7E 04 10 68 00 1D BE D0",
-        "007E013F##1 7E 04 3A ..{58} ..{2} 00{1}",
-    ),
-    ("last state", "007E0108##1 7E 04 10 85 00 01 2F 2C", "007E0107##1 7E 04 02 ..{2} ..{2}"),
-    ("thumb", "007E0108##1 7E 04 10 9A 00 06 5F 28", "007E0111##1 7E 04 0C ..{12} ..{2} 00{3}"),
-    ("little finger", "007E0108##1 7E 04 10 B2 00 06 DF 20", "007E0111##1 7E 04 0C ..{12} ..{2} 00{3}"),
-    (
-        "all on",
-        "007E0113##1 7E 10 0F A0 00 05 0A 00 01 00 01 00 01 00 01 00 01 4E E4 00",
-        "007E0108##1 7E 10 0F A0 00 05 08 F3",
-    ),
-    (
-        "new baseline of two",
-        "007E0113##1 7E 10 0F A5 00 05 0A 00 01 00 01 00 00 00 00 00 00 E6 21 00",
-        "007E0108##1 7E 10 0F A5 00 05 18 F2",
-    ),
-    (
-        "calibrate the thumb",
-        "007E0113##1 7E 10 0F AA 00 05 0A 00 01 00 00 00 00 00 00 00 00 F9 EE 00",
-        "007E0108##1 7E 10 0F AA 00 05 28 F1",
-    ),
-    ("ring finger off", "007E0108##1 7E 06 0F A3 00 00 71 33", "007E0108##1 7E 06 0F A3 00 00 71 33"),
-    ("beyond the map: illegal address", "007E0108##1 7E 03 23 28 00 01 04 49", "007E0105##1 7E 83 02 F1 29"),
-    ("write a force: illegal address", "007E0108##1 7E 06 10 68 00 01 C6 D9", "007E0105##1 7E 86 02 F2 79"),
-    ("on is 2: illegal value", "007E0108##1 7E 06 0F A0 00 02 00 F2", "007E0105##1 7E 86 03 33 B9"),
-    ("read coils: illegal function", "007E0108##1 7E 01 00 00 00 01 F6 05", "007E0105##1 7E 81 01 B0 48"),
-    ("too much for one frame: illegal value", "007E0108##1 7E 04 10 68 00 1E FE D1", "007E0105##1 7E 84 03 32 D9"),
-)
+        return self._restarted([self.packets.frame(asked["id"] & ~0xFF | len(frame), frame)])

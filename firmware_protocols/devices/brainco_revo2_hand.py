@@ -82,7 +82,9 @@ ORDER_REGISTERS = ("baseline", "calibrate", "calibrate_pads", "defaults", "resta
 BAUDS = (115200, 57600, 19200, 460800, 1_000_000, 2_000_000, 5_000_000, 6_000_000, 4_000_000, 3_000_000)
 RESTARTING_REGISTERS = {"unit", "baud", "can_baud", "restart", "auto_calibration", "defaults"}
 """The registers that restart the hand when they change."""
-MOTOR_NAMES = ("thumb", "thumb turn", "index", "middle", "ring", "little")
+N_MOTORS = 6
+"""The motors: thumb, thumb turn, index, middle, ring, little finger."""
+FIRMWARE = b"1.0.5".ljust(20, b"\0")
 FINGERTIPS_M = {
     "thumb": (0.06, 0.0), "index": (0.03, 0.09), "middle": (0.01, 0.1), "ring": (-0.01, 0.095),
     "little": (-0.03, 0.08),
@@ -113,6 +115,7 @@ class Revo2(Device[Any]):
         "serial numbers in public logs: BCXTL2313J2500008, BCXTR2124J2600024",
     )
     judge = "bc-stark-sdk 2.0.8"
+    documented_with = ("serial", "single_proximity")
     facts = fact_table(f"""
         stated touch: order and size of all values @ bc-stark-sdk 2.0.8 main_mod.pyi TouchFingerItem, RegAddrRevo2
         stated touch: low byte first in the proximities at 4250 @ bc-stark-sdk 2.0.8, what
@@ -157,19 +160,15 @@ class Revo2(Device[Any]):
         self.capacitive, self.single_type = touch == "capacitive", f"{'>' if single_proximity == 'big' else '<'}u4"
         self.layout, self.columns = _hand(self.capacitive), _columns(self.capacitive)
         serial = serial or f"BCXT{side[0].upper()}2313J2500008"
-        delivered = {"unit": 0x7E if side == "left" else 0x7F, "serial": _text(serial, 20)}
+        delivered = {"unit": 0x7E if side == "left" else 0x7F, "serial": serial.encode("ascii")}
         self.registers = Registers(MAP, kept={**delivered, **self.flash})
         self.registers["side"], self.registers["kind"] = (2 if side == "left" else 1), (1 if self.capacitive else 2)
-        self.registers["firmware"] = _text("1.0.5", 20)
-        if self.capacitive:
-            self.registers["tip_firmware"] = _text("1.0.5", 20) * len(FINGERTIPS_M)
-        else:
-            self.registers["pad_firmware"] = _text("1.0.5", 20) * (len(FINGERTIPS_M) + 1)
-            self.registers["pad_serial"] = [byte for k in range(6) for byte in _text(f"BCPT2313J250000{k + 1}", 20)]
+        self.registers["firmware"] = FIRMWARE
+        self.registers["tip_firmware" if self.capacitive else "pad_firmware"] = FIRMWARE * len(self.layout.patches)
+        if not self.capacitive:
+            self.registers["pad_serial"] = b"".join(b"BCPT2313J250000%d" % k + bytes(4) for k in range(1, 7))
         self.unit = self.registers["unit"]
-        self.motors = Motors(
-            [0.0] * len(MOTOR_NAMES), low=0, high=1000, speed_limit=2000, names=(), time_constant_s=0.02
-        )
+        self.motors = Motors([0.0] * N_MOTORS, low=0, high=1000, speed_limit=2000, names=(), time_constant_s=0.02)
         self.felt = self.zero = np.zeros((len(self.layout), 3))
         self.modules = np.repeat(np.arange(len(self.layout.patches)), [len(patch) for patch in self.layout.patches])
         self.counts = np.zeros((5, 4) if self.capacitive else 91, int)
@@ -224,10 +223,10 @@ class Revo2(Device[Any]):
         for name in written:
             if name.startswith("set_"):
                 finger, value = self.registers.all(name)
-                limits = self.registers.all(name.replace("set_", ""))
+                limits = self.registers.all(name.removeprefix("set_"))
                 if 1 <= finger <= len(limits):
                     limits[finger - 1] = value
-                    self.registers[name.replace("set_", "")] = limits
+                    self.registers[name.removeprefix("set_")] = limits
             self._drive(name, t_ns)
         if "new_serial" in written and any(self.registers.all("key")):
             self.registers["serial"] = self.registers.all("new_serial")
@@ -245,13 +244,9 @@ class Revo2(Device[Any]):
 
     def _drive(self, name: str, t_ns: int) -> None:
         """Move the motors as the register ``name`` orders."""
-        numbers, n = (
-            np.array(self.registers.all(name), float) if name in _MOTION_REGISTERS else np.empty(0),
-            len(MOTOR_NAMES),
-        )
-        if not len(numbers):
+        if name not in _MOTION_REGISTERS:
             return
-        one = name.startswith("one_")
+        numbers, n, one = np.array(self.registers.all(name), float), N_MOTORS, name.startswith("one_")
         if one and not 1 <= numbers[0] <= n:
             return
         first, second = np.full(n, np.nan), np.full(n, np.nan)
@@ -275,10 +270,6 @@ class Revo2(Device[Any]):
         """Return ``sent``, followed by the restart if one was ordered."""
         ordered, self.restarts = self.restarts, False
         return [*sent, Restart(delay_ns=RESTART_NS)] if ordered else [*sent]
-
-
-def _text(text: str, n: int) -> list[int]:
-    return list(text.encode("ascii")[:n].ljust(n, b"\0"))
 
 
 def _columns(capacitive: bool) -> tuple[Column, ...]:

@@ -38,8 +38,8 @@ from typing import Annotated, Literal
 import numpy as np
 
 from firmware_protocols import (
-    Column, Command, Counts, Device, Layout, Option, Reading, RegisterMap, Registers, Rs485, Transmissions, fact_table,
-    filled, grid_layout, place, quantize, stack,
+    Column, Counts, Device, Layout, Option, Reading, RegisterMap, Registers, Rs485, Transmissions, command_table,
+    fact_table, filled, grid_layout, place, quantize, stack,
 )  # fmt: skip
 from firmware_protocols.protocols.modbus import Banks, Rtu, silence_ns
 
@@ -110,15 +110,15 @@ REGIONS_PER_MODULE = (1, 3, 6, 3, 5, 3, 5, 3, 5, 3, 5)
 _POINTS = np.split(np.arange(sum(ARRAY_POINTS)), np.cumsum(ARRAY_POINTS)[:-1])
 REGION_STARTS = [run[0] for points, n in zip(_POINTS, REGIONS_PER_MODULE) for run in np.array_split(points, n)]
 PAIRED_FIRST_REGISTERS = (5240, 5340, 5380, 5440, 5480, 5540, 5580, 5640, 5680, 5740, 5780)
-MODULES = (
-    "palm",
-    *(f"{finger} {part}" for finger in ("thumb", "index", "middle", "ring", "little") for part in ("tip", "pad")),
-)
+PLACES_M = {
+    "palm": (0.0, 0.0), "thumb": (0.06, 0.0), "index": (0.033, 0.06), "middle": (0.011, 0.07), "ring": (-0.011, 0.065),
+    "little": (-0.033, 0.055),
+}  # fmt: skip
+MODULES = ("palm", *(f"{finger} {part}" for finger in tuple(PLACES_M)[1:] for part in ("tip", "pad")))
 ARRAY_COUNTS_PER_NEWTON = np.array([200.0, 200.0, 1000.0])
 MATRIX_COUNTS_PER_NEWTON = np.array([50.0, 100.0])
 MILLINEWTONS_PER_NEWTON = 1000.0
-ZERO = 1
-UNDO = 2
+ZERO, UNDO = 1, 2
 
 
 SDK = "BrainCoTech/brainco-revo3-sdk@7ba96eb "
@@ -137,6 +137,50 @@ class BraincoRevo3(Device):
         "bc-revo3-sdk 2.3.2 and 1.5.1: what they read and write (identity, points per module, regions, packing)",
     )
     judge = "bc-revo3-sdk 2.3.2, bc-revo3-sdk 1.5.1"
+    documented = command_table(
+        """
+        @ bc-revo3-sdk 2.3.2 and 1.5.1: what they read and write (identity, points per module, regions, packing)
+        ? unit                       03 00 6C 00 01 4F D8     03 02 00 7E 2D AE
+        ? serial number              04 0B EA 00 0A 58 12     04 14 ..{20} ..{2}
+        ? kind of touch              03 00 87 00 01 3F EC     03 02 00 01 6C 4E
+        ? hardware                   04 0B E0 00 0A 78 10     04 14 ..{20} ..{2}
+        ? hand                       03 00 65 00 01 9F DA     03 02 00 02 2C 4F
+        ? lower limits               03 00 F0 00 15 8F F9     03 2A ..{42} ..{2}
+        ? upper limits               03 01 0E 00 15 EF F5     03 2A ..{42} ..{2}
+        ? firmware                   04 0B D6 00 0A 98 1E     04 14 ..{20} ..{2}
+        ? points of each module      03 0F C5 00 0B 1C EB     03 16 ..{22} ..{2}
+        ? modules that are on        03 0F A0 00 0B 0C F4     03 16 ..{22} ..{2}
+        ? forces of regions          04 10 04 00 2A 3F 1B     04 54 ..{84} ..{2}
+        ? what is shown              03 0F B7 00 01 3C F7     03 02 00 00 AD 8E
+        show forces                  06 0F B7 00 01 F0 F7     =
+        values [mN]                  06 0F B8 00 02 80 F5     =
+        zero all                     06 0F AB 00 01 31 31     =
+        zero the index finger's tip  06 0F AF 00 01 70 F0     =
+        palm off                     06 0F A0 00 00 81 33     =
+        all modules on  10 0F A0 00 0B 16 00 01 00 01 00 01 00 01 00 01 00 01 00 01 00 01 00 01 00 01 00 01 AA 7B
+            10 0F A0 00 0B 89 37
+        @ BrainCoTech/brainco-revo3-sdk@7ba96eb docs/device/REVO3_TOUCH_API.md, REVO3_MOTOR_API.md (registers)
+        ? palm                         04 10 68 00 24 7E C2  04 48 ..{72} ..{2}
+        ? thumb tip                    04 10 9A 00 1F 9E E2  04 3E ..{62} ..{2}
+        ? thumb pad                    04 10 C2 00 39 9E EB  04 72 ..{114} ..{2}
+        ? index tip                    04 10 FE 00 15 5F 3A  04 2A ..{42} ..{2}
+        ? index pad                    04 11 30 00 34 FF 21  04 68 ..{104} ..{2}
+        ? middle tip                   04 11 6C 00 15 FF 2B  04 2A ..{42} ..{2}
+        ? middle pad                   04 11 94 00 34 BE C2  04 68 ..{104} ..{2}
+        ? ring tip                     04 11 D0 00 15 3E CF  04 2A ..{42} ..{2}
+        ? ring pad                     04 11 F8 00 34 7E DF  04 68 ..{104} ..{2}
+        ? little tip                   04 12 34 00 15 7E BC  04 2A ..{42} ..{2}
+        ? little pad                   04 12 5C 00 34 3F 78  04 68 ..{104} ..{2}
+        factory's zero of all modules  06 0F B9 00 03 10 F5  =
+        @ Modbus application protocol V1.1b3, 7
+        ? beyond the map: illegal address  03 23 28 00 01 04 49  83 02 F1 29
+        write a point: illegal address     06 10 68 00 01 C6 D9  86 02 F2 79
+        mode 3: illegal value              06 0F B8 00 03 41 35  86 03 33 B9
+        read coils: illegal function       01 00 00 00 01 F6 05  81 01 B0 48
+        """,
+        head="7E",
+    )
+    documented_with = ("packing", "serial", "baud")
     facts = fact_table(f"""
         stated touch: registers, points of each module, units of force @ {SDK}docs/device/REVO3_TOUCH_API.md
         assumed touch: places: row by row, flat, normal +z, 2 mm pitch on fingers, 4 mm on the palm; matrices 10 x 6 @
@@ -182,7 +226,7 @@ class BraincoRevo3(Device):
         registers["hand"] = 2 if side == "left" else 1
         registers["array_size" if self.array else "matrix_size"] = ARRAY_POINTS if self.array else MATRIX_POINTS
         for name, text in (("firmware", "0.1.2"), ("hardware", "V1.0"), ("serial", serial)):
-            registers[name] = list(text.encode("ascii")[:20].ljust(20, b"\0"))
+            registers[name] = text.encode("ascii")
         self.unit = registers["unit"]
         self.rtu = Rtu(counters=self.counters, gap_ns=silence_ns(baud))
         self.felt = self.zero = np.zeros(len(self.layout))
@@ -245,27 +289,9 @@ class BraincoRevo3(Device):
         zeroed[0] = zeroed[1:].all()
         self.registers["zeroed"] = zeroed
 
-    @property
-    def commands(self) -> tuple[Command, ...]:
-        """Requests to a hand with arrays and default options."""
-        if not self.array:
-            return ()
-        return tuple(
-            Command(
-                name=name,
-                request=f"7E {request}",
-                reply=f"7E {reply or request}",
-                origin=origin,
-                safe=request[:2] in ("03", "04"),
-            )
-            for name, request, reply, origin in _EXAMPLES
-        )
-
 
 def _hand(touch: str) -> Layout:
     """Return modules in wire order, each on its link; x across the hand, y along the fingers, z out of it."""
-    places = {"palm": (0.0, 0.0), "thumb": (0.06, 0.0), "index": (0.033, 0.06), "middle": (0.011, 0.07)}
-    places |= {"ring": (-0.011, 0.065), "little": (-0.033, 0.055)}
     pads = []
     for name, n in zip(MODULES, ARRAY_POINTS if touch == "array" else MATRIX_POINTS):
         link, _, part = name.partition(" ")
@@ -274,52 +300,6 @@ def _hand(touch: str) -> Layout:
             pad = grid_layout(n // 6, 6, pitch, name=name, link=link)
         else:
             pad = filled(n, 6 * pitch, n / 6 * pitch, name=name, link=link)
-        x, y = places[link]
+        x, y = PLACES_M[link]
         pads.append(place(pad, (x, y + (0.025 if part == "tip" else 0.0), 0.0)))
     return stack(*pads)
-
-
-_DOCUMENT, _SDK = BraincoRevo3.sources
-_STANDARD = "Modbus application protocol V1.1b3, 7"
-_EXAMPLES = (
-    # name, request, answer, without the unit; CRC by pymodbus; a write of one register comes back as it was
-    ("unit", "03 00 6C 00 01 4F D8", "03 02 00 7E 2D AE", _SDK),
-    ("serial number", "04 0B EA 00 0A 58 12", "04 14 ..{20} ..{2}", _SDK),
-    ("kind of touch", "03 00 87 00 01 3F EC", "03 02 00 01 6C 4E", _SDK),
-    ("hardware", "04 0B E0 00 0A 78 10", "04 14 ..{20} ..{2}", _SDK),
-    ("hand", "03 00 65 00 01 9F DA", "03 02 00 02 2C 4F", _SDK),
-    ("lower limits", "03 00 F0 00 15 8F F9", "03 2A ..{42} ..{2}", _SDK),
-    ("upper limits", "03 01 0E 00 15 EF F5", "03 2A ..{42} ..{2}", _SDK),
-    ("firmware", "04 0B D6 00 0A 98 1E", "04 14 ..{20} ..{2}", _SDK),
-    ("points of each module", "03 0F C5 00 0B 1C EB", "03 16 ..{22} ..{2}", _SDK),
-    ("palm", "04 10 68 00 24 7E C2", "04 48 ..{72} ..{2}", _DOCUMENT),
-    ("thumb tip", "04 10 9A 00 1F 9E E2", "04 3E ..{62} ..{2}", _DOCUMENT),
-    ("thumb pad", "04 10 C2 00 39 9E EB", "04 72 ..{114} ..{2}", _DOCUMENT),
-    ("index tip", "04 10 FE 00 15 5F 3A", "04 2A ..{42} ..{2}", _DOCUMENT),
-    ("index pad", "04 11 30 00 34 FF 21", "04 68 ..{104} ..{2}", _DOCUMENT),
-    ("middle tip", "04 11 6C 00 15 FF 2B", "04 2A ..{42} ..{2}", _DOCUMENT),
-    ("middle pad", "04 11 94 00 34 BE C2", "04 68 ..{104} ..{2}", _DOCUMENT),
-    ("ring tip", "04 11 D0 00 15 3E CF", "04 2A ..{42} ..{2}", _DOCUMENT),
-    ("ring pad", "04 11 F8 00 34 7E DF", "04 68 ..{104} ..{2}", _DOCUMENT),
-    ("little tip", "04 12 34 00 15 7E BC", "04 2A ..{42} ..{2}", _DOCUMENT),
-    ("little pad", "04 12 5C 00 34 3F 78", "04 68 ..{104} ..{2}", _DOCUMENT),
-    ("modules that are on", "03 0F A0 00 0B 0C F4", "03 16 ..{22} ..{2}", _SDK),
-    ("forces of regions", "04 10 04 00 2A 3F 1B", "04 54 ..{84} ..{2}", _SDK),
-    ("what is shown", "03 0F B7 00 01 3C F7", "03 02 00 00 AD 8E", _SDK),
-    ("show forces", "06 0F B7 00 01 F0 F7", "", _SDK),
-    ("values [mN]", "06 0F B8 00 02 80 F5", "", _SDK),
-    ("zero all", "06 0F AB 00 01 31 31", "", _SDK),
-    ("zero the index finger's tip", "06 0F AF 00 01 70 F0", "", _SDK),
-    ("palm off", "06 0F A0 00 00 81 33", "", _SDK),
-    (
-        "all modules on",
-        "10 0F A0 00 0B 16 00 01 00 01 00 01 00 01 00 01 00 01 00 01 00 01 00 01 00 01 00 01 AA 7B",
-        "10 0F A0 00 0B 89 37",
-        _SDK,
-    ),
-    ("factory's zero of all modules", "06 0F B9 00 03 10 F5", "", _DOCUMENT),
-    ("beyond the map: illegal address", "03 23 28 00 01 04 49", "83 02 F1 29", _STANDARD),
-    ("write a point: illegal address", "06 10 68 00 01 C6 D9", "86 02 F2 79", _STANDARD),
-    ("mode 3: illegal value", "06 0F B8 00 03 41 35", "86 03 33 B9", _STANDARD),
-    ("read coils: illegal function", "01 00 00 00 01 F6 05", "81 01 B0 48", _STANDARD),
-)

@@ -29,7 +29,7 @@ import numpy as np
 
 from firmware_protocols import (
     Column, Counts, Device, Option, Reading, RegisterMap, Registers, Rs485, Transmissions, command_table, fact_table,
-    grid_layout, quantize,
+    grid_layout,
 )  # fmt: skip
 from firmware_protocols.protocols.modbus import Banks, Rtu, rtu, silence_ns
 
@@ -72,7 +72,7 @@ class DfrobotTactile(Device):
     name = "dfrobot_tactile"
     title = "DFRobot tactile sensor, 4x8 or 6x6"
     kind = "fingertip"
-    columns = (Column(name="touch", low=0, high=4095, push=1),)
+    columns = (Column(name="touch", low=0, high=4095, assumed_per_unit=COUNTS_PER_NEWTON, push=1),)
     evidence = ("driver",)
     sources = (
         f"{DRIVER} python/raspberrypi, src (the vendor's own)",
@@ -151,8 +151,8 @@ class DfrobotTactile(Device):
 
     def measure(self, reading: Reading, t_ns: int) -> Counts:
         """Return ADC values 0..4095, shape ``(n,)``; 0 below the threshold."""
-        counts = quantize(self.layout.push(reading["force"]), COUNTS_PER_NEWTON, 0, 4095)
-        counts = np.where(counts < self.registers["threshold"], 0, counts)
+        super().measure(reading, t_ns)
+        counts = np.where(self.counts < self.registers["threshold"], 0, self.counts)
         self.inputs["values"] = np.pad(self.layout.on_wire(counts), (0, 36 - len(counts)))
         return counts
 

@@ -35,8 +35,8 @@ from typing import Annotated, Literal
 import numpy as np
 
 from firmware_protocols import (
-    Axis, Column, Counts, Device, Motors, Option, Reading, RegisterMap, Registers, Rs485, Transmissions, command_table,
-    fact_table, filled, place, quantize, stack,
+    Counts, Device, Motors, Option, Reading, RegisterMap, Registers, Rs485, Transmissions, command_table,
+    fact_table, filled, place, quantize, stack, xyz,
 )  # fmt: skip
 from firmware_protocols.protocols.modbus import Banks, Rtu, silence_ns
 
@@ -81,9 +81,7 @@ ORDER_TYPE = np.dtype([("angle", ">i2"), ("speed", "i1"), ("torque", "i1")])
 JOINT_TYPE = np.dtype(">u1, u1, >i2, i1, i1")
 BAUD = 1_000_000
 UNITS = {"left": 0x31, "right": 0x32}
-TOUCH_ON = 1
-TOUCH_OFF = 2
-TOUCH_ZERO = 4
+TOUCH_ON, TOUCH_OFF, TOUCH_ZERO = 1, 2, 4
 FULL_SPEED_DEG_PER_S = 180.0
 TAXELS = {"thumb": 38, "index": 31, "middle": 31, "ring": 31, "little": 31}
 ALL_VALID = 0x1F
@@ -92,7 +90,6 @@ FINGER_SPACING_M = 0.025
 COUNTS_PER_NEWTON = 10.0
 LOW_COUNTS = np.array([-128, -128, 0])
 HIGH_COUNTS = np.array([127, 127, 255])
-AXES: tuple[Axis, ...] = ("x", "y", "z")
 _SDK = "gli-sdk/GHand-Python-SDK@3ebbadf"
 _COMM = f"{_SDK} src/ghand/comm/rs485_comm.py"
 _READ = "rs485_comm.py, canfd_comm.py, modbus_codec.py, ghand.py, types.py, config/, README.md, docs/, examples/"
@@ -105,11 +102,7 @@ class GHand5(Device):
     kind = "hand"
     title = "GLI GHand 5, five three-axis fingertips"
     ports = (Rs485(baud=BAUD),)
-    columns = tuple(
-        Column(name=f"F{axis}", axis=axis, unit="N", counts_per_unit=COUNTS_PER_NEWTON, low=low, high=high,
-               push=1 if axis == "z" else 0)
-        for axis, low, high in zip(AXES, LOW_COUNTS.tolist(), HIGH_COUNTS.tolist())
-    )  # fmt: skip
+    columns = xyz("Fx Fy Fz", unit="N", counts_per_unit=COUNTS_PER_NEWTON, low=LOW_COUNTS, high=HIGH_COUNTS, push=1)
     evidence = ("driver",)
     sources = (f"{_SDK} (the vendor's own)",)
     judge = _SDK
@@ -176,25 +169,23 @@ class GHand5(Device):
         self.layout = stack(*(place(pad, (k * FINGER_SPACING_M, 0.0, 0.0)) for k, pad in enumerate(pads)))
         self.inputs = Registers(INPUTS)
         for name, text in (("name", model), ("hardware", "v1.0.0"), ("firmware", firmware)):
-            self.inputs[name] = np.frombuffer(text.encode("ascii")[:16].ljust(16, b"\0"), np.uint8)
-        self.inputs["serial"] = np.frombuffer(serial.to_bytes(16, "big"), ">u4")
+            self.inputs[name] = text.encode("ascii")
+        self.inputs["serial"] = serial.to_bytes(16, "big")
         self.inputs["side"] = 1 if side == "left" else 2
         self.holding = Registers(HOLDING, kept={"unit": UNITS[side], **self.flash})
         self.rtu = Rtu(counters=self.counters, gap_ns=silence_ns(BAUD))
         low, high = np.array([stops for stops in JOINTS.values() if stops], float).T
-        self.motors = Motors(
-            np.maximum(low, 0.0), low=low, high=high, time_constant_s=0.0, speed_limit=FULL_SPEED_DEG_PER_S
-        )
-        self.forces = self.zero = np.zeros((len(self.layout), 3))
+        speed = FULL_SPEED_DEG_PER_S
+        self.motors = Motors(np.maximum(low, 0.0), low=low, high=high, time_constant_s=0.0, speed_limit=speed)
+        self.present = self.zero = np.zeros((len(self.layout), 3))
         self.on = True
 
     def measure(self, reading: Reading, t_ns: int) -> Counts:
         """Return Fx, Fy, Fz of each taxel [0.1 N], a push positive, shape ``(162, 3)``."""
-        self.forces = self.layout.to_taxel_frame(reading["force"]) * [1, 1, -1]
-        forces = (self.forces - self.zero) * self.on
-        counts = _counts(forces)
-        fingers = [patch.taxels for patch in self.layout.patches]
-        sums = _counts(np.array([forces[taxels].sum(axis=0) for taxels in fingers]))
+        super().measure(reading, t_ns)
+        counts, fingers = self.counts * self.on, [patch.taxels for patch in self.layout.patches]
+        forces = np.array([(self.present - self.zero)[taxels].sum(axis=0) for taxels in fingers]) * self.on
+        sums = quantize(forces, COUNTS_PER_NEWTON, LOW_COUNTS, HIGH_COUNTS)
         self.inputs["resultant"] = np.stack([sums & 0xFF, 0 * sums], axis=-1).ravel()
         sent = self.layout.on_wire(counts & 0xFF)
         self.inputs["taxels"] = np.concatenate([_padded(sent[taxels].ravel()) for taxels in fingers])
@@ -212,7 +203,7 @@ class GHand5(Device):
         moving, orders, joints = self.motors.moving(t_ns), self._orders(), np.zeros(len(JOINTS), JOINT_TYPE)
         joints["f0"][DRIVEN_JOINTS], joints["f3"][DRIVEN_JOINTS] = moving, np.where(moving, orders["speed"], 0)
         joints["f2"][DRIVEN_JOINTS] = np.rint(10 * self.motors.positions(t_ns))
-        self.inputs["joints"] = np.frombuffer(joints.tobytes(), np.uint8)
+        self.inputs["joints"] = joints.tobytes()
         self.inputs["running"] = moving.any()
 
     def _orders(self) -> np.ndarray:
@@ -243,18 +234,13 @@ class GHand5(Device):
 
     def _order_touch(self, order: int) -> None:
         if order == TOUCH_ZERO:
-            self.zero = self.forces
+            self.zero = self.present
         elif order in (TOUCH_ON, TOUCH_OFF):
             self.on = order == TOUCH_ON
 
     def joints(self, t_ns: int) -> Mapping[str, float]:
         """Return the angles of the joints that have a motor [rad], by name."""
         return dict(zip([list(JOINTS)[k] for k in DRIVEN_JOINTS], np.deg2rad(self.motors.positions(t_ns)).tolist()))
-
-
-def _counts(forces: np.ndarray) -> np.ndarray:
-    """Return counts of forces [N], shape ``(n, 3)``."""
-    return np.clip(quantize(forces, COUNTS_PER_NEWTON, LOW_COUNTS.min(), HIGH_COUNTS.max()), LOW_COUNTS, HIGH_COUNTS)
 
 
 def _padded(data: np.ndarray) -> np.ndarray:

@@ -112,14 +112,14 @@ SECOND_GENERATION = RegisterMap(
 )
 """Offsets count bytes: two for each register."""
 TOUCH_PARTS = {
-    "thumb": (9, 4, 1),
-    "index": (12, 5, 2),
-    "middle": (12, 5, 2),
-    "ring": (12, 5, 2),
-    "little": (8, 4, 1),
-    "palm": (7, 8, 0),
+    # name: place [m], rows and columns of dots, number of three-axis points
+    "thumb": ((0.06, 0.02, 0.0), 9, 4, 1),
+    "index": ((0.033, 0.09, 0.0), 12, 5, 2),
+    "middle": ((0.011, 0.1, 0.0), 12, 5, 2),
+    "ring": ((-0.011, 0.095, 0.0), 12, 5, 2),
+    "little": ((-0.033, 0.08, 0.0), 8, 4, 1),
+    "palm": ((0.0, 0.0, 0.0), 7, 8, 0),
 }
-"""The rows and columns of dots, and the number of three-axis points, of each part."""
 RESTART_NS = 100_000_000
 ORDERS = ("calibrate", "initialise", "restart")
 TARGETS = ("position_set", "angle_set")
@@ -137,12 +137,6 @@ DOT_COUNTS_PER_NEWTON = 50.0
 COUNTS_PER_NEWTON = 100.0
 MILLINEWTONS_PER_NEWTON = 1000.0
 Touch = Literal["dots", "three_axis", "finger"]
-PART_CENTRES_M = {
-    "thumb": (0.06, 0.02), "index": (0.033, 0.09), "middle": (0.011, 0.1), "ring": (-0.011, 0.095),
-    "little": (-0.033, 0.08), "palm": (0.0, 0.0),
-}  # fmt: skip
-
-
 _DEMOS = "oymotion/roh_gen2_demos@026e86b"
 _FIRMWARE = "oymotion/roh_firmware@4697700"
 _DOC = f"{_FIRMWARE} protocol/OHandModBusRTUProtocol_EN.md"
@@ -231,10 +225,7 @@ class RoHand(Device):
         touch: Annotated[Touch, Option("kind of sensors; finger: first generation, one force each")] = "dots",
         unit: Annotated[int, Option("unit as delivered; register 1005 holds it", low=1, high=247)] = 2,
     ):
-        self.touch = touch
-        self.layout = _hand(touch)
-        self.columns = _columns(touch)
-        first = touch == "finger"
+        self.touch, self.layout, self.columns, first = touch, _hand(touch), _columns(touch), touch == "finger"
         self.registers = Registers(FIRST_GENERATION if first else SECOND_GENERATION, kept={"unit": unit, **self.flash})
         self.registers["protocol"] = 0x0100 if first else 0x0200
         if first:
@@ -245,27 +236,23 @@ class RoHand(Device):
         self.unit = self.registers["unit"]
         self.ports = (Rs485(baud=BAUD),)
         self.rtu = Rtu(counters=self.counters, gap_ns=silence_ns(BAUD))
-        self.motors = Motors(
-            [0.0] * 6, low=0.0, high=FULL_SCALE, time_constant_s=0.0, speed_limit=FULL_SCALE / FULL_STROKE_S
-        )
-        self.felt = self.zero = np.zeros((len(self.layout), 3))
+        speed = FULL_SCALE / FULL_STROKE_S
+        self.motors = Motors([0.0] * 6, low=0.0, high=FULL_SCALE, time_constant_s=0.0, speed_limit=speed)
+        self.present = self.zero = np.zeros((len(self.layout), 3) if touch == "three_axis" else len(self.layout))
         self.counts = np.zeros(len(self.layout), int)
 
     def measure(self, reading: Reading, t_ns: int) -> Counts:
         """Return dots 0..255 or fingers [mN], shape ``(n,)``; or normal, tangential, direction, shape ``(n, 3)``."""
-        self.felt = self.layout.to_taxel_frame(reading["force"])
-        x, y, z = (self.felt - self.zero).T
-        if self.touch == "dots":
-            self.counts = quantize(-z, DOT_COUNTS_PER_NEWTON, 0, 255)
-        elif self.touch == "finger":
-            self.counts = quantize(-z, MILLINEWTONS_PER_NEWTON)
-        else:
-            direction = np.rint(np.rad2deg(np.arctan2(y, x))).astype(int) % 360
-            forces = [quantize(force, COUNTS_PER_NEWTON, 0, FULL_SCALE - 1) for force in (-z, np.hypot(x, y))]
-            self.counts = np.stack([*forces, direction], axis=-1)
-            palm = self.layout.patches[-1].taxels
-            self.counts[palm] = 0
-            self.counts[palm, 0] = quantize(-z[palm], DOT_COUNTS_PER_NEWTON, 0, 255)
+        if self.touch != "three_axis":
+            return super().measure(reading, t_ns)
+        self.present = self.layout.to_taxel_frame(reading["force"])
+        x, y, z = (self.present - self.zero).T
+        direction = np.rint(np.rad2deg(np.arctan2(y, x))).astype(int) % 360
+        forces = [quantize(force, COUNTS_PER_NEWTON, 0, FULL_SCALE - 1) for force in (-z, np.hypot(x, y))]
+        self.counts = np.stack([*forces, direction], axis=-1)
+        palm = self.layout.patches[-1].taxels
+        self.counts[palm] = 0
+        self.counts[palm, 0] = quantize(-z[palm], DOT_COUNTS_PER_NEWTON, 0, 255)
         return self.counts
 
     def joints(self, t_ns: int) -> Mapping[str, float]:
@@ -303,7 +290,7 @@ class RoHand(Device):
             for patch in self.layout.patches:
                 self._show(patch.name, wire[patch.taxels])
         elif self.touch == "dots":
-            push = -(self.felt - self.zero)[:, 2]
+            push = self.present - self.zero
             sums = [push[patch.taxels].sum() for patch in self.layout.patches if patch.name != "palm"]
             self.registers["force"] = np.append(np.maximum(sums, 0.0) * MILLINEWTONS_PER_NEWTON, 0.0)
         return self.registers.read(address, n)
@@ -336,7 +323,7 @@ class RoHand(Device):
         if "speed" in written:
             self.motors.limit_speed(np.array(self.registers.all("speed")) / FULL_STROKE_S, t_ns)
         if self.touch != "finger" and self.registers["zero"]:
-            self.zero, self.registers["zero"] = self.felt, 0
+            self.zero, self.registers["zero"] = self.present, 0
         self.updating = any(self.registers.all("restart"))
         if "unit" in written or ("restart" in written and not self.updating):
             self.wake_ns = t_ns + RESTART_NS
@@ -346,11 +333,10 @@ class RoHand(Device):
 
 def _columns(touch: Touch) -> tuple[Column, ...]:
     if touch == "dots":
-        return (Column(name="touch", low=0, high=255, push=1),)
+        return (Column(name="touch", low=0, high=255, assumed_per_unit=DOT_COUNTS_PER_NEWTON, push=1),)
     if touch == "finger":
-        return (
-            Column(name="force", unit="N", counts_per_unit=MILLINEWTONS_PER_NEWTON, low=0, high=FULL_SCALE, push=1),
-        )
+        scale = MILLINEWTONS_PER_NEWTON
+        return (Column(name="force", unit="N", counts_per_unit=scale, low=0, high=FULL_SCALE, push=1),)
     return (
         Column(name="normal", axis="z", low=0, high=FULL_SCALE - 1, push=1),
         Column(name="tangential", low=0, high=FULL_SCALE - 1),
@@ -361,11 +347,10 @@ def _columns(touch: Touch) -> tuple[Column, ...]:
 def _hand(touch: Touch) -> Layout:
     """Return the parts in wire order, each on its link; x across the hand, y along the fingers, z out of it."""
     pads = []
-    for name, (rows, cols, n_points) in TOUCH_PARTS.items():
-        if touch == "finger" or (touch == "three_axis" and n_points):
+    for name, (centre, rows, cols, n_points) in TOUCH_PARTS.items():
+        pitch = 0.005 if name == "palm" else 0.002
+        if touch != "dots" and n_points:
             rows, cols, pitch = (1 if touch == "finger" else n_points), 1, 0.012
-        else:
-            pitch = 0.005 if name == "palm" else 0.002
         if touch != "finger" or n_points:
-            pads.append(place(grid_layout(rows, cols, pitch, name=name, link=name), (*PART_CENTRES_M[name], 0.0)))
+            pads.append(place(grid_layout(rows, cols, pitch, name=name, link=name), centre))
     return stack(*pads)

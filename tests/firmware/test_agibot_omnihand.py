@@ -43,13 +43,13 @@ def test_parts_that_it_does_not_have_get_silence(name, parts):
     device = hand(name)
     answered = [part for part in range(32) if send(device, f"{part << 24 | 0x050101:08X}##1{ZEROS}")]
     assert answered == list(range(1, parts + 1))
-    assert device.counters["unknown_command"] == 32 - parts and device.counters["requests"] == parts
+    assert device.counters["refused"] == 32 - parts and device.counters["requests"] == 32
 
 
 def test_the_write_bit_is_clear_in_the_answer_and_the_number_is_its_own():
     device = hand(O10, device=5)
     assert [f.arbitration_id for f in send(device, f"01050185##1{ZEROS}")] == [0x01050105]
-    assert send(device, f"01050101##1{ZEROS}") == [] and device.counters["other_device"] == 1
+    assert send(device, f"01050101##1{ZEROS}") == [] and device.counters["other_address"] == 1
     ident, mask = device.ports[0].filters[0]
     assert 0x07130185 & mask == ident and 0x07130284 & mask != ident
 

@@ -84,7 +84,7 @@ def test_motor_drives_on_the_bus_are_not_for_it():
 
 
 def status(device: fp.Device) -> int:
-    return int.from_bytes(send(device, f"{device.first_id:03X}#")[0].data[:2], "big")
+    return int.from_bytes(send(device, f"{device.ports[0].filters[0][0]:03X}#")[0].data[:2], "big")
 
 
 def test_a_slot_without_calibration_is_an_error_until_reset():
@@ -100,10 +100,14 @@ def test_another_base_and_baud_rate_are_in_force_from_the_next_power_up_on():
     device = fp.create(NAME)
     sample(device)
     assert [str(f) for f in (*send(device, "20D#7F"), *send(device, "20E#03"))] == ["20D#", "20E#"]
-    assert (device.first_id, device.ports[0].bitrate) == (0x200, 250_000)
+    assert (device.ports[0].filters[0][0], device.ports[0].bitrate) == (0x200, 250_000)
     device.power_cycle()
     sample(device)
-    assert (device.first_id, device.ports[0].bitrate, device.ports[0].filters) == (0x7F0, 500_000, ((0x7F0, 0x7F0),))
+    assert (device.ports[0].filters[0][0], device.ports[0].bitrate, device.ports[0].filters) == (
+        0x7F0,
+        500_000,
+        ((0x7F0, 0x7F0),),
+    )
     assert len(send(device, "7F0#")) == 2
 
 
