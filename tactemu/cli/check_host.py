@@ -9,7 +9,7 @@ import os
 import platform
 import shutil
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 
 from tactemu.base.clock import RealClock
@@ -45,17 +45,28 @@ def check_host(wanted: Sequence[str], *, json: bool = False) -> bool:
     """
     if unknown := [name for name in wanted if name not in CHECKS]:
         raise TactemuError(f"check-host has no check {unknown[0]!r}; expected one of {', '.join(CHECKS)}")
+    found = tell(_findings(), json=json)
+    return all(each.there for each in found if each.name in (wanted or NEEDED))
+
+
+def tell(findings: Iterable[Finding], *, json: bool = False) -> list[Finding]:
+    """Print findings, each as soon as it is there, or all as JSON; return them."""
     found = []
-    for name, check in CHECKS.items():
-        try:
-            found.append(check(name))
-        except (OSError, TactemuError) as error:
-            found.append(Finding(name, False, str(error)))
+    for each in findings:
+        found.append(each)
         if not json:
-            print(_line(found[-1]), flush=True)
+            print(_line(each), flush=True)
     if json:
         print(json_module.dumps({each.name: asdict(each) for each in found}))
-    return all(each.there for each in found if each.name in (wanted or NEEDED))
+    return found
+
+
+def _findings() -> Iterator[Finding]:
+    for name, check in CHECKS.items():
+        try:
+            yield check(name)
+        except (OSError, TactemuError) as error:
+            yield Finding(name, False, str(error))
 
 
 def _line(finding: Finding) -> str:

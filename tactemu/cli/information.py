@@ -76,23 +76,39 @@ def check_host(
     wanted: Annotated[
         list[str] | None, typer.Argument(metavar="[WHAT]...", help="The checks that decide the exit code, such as can.")
     ] = None,
+    port: Annotated[
+        str | None,
+        typer.Option("--port", help="Check this serial port or CAN interface instead, such as serial:ttyUSB0."),
+    ] = None,
+    loopback: Annotated[bool, typer.Option("--loopback", help="TX and RX of the port are joined: measure it.")] = False,
+    baud: Annotated[int, typer.Option("--baud", metavar="N", help="The speed for --loopback [bit/s].")] = 115_200,
     json: Annotated[bool, typer.Option("--json", help="Machine-readable.")] = False,
 ) -> None:
     """Check what this machine can do, and how to improve it.
 
-    The checks cover ports, namespaces, CAN, GPU and the lateness of a loop.
+    The checks cover ports, namespaces, CAN, GPU and the lateness of a loop; with --port, what the hardware behind a
+    port is and holds: its driver and ids, speeds, latency, errors and, with TX joined to RX, its rate and jitter.
 
     \b
       tactemu check-host
       tactemu check-host can || sudo modprobe vcan
-      tactemu check-host --json
+      tactemu check-host --port serial:/dev/ttyUSB0 --loopback
+      tactemu check-host --port can:socketcan:can0 --json
 
     Everything is tried, which takes some seconds. Exit code 0 if the named checks pass (default: all but vcan, guest
     and gpu), 1 if one does not, 2 if there is no check of that name.
     """
-    from tactemu.cli.check_host import check_host
+    from tactemu.cli.check_host import check_host, tell
 
-    if not check_host(wanted or (), json=json):
+    if port is None and not loopback:
+        passed = check_host(wanted or (), json=json)
+    elif port is None or wanted:
+        raise typer.BadParameter("--loopback needs a --port; a --port has checks of its own")
+    else:
+        from tactemu.cli.check_port import check_port
+
+        passed = all(each.there for each in tell(check_port(port, loopback=loopback, baud=baud), json=json))
+    if not passed:
         raise typer.Exit(1)
 
 

@@ -8,20 +8,22 @@ from __future__ import annotations
 
 import socket
 import struct
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 
 from firmware_protocols import Can
 from tactemu.transports import can_errors
 
 _RTM_GETLINK, _RTM_NEWLINK, _NLM_F_REQUEST = 18, 16, 1
 _IFLA_IFNAME, _IFLA_TXQLEN, _IFLA_LINKINFO = 3, 13, 18
-_IFLA_INFO_KIND, _IFLA_INFO_DATA = 1, 2
+_IFLA_INFO_KIND, _IFLA_INFO_DATA, _IFLA_INFO_XSTATS = 1, 2, 3
 _CAN_BITTIMING, _CAN_STATE, _CAN_CTRLMODE, _CAN_DATA_BITTIMING = 1, 4, 5, 9
 _CTRLMODE_FD = 0x20
 _HEADER, _IFINFO, _ATTRIBUTE = struct.Struct("=IHHII"), struct.Struct("=BxHiII"), struct.Struct("=HH")
 _TIMING = struct.Struct("=II")
 STATES = ("ERROR-ACTIVE", "ERROR-WARNING", "ERROR-PASSIVE", "BUS-OFF", "STOPPED", "SLEEPING")
+COUNTS = ("bus_error", "error_warning", "error_passive", "bus_off", "arbitration_lost", "restarts")
+"""The counters of ``struct can_device_stats``."""
 SHORT_QUEUE = 100
 """Length of a transmit queue below which a burst of a hand finds no room; Linux gives a new interface 10."""
 _MAX_REPLY_BYTES = 65_536
@@ -43,6 +45,8 @@ class CanLink:
     state: str = ""
     queue_length: int = 0
     """The number of frames that the transmit queue holds."""
+    counts: Mapping[str, int] = field(default_factory=dict)
+    """The errors that the kernel has counted since the adapter was plugged in."""
 
     @property
     def is_real(self) -> bool:
@@ -67,6 +71,7 @@ def can_link(name: str) -> CanLink | None:
     found = dict(_attributes(reply[_HEADER.size + _IFINFO.size : length]))
     info = dict(_attributes(found.get(_IFLA_LINKINFO, b"")))
     data = dict(_attributes(info.get(_IFLA_INFO_DATA, b"")))
+    counted = info.get(_IFLA_INFO_XSTATS, b"")[: 4 * len(COUNTS)]
     bitrate, sample_point = _timing(data.get(_CAN_BITTIMING))
     state = int.from_bytes(data.get(_CAN_STATE, b"\xff")[:4], "little")
     modes = struct.unpack_from("=II", data[_CAN_CTRLMODE])[1] if len(data.get(_CAN_CTRLMODE, b"")) >= 8 else 0
@@ -78,6 +83,7 @@ def can_link(name: str) -> CanLink | None:
         is_fd=bool(modes & _CTRLMODE_FD),
         state=STATES[state] if state < len(STATES) else "",
         queue_length=int.from_bytes(found.get(_IFLA_TXQLEN, b"")[:4], "little"),
+        counts=dict(zip(COUNTS, struct.unpack(f"={len(counted) // 4}I", counted))),
     )
 
 
@@ -102,6 +108,14 @@ def _timing(data: bytes | None) -> tuple[int, float]:
         return 0, 0.0
     bitrate, thousandths = _TIMING.unpack_from(data)
     return bitrate, thousandths / 1000
+
+
+def describe(link: CanLink) -> str:
+    """Return the settings and the state of an interface in words."""
+    if not link.bitrate:
+        return "it has no bit rate"
+    data = f", data at {link.data_bitrate} bit/s" if link.is_fd else ", no CAN-FD"
+    return f"{link.bitrate} bit/s{data}, sample point {link.sample_point:.1%}, {link.state}"
 
 
 def set_up(name: str, device: Can) -> str:
