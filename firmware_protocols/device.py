@@ -278,7 +278,7 @@ class Device(Generic[F]):
         return requests.answer(self, request, t_ns, port)
 
     def accepts(self, request: requests.Request) -> bool:
-        """Return True if a request of the table is for this device; others count as ``other_address``."""
+        """Return True if a request of the table is for this device; others count as ``packets.others``."""
         return True
 
     def reply(self, request: requests.Request, content: bytes) -> Transmissions[F]:

@@ -62,6 +62,8 @@ class Cutter:
     """The counter of requests that do not fit the table; empty: the device refuses them as unknown."""
     unknown: str = "unknown_command"
     """The counter of requests that no method answers."""
+    others: str = "other_address"
+    """The counter of requests that the device does not accept, as they are for others."""
     counts_requests: bool = False
     """True if it counts ``requests``; else those are counted that a method answers."""
 

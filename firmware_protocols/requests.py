@@ -118,7 +118,7 @@ def answer(device: Device, packet: Any, t_ns: int, port: str) -> Sequence[Any]:
         return ()
     request = Request(packet, t_ns, port, fields or {})
     if not device.accepts(request):
-        device.counters["other_address"] += 1
+        device.counters[cutter.others] += 1
         return ()
     return _handled(device, request)
 

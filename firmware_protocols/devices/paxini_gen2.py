@@ -24,10 +24,9 @@ import struct
 from typing import Annotated
 
 from firmware_protocols import (
-    MORE, SOUND, Broken, Frame, Option, Packets, Sent, Serial, Transmissions, command_table, fact_table,
+    MORE, Frame, Option, Packets, Refused, Request, Sent, Serial, Transmissions, command, command_table, fact_table,
 )  # fmt: skip
 from firmware_protocols.devices.paxini_modules import GAP_NS, TAXELS_BY_MODEL, Model, Px6axDevice
-from firmware_protocols.sums import lrc8
 
 REQUEST = Frame("""
     request
@@ -56,18 +55,9 @@ REPLY = Frame("""
 """)
 PDF = "vendor PDF V1.5"
 DRIVER = "Gabriel-Ning/paxini_driver@113ab44"
-HEAD = b"\x55\xaa\x7b\x7b"
-TAIL = b"\x55\xaa\x7d\x7d"
 FIXED_BYTE = 0x0E
 TAXEL_REGION = 0x7B
-READ_VERSION = (0x60, 0xA001)
-SET_MODE = (0x70, 0xC00C)
-GET_MODE = (0x70, 0xC00D)
-SELECT_PORT = (0x70, 0xB10A)
-READ = (0x70, 0xC006)
-WRITE_CONFIG = (0x70, 0xB002)
-DATA_BYTES = {READ_VERSION: 0, GET_MODE: 0, SET_MODE: 1, SELECT_PORT: 1, READ: 5, WRITE_CONFIG: 2}
-MAIN_COMMANDS = {main for main, _ in DATA_BYTES}
+MAIN_COMMANDS = (0x60, 0x70)
 ZERO_CONFIG = b"\x03\x01"
 MODES = (1, 2, 5)
 MAX_DATA_BYTES = 64
@@ -76,12 +66,11 @@ STATUS_DONE = b"\0"
 
 OK = 0
 BAD_LENGTH = 1
-BAD_LRC = 2
 BAD_MAIN = 3
 BAD_SUB = 4
-TOO_LONG = 5
 BAD_PARAMETER = 6
 NO_DATA = 7
+ERRORS = {"bad_checksum": 2, "too_long": 5, "refused": BAD_PARAMETER}
 
 
 class PaxiniGen2(Px6axDevice):
@@ -149,62 +138,64 @@ class PaxiniGen2(Px6axDevice):
         self.mode_time_ns = round(mode_time_s * 1e9)
         self.zero_error = zero_error
         self.mode, self.selected = 5, self.places[0] if self.places else 0
-        self.packets = Packets(HEAD, _size, _check, counters=self.counters, gap_ns=GAP_NS, broken=True)
+        self.packets = Packets(REQUEST, _size, by="main sub", counters=self.counters, gap_ns=GAP_NS, broken=True)
 
-    def _refuse(self, packet: Broken) -> Transmissions:
-        """Return an error reply with the fields of the broken request."""
-        error = BAD_LRC if packet.why == "bad_checksum" else TOO_LONG if packet.why == "too_long" else BAD_LENGTH
-        index, main, sub = struct.unpack_from(">BBH", packet, 5)
-        return [REPLY.pack(index=index, main=main, sub=sub, error=error, data=b"")]
+    @command(on=[(0x60, 0xA001)], data="")
+    def read_version(self, request: Request):
+        """Return the version."""
+        return self.version
 
-    def _answer(self, packet: bytes) -> Transmissions:
-        request = REQUEST.unpack(packet)
-        assert request is not None, "the cutter has checked it"
-        command, data = (request["main"], request["sub"]), request["data"]
-        delay_ns = self.mode_time_ns if command == SET_MODE and data and data[0] != self.mode else 0
-        error, content = self._obey(command, data)
-        self.counters["refused"] += error != OK and content != STATUS_DONE
-        frame = REPLY.pack(index=request["index"], main=command[0], sub=command[1], error=error, data=content)
-        return [Sent(frame, delay_ns=delay_ns if error == OK else 0)]
+    @command(on=[(0x70, 0xC00C)], data="B")
+    def set_mode(self, request: Request):
+        """Change the mode, which takes a while."""
+        if request.value not in MODES:
+            raise Refused("value")
+        before, self.mode = self.mode, request.value
+        return self._answer(request, delay_ns=self.mode_time_ns if self.mode != before else 0)
 
-    def _obey(self, command: tuple[int, int], data: bytes) -> tuple[int, bytes]:
-        """Return the error and the content of the answer."""
-        if command not in DATA_BYTES:
-            return BAD_SUB if command[0] in MAIN_COMMANDS else BAD_MAIN, b""
-        if len(data) != DATA_BYTES[command]:
-            return BAD_LENGTH, b""
-        if command == READ_VERSION:
-            return OK, self.version
-        if command == GET_MODE:
-            return OK, bytes([self.mode])
-        if command == SET_MODE:
-            if data[0] not in MODES:
-                return BAD_PARAMETER, b""
-            self.mode = data[0]
-        elif command == SELECT_PORT:
-            self.selected = data[0]
-        elif command == READ:
-            return self._read(data)
-        else:
-            return self._write_config(data)
-        return OK, b""
+    @command(on=[(0x70, 0xC00D)], data="")
+    def get_mode(self, request: Request):
+        """Return the mode."""
+        return bytes([self.mode])
 
-    def _read(self, data: bytes) -> tuple[int, bytes]:
-        region, start, count = struct.unpack("<BHH", data)
-        module = self.module_at(self.selected)
-        if module is None:
-            return NO_DATA, b""
-        content = self.memory(module, start, count) if region == TAXEL_REGION else None
-        return (BAD_PARAMETER, b"") if content is None else (OK, b"\0" + data + content)
+    @command(on=[(0x70, 0xB10A)], data="B")
+    def select_port(self, request: Request):
+        """Select the port that is read and configured."""
+        self.selected = request.value
 
-    def _write_config(self, data: bytes) -> tuple[int, bytes]:
-        module = self.module_at(self.selected)
-        if module is None:
-            return NO_DATA, b"\x01"
-        if data != ZERO_CONFIG:
-            return BAD_PARAMETER, b"\x01"
+    @command(on=[(0x70, 0xC006)], data="<BHH")
+    def read(self, request: Request):
+        """Return memory of the selected module."""
+        region, start, count = request.values
+        if (module := self.module_at(self.selected)) is None:
+            raise Refused("failure")
+        if region != TAXEL_REGION or (content := self.memory(module, start, count)) is None:
+            raise Refused("address")
+        return b"\0" + request.data + content
+
+    @command(on=[(0x70, 0xB002)], data="2s")
+    def write_config(self, request: Request):
+        """Set the zero of the selected module."""
+        if (module := self.module_at(self.selected)) is None or request.value != ZERO_CONFIG:
+            self.counters["refused"] += 1
+            return self._answer(request, b"\x01", error=NO_DATA if module is None else BAD_PARAMETER)
         self.set_zero(module)
-        return self.zero_error, STATUS_DONE
+        return self._answer(request, STATUS_DONE, error=self.zero_error)
+
+    def reply(self, request: Request, content: bytes) -> Transmissions:
+        """Return the answer to a request that was obeyed."""
+        return self._answer(request, content)
+
+    def refused(self, request: Request, why: str) -> Transmissions:
+        """Return an answer with an error, also to a broken request."""
+        error = NO_DATA if request.why == "failure" else ERRORS.get(why, BAD_LENGTH)
+        if why == "unknown_command":
+            error = BAD_SUB if request.main in MAIN_COMMANDS else BAD_MAIN
+        return self._answer(request, error=error)
+
+    def _answer(self, request: Request, content: bytes = b"", *, error: int = OK, delay_ns: int = 0) -> Transmissions:
+        index, main, sub = struct.unpack_from(">BBH", request.packet, 5)
+        return [Sent(REPLY.pack(index=index, main=main, sub=sub, error=error, data=content), delay_ns=delay_ns)]
 
 
 def _size(data: bytes) -> int | str:
@@ -214,9 +205,3 @@ def _size(data: bytes) -> int | str:
     if data[4] != FIXED_BYTE:
         return "bad_length"
     return 16 + length if length <= MAX_DATA_BYTES else "too_long"
-
-
-def _check(packet: bytes) -> str:
-    if lrc8(packet[4:-4]):
-        return "bad_checksum"
-    return SOUND if packet.endswith(TAIL) else "bad_tail"

@@ -36,12 +36,11 @@ from typing import Annotated, ClassVar, Literal
 import numpy as np
 
 from firmware_protocols import (
-    MORE, SOUND, USB, Broken, Frame, Option, Packets, Restart, Serial, Transmissions, command_table, fact_table, place,
-    stack,
+    MORE, USB, Frame, Option, Packets, Refused, Request, Restart, Serial, Transmissions, command, command_table,
+    fact_table, place, stack,
 )  # fmt: skip
 from firmware_protocols.devices.orca_tips import tip
-from firmware_protocols.devices.paxini_modules import HIGH_COUNTS, LOW_COUNTS, Model, Px6axDevice
-from firmware_protocols.sums import lrc8
+from firmware_protocols.devices.paxini_modules import Model, Px6axDevice
 
 REQUEST = Frame("""
     request
@@ -73,11 +72,10 @@ PUSH = Frame("""
     last  lrc8        check
 """)
 READ = 0x03
-WRITE = 0x10
-CALIBRATE = 0x17
 MIN_REQUEST_BYTES = 9
 MAX_READ_BYTES = 512
 MAX_WRITE_BYTES = 64
+MEMORY_BYTES = 0x10000 + MAX_READ_BYTES
 GAP_NS = 50_000_000
 ERROR = 0x80
 BAD_LENGTH = 1
@@ -165,7 +163,7 @@ class PaxiniHighSpeed(Px6axDevice):
         if self.places is None or list(self.places) != sorted(set(self.places)) or self.places[-1] >= SLOTS:
             raise ValueError(f"{self.name}: places must ascend within 0..{SLOTS - 1}, got {self.places}")
         self.version = version.encode("ascii")[:16]
-        self.packets = Packets(REQUEST.head, _size, _check, counters=self.counters, gap_ns=GAP_NS, broken=True)
+        self.packets = Packets(REQUEST, _size, by="function", counters=self.counters, gap_ns=GAP_NS)
         self.content, self.pushes = 3, False
 
     # -- registers -------------------------------------------------------------------------------------------------
@@ -178,27 +176,15 @@ class PaxiniHighSpeed(Px6axDevice):
         yield FITTED_REGISTER, fitted.to_bytes(4, "little")
         yield CONTENT_REGISTER, bytes([self.content, self.pushes])
         for index, module in enumerate(places):
-            taxels = self._taxels(index)
+            taxels, palm = self.taxels(index), module - FIRST_PALM_MODULE
             yield TAXEL_COUNT_REGISTERS + 2 * module, (len(taxels) // 3).to_bytes(2, "little")
             yield RESULTANT_REGISTERS + 6 * module, self._resultant(index)
-            yield (
-                (
-                    0x1000 + 0x200 * module
-                    if module < FIRST_PALM_MODULE
-                    else 0x3800 + 0x100 * (module - FIRST_PALM_MODULE)
-                ),
-                taxels,
-            )
+            yield 0x3800 + 0x100 * palm if palm >= 0 else 0x1000 + 0x200 * module, taxels
 
-    def _resultant(self, index: int) -> bytes:
+    def _resultant(self, module: int) -> bytes:
         """Return the resultant of a module, six bytes."""
-        sums = np.clip(self.felt_sums[index] - self.zero_sums[index], LOW_COUNTS, HIGH_COUNTS).astype(np.int64)
+        sums = self.resultant(module)
         return (sums & 0xFF | np.where(sums & 0x80, 0xFF00, 0)).astype("<u2").tobytes()
-
-    def _taxels(self, index: int) -> bytes:
-        """Return the taxels of a module, three bytes each."""
-        sent = self.layout.on_wire(self.counts)[self.layout.patches[index].taxels]
-        return (sent & 0xFF).astype(np.uint8).tobytes()
 
     def _write(self, register: int, data: bytes) -> Transmissions:
         """Carry out a write; return a restart if it orders one."""
@@ -217,38 +203,45 @@ class PaxiniHighSpeed(Px6axDevice):
         """Return one push, while pushes are on."""
         if not self.pushes:
             return ()
-        parts = (
-            (self._resultant(index) if self.content & 1 else b"") + (self._taxels(index) if self.content & 2 else b"")
-            for index in range(len(self.models))
-        )
+        resultants, taxels = self.content & 1, self.content >> 1
+        modules = range(len(self.models))
+        parts = (self._resultant(k) * resultants + self.taxels(k) * taxels for k in modules)
         return [PUSH.pack(data=b"".join(parts))]
 
-    def _refuse(self, packet: Broken) -> Transmissions:
-        return ()
+    @command(on=READ)
+    def read(self, request: Request):
+        """Return registers."""
+        if not 0 < request.count <= MAX_READ_BYTES:
+            raise Refused("value")
+        memory = bytearray(MEMORY_BYTES)
+        for start, content in self._blocks():
+            memory[start : start + len(content)] = content
+        return bytes(memory[request.register : request.register + request.count])
 
-    def _answer(self, packet: bytes) -> Transmissions:
-        request = REQUEST.unpack(packet)
-        assert request is not None, "the cutter has checked it"
-        function, register, count, data = (request[name] for name in ("function", "register", "count", "data"))
+    @command(on=0x10)
+    def write(self, request: Request):
+        """Write registers."""
+        if not request.data:
+            raise Refused("value")
+        return [*self.reply(request, DONE), *self._write(request.register, request.data)]
 
-        def reply(content: bytes, code: int = function) -> bytes:
-            return REPLY.pack(function=code, register=register, data=content)
+    @command(on=0x17)
+    def calibrate(self, request: Request):
+        """Make the present forces zero."""
+        if request.register != 2:
+            raise Refused("function")
+        for module in range(len(self.models)):
+            self.set_zero(module)
+        return DONE
 
-        if function == READ and 0 < count <= MAX_READ_BYTES:
-            memory = bytearray(count)
-            for start, content in self._blocks():
-                first, end = max(start, register), min(start + len(content), register + count)
-                if first < end:
-                    memory[first - register : end - register] = content[first - start : end - start]
-            return [reply(bytes(memory))]
-        if function == WRITE and data:
-            return [reply(DONE), *self._write(register, data)]
-        if function == CALIBRATE and register == 2:
-            for module in range(len(self.models)):
-                self.set_zero(module)
-            return [reply(DONE)]
-        self.counters["refused"] += 1
-        return [reply(b"", ERROR | (BAD_LENGTH if function in (READ, WRITE) else BAD_FUNCTION))]
+    def reply(self, request: Request, content: bytes) -> Transmissions:
+        """Return the reply to a request."""
+        return [REPLY.pack(function=request.function, register=request.register, data=content)]
+
+    def refused(self, request: Request, why: str) -> Transmissions:
+        """Return a reply with an error."""
+        error = ERROR | (BAD_LENGTH if request.why == "value" else BAD_FUNCTION)
+        return [REPLY.pack(function=error, register=request.register, data=b"")]
 
 
 _ORCA = "orca-core 0.12.0 hardware/sensing"
@@ -328,9 +321,10 @@ class OrcaTouch(PaxiniHighSpeed):
             yield NAME_REGISTERS + 0x20 * slot, f"PXSR-CMD{part}".encode("ascii")
         yield STATISTICS_REGISTER, (self.requests & 0xFFFFFFFF).to_bytes(4, "little")
 
-    def _answer(self, packet: bytes) -> Transmissions:
+    def accepts(self, request: Request) -> bool:
+        """Count the request."""
         self.requests += 1
-        return super()._answer(packet)
+        return True
 
     def _write(self, register: int, data: bytes) -> Transmissions:
         if register == ZERO_REGISTER and len(data) == 4 and data.startswith(ZERO_ORDER):
@@ -352,15 +346,8 @@ class OrcaTouch(PaxiniHighSpeed):
         return [*outs, *replies]
 
 
-ZERO_ALL = "55 AA 00 10 10 61 04 00 04 5A 52 1F AD"
-
-
 def _size(data: bytes) -> int | str:
     if len(data) < 8:
         return MORE
     count = 0 if data[3] == READ else int.from_bytes(data[6:8], "little")
     return MIN_REQUEST_BYTES + count if count <= MAX_WRITE_BYTES else "bad_length"
-
-
-def _check(packet: bytes) -> str:
-    return "bad_checksum" if lrc8(packet) else SOUND

@@ -9,13 +9,12 @@ A module is a pad of taxels that each measure three force components. In its mem
 0.1 N per count. Fz counts a push as positive; Fx and Fy follow the taxel's own axes.
 """
 
-from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from typing import ClassVar, Literal
 
 import numpy as np
 
-from firmware_protocols import Broken, Column, Counts, Device, Layout, Reading, Transmissions, filled, place, stack
+from firmware_protocols import Counts, Device, Layout, Reading, filled, place, quantize, stack, xyz
 
 TAXELS_BY_MODEL: Mapping[str, int] = {
     "S1813E": 31, "S1813C": 51, "S2015": 52, "S2716": 116, "S3013": 96, "M2826": 127,
@@ -27,9 +26,7 @@ Model = Literal[
 ]
 
 NEWTONS_PER_COUNT = 0.1
-LOW_COUNTS = np.array([-128, -128, 0])
-HIGH_COUNTS = np.array([127, 127, 255])
-
+LOW_COUNTS, HIGH_COUNTS = np.array([-128, -128, 0]), np.array([127, 127, 255])
 RESULTANT_ADDRESS = 0x3F0
 TAXEL_ADDRESS = 0x40E
 GAP_NS = 50_000_000
@@ -39,11 +36,7 @@ GAP_NS = 50_000_000
 class Px6axDevice(Device):
     """Modules behind a board or box, with pads side by side along x."""
 
-    columns = (
-        Column(name="Fx", axis="x", unit="N", counts_per_unit=1 / NEWTONS_PER_COUNT, low=-128, high=127),
-        Column(name="Fy", axis="y", unit="N", counts_per_unit=1 / NEWTONS_PER_COUNT, low=-128, high=127),
-        Column(name="Fz", axis="z", unit="N", counts_per_unit=1 / NEWTONS_PER_COUNT, low=0, high=255, push=1),
-    )
+    columns = xyz("Fx Fy Fz", push=1, unit="N", counts_per_unit=1 / NEWTONS_PER_COUNT, low=LOW_COUNTS, high=HIGH_COUNTS)
     taxel_counts: ClassVar[Mapping[str, int]] = TAXELS_BY_MODEL
 
     def _power_up(
@@ -56,30 +49,23 @@ class Px6axDevice(Device):
             places = range(len(self.models))
         self.places = None if places is None else tuple(places)
         self.layout = layout or _in_a_row(self.models, self.taxel_counts, self.places or ())
-        n = len(self.layout)
-        self.counts = np.zeros((n, 3), np.int64)
-        self.felt, self.zero = np.zeros((n, 3)), np.zeros((n, 3))
-        self.felt_sums, self.zero_sums = np.zeros((len(self.models), 3)), np.zeros((len(self.models), 3))
-        order = self.layout.wire_order
-        self.sent = [order[np.isin(order, np.arange(n)[patch.taxels])] for patch in self.layout.patches]
+        self.present, self.zero = np.zeros((len(self.layout), 3)), np.zeros((len(self.layout), 3))
+        self.counts = np.zeros((len(self.layout), 3), np.int64)
+        self.sums = self.zero_sums = np.zeros((len(self.models), 3))
 
     def measure(self, reading: Reading, t_ns: int) -> Counts:
         """Return Fx, Fy, Fz of every taxel in counts of 0.1 N, less the zero, shape ``(n_taxels, 3)``."""
-        counts = self.layout.to_taxel_frame(reading["force"]) * [1, 1, -1] / NEWTONS_PER_COUNT
-        self.felt = np.rint(counts)
-        self.felt_sums = np.rint([counts[patch.taxels].sum(0) for patch in self.layout.patches])
-        self.counts = self._zeroed()
+        super().measure(reading, t_ns)
+        newtons = [self.present[patch.taxels].sum(0) for patch in self.layout.patches]
+        self.sums = np.rint(np.array(newtons) / NEWTONS_PER_COUNT)
         return self.counts
-
-    def _zeroed(self) -> np.ndarray:
-        return _saturated(self.felt - self.zero)
 
     def set_zero(self, module: int) -> None:
         """Make the present force on the module its zero."""
-        taxels = self.layout.patches[module].taxels
-        self.zero[taxels] = self.felt[taxels]
-        self.zero_sums[module] = self.felt_sums[module]
-        self.counts = self._zeroed()
+        taxels, self.zero_sums = self.layout.patches[module].taxels, self.zero_sums.copy()
+        self.zero[taxels] = np.rint(self.present[taxels] / NEWTONS_PER_COUNT) * NEWTONS_PER_COUNT
+        self.zero_sums[module] = self.sums[module]
+        self.counts[taxels] = 0
 
     def module_at(self, place: int) -> int | None:
         """Return the index of the module that answers to the number ``place``, or None."""
@@ -87,34 +73,19 @@ class Px6axDevice(Device):
             return 0
         return self.places.index(place) if place in self.places else None
 
+    def resultant(self, module: int) -> np.ndarray:
+        """Return the counts of a module's resultant."""
+        return quantize(self.sums[module] - self.zero_sums[module], 1.0, LOW_COUNTS, HIGH_COUNTS)
+
+    def taxels(self, module: int) -> bytes:
+        """Return the taxels of a module, three bytes each."""
+        return _to_bytes(self.layout.on_wire(self.counts)[self.layout.patches[module].taxels])
+
     def memory(self, module: int, address: int, count: int) -> bytes | None:
         """Return ``count`` bytes of region 7B, or None outside of it."""
-        resultant = _saturated(self.felt_sums[module] - self.zero_sums[module])
-        content = _to_bytes(resultant).ljust(TAXEL_ADDRESS - RESULTANT_ADDRESS, b"\0") + _to_bytes(
-            self.counts[self.sent[module]]
-        )
-        start = address - RESULTANT_ADDRESS
+        resultant = _to_bytes(self.resultant(module)).ljust(TAXEL_ADDRESS - RESULTANT_ADDRESS, b"\0")
+        content, start = resultant + self.taxels(module), address - RESULTANT_ADDRESS
         return content[start : start + count] if 0 <= start and start + count <= len(content) else None
-
-    def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
-        """Answer requests, which arrive in chunks of any size; broken ones are answered, too."""
-        return [
-            out
-            for packet in self.packets.cut(data, t_ns)
-            for out in (self._refuse(packet) if isinstance(packet, Broken) else self._answer(packet))
-        ]
-
-    @abstractmethod
-    def _refuse(self, packet: Broken) -> Transmissions:
-        """Return the answer to a broken request."""
-
-    @abstractmethod
-    def _answer(self, packet: bytes) -> Transmissions:
-        """Return the answer to a sound request."""
-
-
-def _saturated(counts: np.ndarray) -> np.ndarray:
-    return np.minimum(np.maximum(counts, LOW_COUNTS), HIGH_COUNTS).astype(np.int64)
 
 
 def _to_bytes(counts: np.ndarray) -> bytes:

@@ -20,13 +20,14 @@ Try it: ``tactemu run paxini_px6ax``, then ``SingleSensorBoard(port, device_id=3
 ``paxini_sdk``.
 """
 
-from typing import Annotated, Any
+import struct
+from typing import Annotated
 
 from firmware_protocols import (
-    MORE, SOUND, USB, Broken, Frame, Option, Packets, Serial, Transmissions, command_table, fact_table,
+    MORE, USB, Broken, Frame, Option, Packets, Refused, Request, Serial, Transmissions, command, command_table,
+    fact_table,
 )  # fmt: skip
 from firmware_protocols.devices.paxini_modules import GAP_NS, Model, Px6axDevice
-from firmware_protocols.sums import lrc8
 
 REQUEST = Frame("""
     request
@@ -55,8 +56,6 @@ REPLY = Frame("""
 """)
 MIN_REQUEST_BYTES = 14
 MAX_DATA_BYTES = 64
-READ = 0xFB
-WRITE = 0x79
 VERSION_ADDRESS = 6100
 VERSION_BYTES = 100
 ZERO_ADDRESS = 3
@@ -65,9 +64,10 @@ BROADCAST = 0xFF
 WRITTEN = 0
 READ_DONE = 1
 BAD_LENGTH = 1
-BAD_LRC = 2
-BAD_FUNCTION = 3
 BAD_ADDRESS = 6
+FAULTS = {"bad_length": BAD_LENGTH, "bad_checksum": 2, "unknown_command": 3}
+FIELDS = struct.Struct("<BxBIH")
+"""Device, function, address and count of a request."""
 PART_CODES = {
     "L3530": "DP03A", "M2826": "DP03B", "S2716": "DP03C", "S1813C": "DP03D", "S3013": "DP03E", "S1813E": "DP03F",
     "S2015": "DP03G", "M2324": "IP03A", "S1610": "IP03B", "L5325": "CP03A", "M3025": "CP03B", "M2020": "MC03A",
@@ -142,63 +142,46 @@ class PaxiniPx6ax(Px6axDevice):
         self.read_status = read_status
         texts = (version or f"PAXINI PXSR-STD{PART_CODES[model]}-v1.0.5" for model in self.models)
         self.versions = [text.encode("ascii")[:VERSION_BYTES].ljust(VERSION_BYTES, b"\0") for text in texts]
-        self.packets = Packets(REQUEST.head, _size, _check, counters=self.counters, gap_ns=GAP_NS, broken=True)
+        self.packets = Packets(REQUEST, _size, by="function", counters=self.counters, gap_ns=GAP_NS, broken=True)
+        self.packets.others = "other_device"
 
-    def _refuse(self, packet: Broken) -> Transmissions:
-        """Return a reply with a status and the fields of the broken request."""
-        status = {"bad_length": BAD_LENGTH, "bad_checksum": BAD_LRC}[packet.why]
-        fields = _fields(packet) if len(packet) >= MIN_REQUEST_BYTES - 1 else {"device": -1}
-        return [_reply(fields, status)] if self.module_at(fields["device"]) is not None else ()
+    def accepts(self, request: Request) -> bool:
+        """Return True for a request to one of the modules."""
+        is_only = request.device == BROADCAST and len(self.models) == 1
+        request.module = 0 if is_only else self.module_at(request.device)
+        return request.module is not None
 
-    def _answer(self, packet: bytes) -> Transmissions:
-        request = REQUEST.unpack(packet)
-        assert request is not None, "the cutter has checked it"
-        where, data = (request["address"], request["count"]), request["data"]
-        module = self.module_at(request["device"])
-        if request["device"] == BROADCAST and len(self.models) == 1:
-            module = 0
-        reads = request["function"] == READ
-        if module is None:
-            self.counters["other_device"] += 1
+    @command(on=0xFB)
+    def read(self, request: Request):
+        """Return the version, or memory of a module."""
+        where = request.address, request.count
+        version = self.versions[request.module] if where == (VERSION_ADDRESS, VERSION_BYTES) else None
+        content = version or self.memory(request.module, *where)
+        if request.data or content is None:
+            raise Refused("value" if request.data else "address")
+        return self._answer(request.packet, self.read_status, content)
+
+    @command(on=0x79)
+    def write(self, request: Request):
+        """Make the present force zero, or accept without effect."""
+        if (request.address, request.count) != (ZERO_ADDRESS, 1) or request.data not in (b"\0", b"\1"):
+            raise Refused("value" if len(request.data) != request.count else "address")
+        if request.data == b"\1":
+            self.set_zero(request.module)
+        return self._answer(request.packet, WRITTEN)
+
+    def refused(self, request: Request, why: str) -> Transmissions:
+        """Return a reply with a status and the fields of the request, also if it is broken."""
+        if isinstance(packet := request.packet, Broken) and (
+            len(packet) < MIN_REQUEST_BYTES - 1 or self.module_at(packet[4]) is None
+        ):
             return ()
-        version = self.versions[module] if where == (VERSION_ADDRESS, VERSION_BYTES) else None
-        if reads and not data and (content := version or self.memory(module, *where)) is not None:
-            return [_reply(request, self.read_status, content)]
-        if request["function"] == WRITE and where == (ZERO_ADDRESS, 1) and data in (b"\0", b"\1"):
-            if data == b"\1":
-                self.set_zero(module)
-            return [_reply(request, WRITTEN)]
-        self.counters["refused"] += 1
-        return [_reply(request, _fault(request))]
+        return self._answer(packet, FAULTS.get(why, BAD_LENGTH if request.why == "value" else BAD_ADDRESS))
 
-
-def _fault(request: dict[str, Any]) -> int:
-    """Return the status for a sound request that the board refuses."""
-    if request["function"] not in (READ, WRITE):
-        return BAD_FUNCTION
-    expected = request["count"] if request["function"] == WRITE else 0
-    return BAD_LENGTH if len(request["data"]) != expected else BAD_ADDRESS
+    def _answer(self, packet: bytes, status: int, data: bytes = b"") -> list[bytes]:
+        device, function, address, count = FIELDS.unpack_from(packet, 4)
+        return [REPLY.pack(device=device, function=function, address=address, count=count, status=status, data=data)]
 
 
 def _size(data: bytes) -> int | str:
-    if len(data) < MIN_REQUEST_BYTES - 1:
-        return MORE
-    total = int.from_bytes(data[2:4], "little") + 5
-    return total if MIN_REQUEST_BYTES <= total <= MIN_REQUEST_BYTES + MAX_DATA_BYTES else "bad_length"
-
-
-def _check(packet: bytes) -> str:
-    return "bad_checksum" if lrc8(packet) else SOUND
-
-
-def _fields(packet: bytes) -> dict[str, Any]:
-    """Return the fields of a request, sound or broken."""
-    device, _, function = packet[4:7]
-    address, count = int.from_bytes(packet[7:11], "little"), int.from_bytes(packet[11:13], "little")
-    return {"device": device, "function": function, "address": address, "count": count}
-
-
-def _reply(request: dict[str, Any], status: int, data: bytes = b"") -> bytes:
-    """Return a reply; it repeats the fields of the request."""
-    fields = {name: request[name] for name in ("device", "function", "address", "count")}
-    return REPLY.pack(**fields, status=status, data=data)
+    return REQUEST.length_of(data, MAX_DATA_BYTES) if len(data) >= MIN_REQUEST_BYTES - 1 else MORE
