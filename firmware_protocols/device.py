@@ -42,6 +42,7 @@ DeviceKind = Literal["hand", "fingertip", "glove", "force-torque sensor", "skin"
 or a hub that joins many sensors to one line; empty for any other."""
 
 if TYPE_CHECKING:  # a device's frames are bytes unless it says Device[CanFrame]
+    import numpy as np
     from typing_extensions import TypeVar
 
     F = TypeVar("F", bound=bytes | CanFrame, default=bytes)
@@ -252,11 +253,15 @@ class Device(Generic[F]):
                 continue
             values = own.values(sense, reading[sense.key])
             if is_first:
-                self.present = values
+                self.present = values = self.filtered(values, t_ns)
             found[sense.key] = own.counts(values - self.zero if is_first else values)
         is_one = len(found) == 1 and not self.streams and len(self.sensed) == 1
         self.counts = next(iter(found.values())) if is_one else found
         return self.counts
+
+    def filtered(self, values: np.ndarray, t_ns: int) -> np.ndarray:
+        """Return the values of the first sense behind the firmware's filter; by default there is none."""
+        return values
 
     def stream(self, t_ns: int, name: str) -> Transmissions[F]:
         """Return the transmissions that follow each conversion of the stream ``name`` without a request."""

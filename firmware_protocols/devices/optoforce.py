@@ -19,13 +19,14 @@ Try it: ``tactemu exec optoforce -- python``, then ``OptoForce16(speed_hz=100).c
 text.
 """
 
-from typing import Annotated, Literal
+import re
+from typing import Annotated, Any, Literal
 
 import numpy as np
 
 from firmware_protocols import (
-    NO_PACKET, SOUND, USB, Broken, Column, Counts, Device, Frame, Layout, LowPass, Option, Packets, Patch, Reading,
-    Rollover, Sense, Serial, Transmissions, command_table, fact_table, points, quantize,
+    NO_PACKET, SOUND, USB, Device, Frame, Layout, LowPass, Option, Packets, Patch, Refused, Request, Rollover, Sense,
+    Serial, Transmissions, command, command_table, fact_table, points, xyz,
 )  # fmt: skip
 from firmware_protocols.sums import sum16
 
@@ -59,9 +60,7 @@ SERIAL_NUMBER = Frame("""
     last  >sum16          sum
 """)
 SERIAL_REQUEST = b"\xab\x00\x12\x08"
-ACCEPTED = 0
-BAD_SUM = 1
-BAD_VALUE = 2
+ACCEPTED, BAD_SUM, BAD_VALUE = range(3)
 
 PERIODS_MS = (0, 1, 3, 10, 33, 100)
 CUTOFF_HZ = (None, 500.0, 150.0, 50.0, 15.0, 5.0, 1.5)
@@ -72,14 +71,6 @@ COUNTS_PER_NEWTON = (7925 / 300, 8641 / 300, 6049 / 2000)
 COUNTS_PER_NEWTON_METRE = 1000.0
 CAPACITIES = np.array([300.0, 300.0, 2000.0, 30.0, 30.0, 30.0])
 """The loads on each axis beyond which the status shows overload [N, Nm]."""
-AXES: tuple[tuple[str, Literal["x", "y", "z"], Literal[0, 1]], ...] = (
-    ("Fx", "x", 0),
-    ("Fy", "y", 0),
-    ("Fz", "z", 1),
-    ("Tx", "x", 0),
-    ("Ty", "y", 0),
-    ("Tz", "z", 0),
-)
 FORCE_PLACES_M = {
     "3": [(0.0, 0.0, 0.01)],
     "4x3": [(x, y, 0.01) for y in (0.01, -0.01) for x in (-0.01, 0.01)],
@@ -147,69 +138,56 @@ class OptoForce(Device):
         places = np.array(FORCE_PLACES_M[axes])
         patch = Patch(name="domes", start=0, rows=0, cols=len(places), pitch=0.02)
         self.layout = Layout(positions=places, normals=np.array([0.0, 0.0, 1.0]), patches=(patch,))
-        self.has_torque = axes == "6"
-        if self.has_torque:
+        limits: dict[str, Any] = {"low": -0x8000, "high": 0x7FFF}
+        self.columns = xyz("Fx Fy Fz", push=1, unit="N", counts_per_unit=counts_per_newton, **limits)
+        if axes == "6":
             self.senses = (Sense("wrench", at=points({"flange": (0.0, 0.0, 0.0)})),)
-        self.scale = np.array([*counts_per_newton, *[COUNTS_PER_NEWTON_METRE] * 3][: 6 if self.has_torque else 3])
-        self.columns = tuple(
-            Column(name=name, axis=axis, unit="N" if name[0] == "F" else "Nm", counts_per_unit=scale, low=-0x8000,
-                   high=0x7FFF, push=push)
-            for (name, axis, push), scale in zip(AXES, self.scale.tolist())
-        )  # fmt: skip
+            self.columns += xyz("Tx Ty Tz", unit="Nm", counts_per_unit=COUNTS_PER_NEWTON_METRE, **limits)
         self.rollovers = (Rollover(name="counter", bits=16, step=10 if counter == "samples" else 1, state="counter"),)
         self.serial_number = serial_number.encode("ascii").ljust(8)[:8]
         self.packets = Packets(b"", _size, _check, counters=self.counters, broken=True)
-        self.table = DATA.bind(values=len(places) * len(self.scale))
+        self.table = DATA.bind(values=len(places) * len(self.columns))
         self.low_pass = LowPass(15.0)
-        self.felt = self.zero = np.zeros((len(places), len(self.scale)))
-        self.streaming, self.counter, self.status = True, 0, 0
+        self.streaming, self.counter = True, 0
         self.counts_samples = counter == "samples"
 
-    # -- readings --------------------------------------------------------------------------------------------------
-
-    def measure(self, reading: Reading, t_ns: int) -> Counts:
-        """Return int16 counts of Fx, Fy, Fz (Tx, Ty, Tz) by dome, a push positive, shape ``(n_domes, 3 or 6)``."""
-        if self.has_torque:
-            values = reading["wrench"] * [1, 1, -1, 1, 1, 1]
-        else:
-            values = self.layout.to_taxel_frame(reading["force"]) * [1, 1, -1]
-        self.felt = self.low_pass(values, t_ns)
-        overloaded = (np.abs(self.felt) > CAPACITIES[: len(self.scale)]).any(axis=0)
-        self.status = sum(1 << 9 - axis for axis in np.flatnonzero(overloaded).tolist())
-        self.counts = quantize(self.felt - self.zero, self.scale, -0x8000, 0x7FFF)
-        return self.counts
+    def filtered(self, values: np.ndarray, t_ns: int) -> np.ndarray:
+        """Return the values behind the low-pass."""
+        return self.low_pass(values, t_ns)
 
     def stream(self, t_ns: int, name: str) -> Transmissions:
         """Return one data packet."""
         if not self.streaming:
             return ()
         self.counter = (self.counter + (self.period_ns // 1_000_000 if self.counts_samples else 1)) & 0xFFFF
+        overloaded = (np.abs(self.present) > CAPACITIES[: len(self.columns)]).any(axis=0)
+        status = sum(1 << 9 - axis for axis in np.flatnonzero(overloaded).tolist())
         values = self.layout.on_wire(self.counts).ravel()
-        return [self.table.pack(counter=self.counter, status=self.status, values=values)]
+        return [self.table.pack(counter=self.counter, status=status, values=values)]
 
-    # -- commands --------------------------------------------------------------------------------------------------
+    @command(pattern=SERIAL_REQUEST + b"..")
+    def serial(self, request: Request):
+        """Return the serial number."""
+        return SERIAL_NUMBER.pack(characters=self.serial_number)
 
-    def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
-        """Answer packets, which arrive in chunks of any size; other bytes are skipped."""
-        return [answer for packet in self.packets.cut(data, t_ns) for answer in self._answer(packet)]
-
-    def _answer(self, packet: bytes) -> list[bytes]:
-        if packet.startswith(SERIAL_REQUEST):
-            return [] if isinstance(packet, Broken) else [SERIAL_NUMBER.pack(characters=self.serial_number)]
-        wanted = CONFIGURE.unpack(packet)
-        code = BAD_SUM if wanted is None else self._configure(**wanted)
-        return [CONFIGURED.pack(code=code)]
-
-    def _configure(self, speed: int, cutoff: int, zero: int) -> int:
+    @command(pattern=re.escape(CONFIGURE.head) + b"(.)(.)(.)..")
+    def configure(self, request: Request):
+        """Set speed, filter and zero."""
+        (speed,), (cutoff,), (zero,) = request.values
         if speed not in PERIODS_MS or cutoff >= len(CUTOFF_HZ) or zero not in (ZERO, NO_ZERO):
-            self.counters["refused"] += 1
-            return BAD_VALUE
+            raise Refused("value")
         self.streaming = speed > 0  # conversion continues, so that a later zero takes the force at that time
         if speed:
             self.period_ns = speed * 1_000_000
         self.low_pass.cutoff_hz = CUTOFF_HZ[cutoff]
-        self.zero = self.felt if zero == ZERO else np.zeros_like(self.felt)
-        return ACCEPTED
+        self.zero = self.present if zero == ZERO else 0.0
+        return CONFIGURED.pack(code=ACCEPTED)
+
+    def refused(self, request: Request, why: str) -> Transmissions:
+        """Return the answer to a configuration that is wrong."""
+        if request.packet.startswith(SERIAL_REQUEST):
+            return ()
+        return [CONFIGURED.pack(code=BAD_SUM if why == "bad_checksum" else BAD_VALUE)]
 
 
 def _size(data: bytes) -> int | str:

@@ -13,13 +13,11 @@ wire (200 N) breaks a frame for drivers that split there.
 Try it: ``tactemu run robotiq_ft300``, then ``FT300Stream(port, 1).get_force_torque_raw()``.
 """
 
-from typing import Annotated
-
-import numpy as np
+from typing import Annotated, Any
 
 from firmware_protocols import (
-    Axis, Column, Command, Counts, Device, Frame, Option, Reading, RegisterMap, Registers, Sense, Serial, Tool,
-    Transmissions, fact_table, points, quantize,
+    Counts, Device, Frame, Option, Reading, RegisterMap, Registers, Sense, Serial, Tool, Transmissions, command_table,
+    fact_table, points, xyz,
 )  # fmt: skip
 from firmware_protocols.protocols.modbus import Banks, Rtu, silence_ns
 
@@ -44,12 +42,8 @@ SERIAL_LETTERS = tuple(b"FTS")
 START_STREAM = 0x0200
 STOP_BYTES = 50
 STOP = STOP_BYTES * b"\xff"
-WRENCH_COUNTS_PER_UNIT = np.array([100.0] * 3 + [1000.0] * 3)
-COUNTS_PER_MS2 = 1000 / 9.80665
-LOW_COUNTS = -0x8000
-HIGH_COUNTS = 0x7FFF
+INT16: dict[str, Any] = {"low": -0x8000, "high": 0x7FFF}
 ORIGIN = points({"origin": (0.0, 0.0, 0.0)})
-AXES: tuple[Axis, ...] = ("x", "y", "z")
 ROS = "ros-industrial-attic/robotiq@45196f6"
 C = "secorolab/robotiq_ft@f63b3d8"
 PYTHON = "ft300python 1.0.2"
@@ -65,14 +59,11 @@ class RobotiqFt300(Device):
     title = "Robotiq FT 300-S force-torque sensor"
     ports = (Serial(baud=BAUD),)
     senses = (Sense("wrench", at=ORIGIN), Sense("acceleration", at=ORIGIN))
-    columns = tuple(
-        Column(name=f"{letter}{axis}", axis=axis, sense=sense, unit=unit, counts_per_unit=scale, low=LOW_COUNTS,
-               high=HIGH_COUNTS)
-        for letter, sense, unit, scale in (
-            ("F", "wrench", "N", 100.0), ("M", "wrench", "Nm", 1000.0), ("a", "acceleration", "m/s²", COUNTS_PER_MS2)
-        )
-        for axis in AXES
-    )  # fmt: skip
+    columns = (
+        *xyz("Fx Fy Fz", sense="wrench", unit="N", counts_per_unit=100.0, **INT16),
+        *xyz("Mx My Mz", sense="wrench", unit="Nm", counts_per_unit=1000.0, **INT16),
+        *xyz("ax ay az", sense="acceleration", unit="m/s²", counts_per_unit=1000 / 9.80665, **INT16),
+    )
     evidence = ("driver",)
     sources = (
         f"{ROS} robotiq_ft_sensor (the vendor's C driver)",
@@ -80,6 +71,20 @@ class RobotiqFt300(Device):
         f"{PYTHON} ft300_modbusrtu.py, ft300_stream.py (acceleration)",
     )
     judge = f"{ROS}, {C}, {PYTHON}"
+    documented = command_table(
+        f"""
+        @ {C}; CRC by pymodbus
+        stop              {STOP.hex()}
+        firmware          {STOP.hex()}; 09 03 01 F4 00 04 05 4F           09 03 08 46 54 53 ..{{3}} 00 00 ..{{2}}
+        serial number     {STOP.hex()}; 09 03 01 FE 00 04 25 4D           09 03 08 46 54 53 00 ..{{4}} ..{{2}}
+        @ {PYTHON}; CRC by pymodbus
+        force and torque  {STOP.hex()}; 09 03 00 B4 00 06 84 A6           09 03 0C ..{{12}} ..{{2}}
+        acceleration      {STOP.hex()}; 09 03 00 BE 00 03 64 A7           09 03 06 ..{{6}} ..{{2}}
+        year              {STOP.hex()}; 09 03 02 02 00 01 25 3A           09 03 02 ..{{2}} ..{{2}}
+        stream            {STOP.hex()}; 09 10 01 9A 00 01 02 02 00 CD CA  09 10 01 9A 00 01 21 52
+        """
+    )
+    documented_with = None
     facts = fact_table(f"""
         stated touch: 20 4E, six numbers low byte first, CRC @ {COM}:406-431
         stated touch: 0.01 N and 0.001 Nm @ {COM}:426, 431
@@ -118,36 +123,15 @@ class RobotiqFt300(Device):
         self.rtu = Rtu(counters=self.counters, gap_ns=silence_ns(BAUD))
         self.streaming, self.stops = streams, 0
 
-    @property
-    def commands(self) -> tuple[Command, ...]:
-        """The requests of both drivers, after the stop with which they begin."""
-        python, vendor, stop = f"{PYTHON}; CRC by pymodbus", f"{C}; CRC by pymodbus", STOP.hex()
-        asked = (
-            ("force and torque", "09 03 00 B4 00 06 84 A6", "09 03 0C ..{12} ..{2}", python),
-            ("acceleration", "09 03 00 BE 00 03 64 A7", "09 03 06 ..{6} ..{2}", python),
-            ("firmware", "09 03 01 F4 00 04 05 4F", "09 03 08 46 54 53 ..{3} 00 00 ..{2}", vendor),
-            ("serial number", "09 03 01 FE 00 04 25 4D", "09 03 08 46 54 53 00 ..{4} ..{2}", vendor),
-            ("year", "09 03 02 02 00 01 25 3A", "09 03 02 ..{2} ..{2}", python),
-            ("stream", "09 10 01 9A 00 01 02 02 00 CD CA", "09 10 01 9A 00 01 21 52", python),
-        )
-        return (
-            Command(name="stop", request=stop, origin=vendor),
-            *(
-                Command(name=name, request=request, reply=reply, after=(stop,), origin=origin)
-                for name, request, reply, origin in asked
-            ),
-        )
-
     def measure(self, reading: Reading, t_ns: int) -> Counts:
         """Return, by sense, Fx Fy Fz Mx My Mz [0.01 N, 0.001 Nm] ``(1, 6)``, and acceleration [0.001 g] ``(1, 3)``."""
-        self.wrench = quantize(reading["wrench"], WRENCH_COUNTS_PER_UNIT, LOW_COUNTS, HIGH_COUNTS)
-        acceleration = quantize(reading["acceleration"], COUNTS_PER_MS2, LOW_COUNTS, HIGH_COUNTS)
-        self.registers["wrench"], self.registers["acceleration"] = self.wrench[0], acceleration[0]
-        return {"wrench": self.wrench, "acceleration": acceleration}
+        super().measure(reading, t_ns)
+        self.registers["wrench"], self.registers["acceleration"] = (counts[0] for counts in self.counts.values())
+        return self.counts
 
     def stream(self, t_ns: int, name: str) -> Transmissions:
         """Return one frame, while the stream runs."""
-        return [STREAM.pack(values=self.wrench[0])] if self.streaming else ()
+        return [STREAM.pack(values=self.counts["wrench"][0])] if self.streaming else ()
 
     def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
         """Stop the stream, or answer Modbus; both arrive in chunks of any size."""

@@ -33,24 +33,20 @@ from typing import Annotated, Literal
 import numpy as np
 
 from firmware_protocols import (
-    MORE, USB, Column, Counts, Device, Frame, Layout, Option, Packets, Reading, Restart, Sense, Serial, Transmissions,
-    command_table, fact_table, grid_layout, int16, place, points, quantize, stack,
+    MORE, USB, Column, Counts, CountsPerNewton, Device, Frame, Layout, Option, Packets, Reading, Request, Restart,
+    Sense, Serial, Transmissions, command, fact_table, grid_layout, int16, place, points, stack,
 )  # fmt: skip
 
 PACKET = Frame("""
     packet, either direction
     0    9A       start
-    1    00       crc8           of command, length, data by the vendor's comment; neither driver computes it
+    1    u1       crc8           00: of command, length, data by the vendor's comment; neither driver computes it
     2    u1       command        an answer repeats it
     3    u1       length = len(data)
     4    bytes    data
 """)
-READ = 0x61
-AUTOSEND_SYNC = 0x58
-AUTOSEND_ASYNC = 0x59
-BOOTLOADER = 0xE2
-VERSION = 0xE3
-DATA_BYTES = {READ: 0, AUTOSEND_SYNC: 1, AUTOSEND_ASYNC: 1, BOOTLOADER: 0, VERSION: 0}
+ANSWER = PACKET.bind(crc8=0)
+DATA_BYTES = {0x58: 1, 0x59: 1, 0x61: 0, 0xE2: 0, 0xE3: 0}
 
 FINGERS = 2
 ROWS = 7
@@ -86,18 +82,7 @@ class RobotiqTsf85(Device):
         "pyrobotiqtactile 0.1.2",
     )
     judge = f"pyrobotiqtactile 0.1.2, {VENDOR}"
-    documented = command_table(
-        """
-        ? version                     E3 00     E3 05 312e312e38
-        ? read once                   61 00     61 AC 10 ..{171}
-        autosend synchronous, 10 ms   58 01 0A
-        autosend asynchronous, 10 ms  59 01 0A
-        stop                          58 01 00
-        bootloader                    E2 00     -  restarts the firmware
-        """,
-        head="9A 00",
-        origin="robotiq/tactile_sensors@8cb0219 sensor_quickstart/protocol.py l.18-22, 119-125",
-    )
+    origin = f"{PROTOCOL} l.18-22, 119-125"
     documented_with = ("counts_per_newton", "baseline", "static_hz")
     facts = fact_table(f"""
         stated touch: fields, their types, big-endian @ {PROTOCOL}:172-250
@@ -131,7 +116,7 @@ class RobotiqTsf85(Device):
             Option("both fingers in one packet or one each: drivers accept both, no source says which hardware sends"),
         ] = "together",
         magnetometer: Annotated[bool, Option("send field 50 (the vendor's viewer loses the fields behind it)")] = False,
-        counts_per_newton: Annotated[float, Option("scale of the static counts, along a taxel's normal")] = 2000.0,
+        counts_per_newton: CountsPerNewton = 2000.0,
         baseline: Annotated[
             int, Option("static counts at rest; drivers subtract their own", low=0, high=0xFFFF)
         ] = 1000,
@@ -140,33 +125,36 @@ class RobotiqTsf85(Device):
             float, Option("rate of the static counts; hardware: 60; 0: each packet", unit="Hz", low=0)
         ] = 0.0,
     ):
-        self.columns = (Column(name="static", low=0, high=0xFFFF, rest=baseline, push=1),)
+        self.columns = (
+            Column(name="static", low=0, high=0xFFFF, rest=baseline, assumed_per_unit=counts_per_newton, push=1),
+        )
         self.together, self.magnetometer, self.version = packets == "together", magnetometer, version.encode("ascii")
-        self.counts_per_newton, self.baseline = counts_per_newton, baseline
-        self.layout = _two_fingers(OPENING_M)
-        self.parser = Packets(PACKET.head, _size, counters=self.counters)
+        self.layout = stack(*(_finger(k, side) for k, side in enumerate((-1.0, 1.0))))
+        self.packets = Packets(PACKET, _size, by="command", counters=self.counters)
         self.autosend: int | None = None
-        self.counts = self.now = np.full(len(self.layout), baseline)
+        self.counts = self.shown = self.now = np.full(len(self.layout), baseline)
         self.hold_ns, self.due_ns = round(1e9 / static_hz) if static_hz else 0, 0
 
     def measure(self, reading: Reading, t_ns: int) -> Counts:
         """Return static counts, uint16 range, shape ``(56,)``: finger 0 row by row, then finger 1."""
-        before = self.now
-        self.now = quantize(self.layout.push(reading["force"]), self.counts_per_newton, rest=self.baseline)
+        before, self.now = self.now, super().measure(reading, t_ns)["force"]
+        self.counts = self.shown
         if t_ns >= self.due_ns:
-            self.counts = self.now
+            self.counts = self.shown = self.now
             self.due_ns = (t_ns // self.hold_ns + 1) * self.hold_ns if self.hold_ns else 0
         static = self.layout.on_wire(self.counts).reshape(FINGERS, -1).astype(">u2")
         change = (self.now - before).reshape(FINGERS, -1).sum(axis=1)
-        chips = (
+        chips = np.hstack([
             reading["acceleration"] * COUNTS_PER_MS2,
             reading["angular_velocity"] * COUNTS_PER_RAD_S,
             np.zeros((FINGERS, 3)),
-            reading["temperature"] * COUNTS_PER_DEG_C,
-        )
+            reading["temperature"][:, None] * COUNTS_PER_DEG_C,
+        ])  # fmt: skip
         time = (t_ns // 1000).to_bytes(8, "big")
         self.fields = [
-            self._fields(k, static[k].tobytes(), int16(change[k] / 16), *(int16(each[k]) for each in chips), time)
+            self._fields(
+                k, static[k].tobytes(), int16(change[k] / 16), *map(int16, np.split(chips[k], (3, 6, 9))), time
+            )
             for k in range(FINGERS)
         ]
         return self.counts
@@ -180,27 +168,36 @@ class RobotiqTsf85(Device):
 
     def _reading(self, command: int) -> list[bytes]:
         contents = [b"".join(self.fields)] if self.together else self.fields
-        return [PACKET.pack(command=command, data=data) for data in contents]
+        return [ANSWER.pack(command=command, data=data) for data in contents]
 
     def stream(self, t_ns: int, name: str) -> Transmissions:
         """Return the reading as autosend packets; nothing while autosend is off."""
         return () if self.autosend is None else self._reading(self.autosend)
 
-    def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
-        """Answer commands, which arrive in chunks of any size; other bytes are skipped."""
-        return [out for packet in self.parser.cut(data, t_ns) for out in self._answer(packet[2], packet[4:])]
+    @command("9A 00 E3 00", "9A 00 E3 05 31 2e 31 2e 38", name="version", safe=True)
+    def get_version(self, request: Request):
+        """Return the version."""
+        return [ANSWER.pack(command=request.command, data=self.version)]
 
-    def _answer(self, command: int, data: bytes) -> Transmissions:
-        if command == VERSION:
-            return [PACKET.pack(command=VERSION, data=self.version)]
-        if command == READ:
-            return self._reading(READ)
-        if command == BOOTLOADER:
-            return [Restart()]
-        self.autosend = command if data[0] else None
-        if data[0]:
-            self.period_ns = data[0] * 1_000_000
+    @command("9A 00 61 00", "9A 00 61 AC 10 ..{171}", safe=True)
+    def read_once(self, request: Request):
+        """Return a reading."""
+        return self._reading(request.command)
+
+    @command("9A 00 58 01 0A", name="autosend synchronous, 10 ms", data="B")
+    @command("9A 00 59 01 0A", name="autosend asynchronous, 10 ms")
+    @command("9A 00 58 01 00", name="stop")
+    def start(self, request: Request):
+        """Send readings unasked, or no more."""
+        self.autosend = request.command if request.value else None
+        if request.value:
+            self.period_ns = request.value * 1_000_000
         return ()
+
+    @command("9A 00 E2 00", about="restarts the firmware")
+    def bootloader(self, request: Request):
+        """Restart, as if a bootloader began."""
+        return [Restart()]
 
 
 def _size(data: bytes) -> int | str:
@@ -212,18 +209,8 @@ def _size(data: bytes) -> int | str:
     return 4 + data[3] if data[3] == DATA_BYTES[data[2]] else "bad_length"
 
 
-def _two_fingers(opening: float) -> Layout:
-    """Return two pads ``opening`` [m] apart that face each other along x; the fingers point along +z."""
-    left = place(
-        grid_layout(ROWS, COLS, PITCH_M, name="finger 0", link="left"),
-        (-opening / 2, 0.0, PAD_HEIGHT_M),
-        x_axis=(0.0, 1.0, 0.0),
-        normal=(1.0, 0.0, 0.0),
-    )
-    right = place(
-        grid_layout(ROWS, COLS, PITCH_M, name="finger 1", link="right"),
-        (opening / 2, 0.0, PAD_HEIGHT_M),
-        x_axis=(0.0, -1.0, 0.0),
-        normal=(-1.0, 0.0, 0.0),
-    )
-    return stack(left, right)
+def _finger(k: int, side: float) -> Layout:
+    """Return the pad of a finger, at the side -1 or 1 of the opening along x; it faces the other, and points to +z."""
+    pad = grid_layout(ROWS, COLS, PITCH_M, name=f"finger {k}", link="left" if k == 0 else "right")
+    x_axis, normal = (0.0, -side, 0.0), (-side, 0.0, 0.0)
+    return place(pad, (side * OPENING_M / 2, 0.0, PAD_HEIGHT_M), x_axis=x_axis, normal=normal)

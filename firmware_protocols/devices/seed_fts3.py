@@ -22,14 +22,13 @@ have a fraction, which the model drops.
 Try it: ``tactemu run seed_fts3``, then read lines.
 """
 
-import re
 from typing import Annotated, Literal
 
 import numpy as np
 
 from firmware_protocols import (
-    USB, Column, Counts, Device, Lines, Option, Reading, Serial, Transmissions, command_table, fact_table, points,
-    quantize,
+    USB, Counts, CountsPerNewton, Device, Lines, Option, Reading, Request, Serial, Transmissions, command,
+    command_table, fact_table, points, xyz,
 )  # fmt: skip
 
 FINGER_SPACING_M = 0.02
@@ -39,9 +38,6 @@ MAX_COUNTS = 0x7FFF
 
 OK_LINE = b"#OK\r\n"
 FRACTION = rb"(?:\.\d*)?"
-EPOCH = re.compile(rb"setepoch,(\d{1,10})" + FRACTION + rb",(\d{1,3})" + FRACTION)
-PERIOD = re.compile(rb"setperiod,(\d{1,5})" + FRACTION)
-DUMPS = (b"dumpsensors", b"dumponboard", b"resume")
 
 Fitted = Literal["xyz", "z", "none"]
 
@@ -61,25 +57,14 @@ class SeedFts3(Device):
         "seedrobotics/ros2_sensor_pkg@a920d6c script/read_publish_sensor_node.py; seedrobotics/ros_fts README",
     )
     judge = "seedrobotics/SensorTools@a4b7613, seedrobotics/ros2_sensor_pkg@a920d6c"
-    documented = command_table("""
-        @ SensorTools@a4b7613 SensorTool.py
-        enabletime                 656e61626c6574696d65                                        23 4F 4B 0D 0A
-        disabletime                64697361626c6574696d65                                      23 4F 4B 0D 0A
-        calibrate                  63616c696272617465                                          23 4F 4B 0D 0A
-        setepoch,1700000000,250    73657465706f63682c313730303030303030302c323530              23 4F 4B 0D 0A
-        setperiod,40               736574706572696f642c3430                                    23 4F 4B 0D 0A
-        dumpsensors                64756d7073656e736f7273                                      23 4F 4B 0D 0A
-        dumponboard                64756d706f6e626f617264                                      23 4F 4B 0D 0A
-        resume                     726573756d65                                                23 4F 4B 0D 0A
-        ? getversion               67657476657273696f6e
-            23 4F 4B 2C 312e302e30 0D 0A
-        ? softwareversion          736f66747761726576657273696f6e
-            23 4F 4B 2C 312e302e30 0D 0A
-        setepoch with a fraction   73657465706f63682c313738313030333036302e343337353239332c30  23 4F 4B 0D 0A
-        @ ros2_sensor_pkg@a920d6c read_publish_sensor_node.py
-        setperiod,20, with CR LF   73 65 74 70 65 72 69 6F 64 2C 32 30 0D 0A                   23 4F 4B 0D 0A
-        setperiod with a fraction  736574706572696f642c35302e30                                23 4F 4B 0D 0A
-    """)
+    origin = "SensorTools@a4b7613 SensorTool.py"
+    documented = command_table(
+        r"""
+        setperiod,20, with CR LF   'setperiod,20\r\n'  '#OK\r\n'
+        setperiod with a fraction  'setperiod,50.0'    '#OK\r\n'
+        """,
+        origin="ros2_sensor_pkg@a920d6c read_publish_sensor_node.py",
+    )
     documented_with = ("sensors", "counts_per_newton")
     facts = fact_table("""
         stated touch: whole numbers in mN, up to 3 kg; counts by a command that is not in the model @
@@ -111,26 +96,23 @@ class SeedFts3(Device):
             tuple[Fitted, Fitted, Fitted, Fitted, Fitted], Option("kind of each sensor: three axes, z only, none")
         ] = ("xyz", "xyz", "xyz", "xyz", "xyz"),
         version: Annotated[str, Option("version of the firmware")] = "1.0.0",
-        counts_per_newton: Annotated[float, Option("scale of all axes", unit="1/N", low=1e-6)] = 1000.0,
+        counts_per_newton: CountsPerNewton = 1000.0,
     ):
-        self.sensors, self.version, self.counts_per_newton = sensors, version.encode("ascii"), counts_per_newton
+        self.sensors, self.version = sensors, version.encode("ascii")
         fitted = [slot for slot, kind in enumerate(sensors) if kind != "none"]
         if not fitted:
             raise ValueError("seed_fts3: option sensors: at least one must not be none")
         self.layout = points({f"sensor {slot + 1}": (FINGER_SPACING_M * slot, 0.0, 0.0) for slot in fitted})
-        self.columns = tuple(
-            Column(name=axis, axis=axis, unit="N", counts_per_unit=counts_per_newton, low=-MAX_COUNTS, high=MAX_COUNTS,
-                   push=1 if axis == "z" else 0)
-            for axis in ("x", "y", "z")
-        )  # fmt: skip
-        self.felt = self.zero = np.zeros((len(fitted), 3))
-        self.lines_in = Lines(counters=self.counters, longest=64)
+        self.columns = xyz(
+            "x y z", push=1, unit="N", counts_per_unit=counts_per_newton, low=-MAX_COUNTS, high=MAX_COUNTS
+        )
+        self.present = np.zeros((len(fitted), 3))
+        self.packets = Lines(counters=self.counters, longest=64)
         self.says_time, self.epoch_ms = True, 0
 
     def measure(self, reading: Reading, t_ns: int) -> Counts:
         """Return x, y, z of each fitted sensor, shape ``(n, 3)``, a push positive; 0 for an axis that is missing."""
-        self.felt = self.layout.to_taxel_frame(reading["force"]) * [1, 1, -1]
-        self.counts = quantize(self.felt - self.zero, self.counts_per_newton, -MAX_COUNTS, MAX_COUNTS)
+        super().measure(reading, t_ns)
         self.counts[[kind == "z" for kind in self.sensors if kind != "none"], :2] = 0
         return self.counts
 
@@ -144,30 +126,53 @@ class SeedFts3(Device):
 
     def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
         """Obey commands, which arrive in chunks of any size, with or without a line end."""
-        lines = self.lines_in.cut(data)
-        self.wake_ns = t_ns + SILENCE_NS if self.lines_in.has_partial else None
-        return [answer for line in lines for answer in self._obey(line, t_ns)]
+        done = super().receive(data, t_ns, port)
+        self.wake_ns = t_ns + SILENCE_NS if self.packets.has_partial else None
+        return done
 
     def wake(self, t_ns: int) -> Transmissions:
         """Obey the command that a silence has ended."""
-        return [answer for line in self.lines_in.end() for answer in self._obey(line, t_ns)]
+        return [out for line in self.packets.end() for out in self.obey(line, t_ns)]
 
-    def _obey(self, line: bytes, t_ns: int) -> list[bytes]:
-        self.counters["requests"] += 1
-        if line in (b"enabletime", b"disabletime"):
-            self.says_time = line == b"enabletime"
-        elif line == b"calibrate":
-            self.zero = self.felt
-        elif line in (b"getversion", b"softwareversion"):
-            return [b"#OK,%s\r\n" % self.version]
-        elif epoch := EPOCH.fullmatch(line):
-            self.epoch_ms = int(epoch[1]) * 1000 + int(epoch[2]) - t_ns // 1_000_000
-        elif period := PERIOD.fullmatch(line):
-            self.period_ns = max(int(period[1]), MIN_PERIOD_MS) * 1_000_000
-        elif line not in DUMPS:
-            self.counters["unknown_command"] += 1
-            return []
-        return [OK_LINE]
+    @command(b"enabletime", OK_LINE)
+    @command(b"disabletime", OK_LINE, name="disabletime")
+    def enabletime(self, request: Request):
+        """Send lines with the time, or without."""
+        self.says_time = request.packet == b"enabletime"
+
+    @command(b"calibrate", OK_LINE)
+    def calibrate(self, request: Request):
+        """Make the present forces zero."""
+        self.zero = self.present
+
+    @command(b"setepoch,1700000000,250", OK_LINE, name="setepoch,1700000000,250")
+    @command(b"setepoch,1781003060.4375293,0", OK_LINE, name="setepoch with a fraction")
+    @command(pattern=rb"setepoch,(\d{1,10})" + FRACTION + rb",(\d{1,3})" + FRACTION)
+    def set_epoch(self, request: Request):
+        """Set the time."""
+        seconds, ms = map(int, request.values)
+        self.epoch_ms = seconds * 1000 + ms - request.t_ns // 1_000_000
+
+    @command(b"setperiod,40", OK_LINE, name="setperiod,40", pattern=rb"setperiod,(\d{1,5})" + FRACTION)
+    def set_period(self, request: Request):
+        """Set the period of the lines."""
+        self.period_ns = max(int(request.value), MIN_PERIOD_MS) * 1_000_000
+
+    @command(b"dumpsensors", OK_LINE)
+    @command(b"dumponboard", OK_LINE, name="dumponboard")
+    @command(b"resume", OK_LINE, name="resume")
+    def dumpsensors(self, request: Request):
+        """Answer, without effect."""
+
+    @command(b"getversion", b"#OK,1.0.0\r\n", safe=True)
+    @command(b"softwareversion", b"#OK,1.0.0\r\n", name="softwareversion", safe=True)
+    def getversion(self, request: Request):
+        """Return the version."""
+        return b"," + self.version
+
+    def reply(self, request: Request, content: bytes) -> Transmissions:
+        """Return the line that answers a command."""
+        return [b"#OK%s\r\n" % content]
 
 
 def _fields(kind: Fitted, values: list[int]) -> list[str]:

@@ -22,11 +22,11 @@ named, else from 128, and writes ``02 location count data FF``. What else is wri
 Try it: ``tactemu run singletact``, then send FF FF FF FF 04 64 01 01 80 06 FF FE FE FE FE.
 """
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from firmware_protocols import (
-    MORE, SOUND, USB, Column, Command, Counts, Device, Frame, I2c, Option, Packets, Reading, Rollover, Sent, Serial,
-    Transmissions, fact_table, points, quantize,
+    MORE, SOUND, USB, Column, Counts, CountsPerNewton, Device, Frame, I2c, Option, Packets, Reading, Refused, Request,
+    Rollover, Sent, Serial, Transmissions, command, command_table, fact_table, points, quantize,
 )  # fmt: skip
 
 REQUEST = Frame("""
@@ -72,10 +72,7 @@ SETTINGS = Frame("""
     13    01              calibrated
     14    00              unused
 """)
-READ = 1
-WRITE = 2
-SWITCH = 3
-CALIBRATE = 4
+READ, WRITE, SWITCH, CALIBRATE = OPERATIONS = 1, 2, 3, 4
 REQUEST_BYTES = 15
 MAX_READ_BYTES = 61
 MAX_WRITE_BYTES = 28
@@ -103,6 +100,36 @@ ROS2 = "matteogrisenti/SingleTact_ROS2_Package@5296909"
 UNO = "SingleTact/StandaloneArduino@ba3b878"
 PI = "SingleTact/RaspberryPiDemo@f3c2357 pps-singletact.py"
 ALL = "SingleTactDemo.ino, SingleTactLibrary/*.cs, Demo/GUI.cs, pps-singletact.py, both Python drivers (all whole)"
+OVER_I2C = command_table(
+    """
+    ? reading              09 00 00 00 06           ..{6}
+    read request           08 01 00 20
+    write of the baseline  08 02 29 02 00 00 FF
+    """,
+    origin=f"{UNO} SingleTactDemo.ino, {PI}:397-405",
+)
+OVER_USB = command_table(
+    f"""
+    ? reading           FF FF FF FF 04 64 01 01 80 06 FF        ..{{4}} 04 00 01 ..{{4}} 06 ..{{6}}
+    ? settings from 0   FF FF FF FF 04 64 02 01 00 20 FF        ..{{4}} 04 00 02 ..{{4}} 20 ..{{32}}
+    ? settings from 32  FF FF FF FF 04 64 03 01 20 20 FF        ..{{4}} 04 00 03 ..{{4}} 20 ..{{32}}
+    ? settings from 64  FF FF FF FF 04 64 04 01 40 20 FF        ..{{4}} 04 00 04 ..{{4}} 20 ..{{32}}
+    ? settings from 96  FF FF FF FF 04 64 05 01 60 20 FF        ..{{4}} 04 00 05 ..{{4}} 20 ..{{32}}
+    write two settings  FF FF FF FF 04 64 06 02 10 02 12 34 FF  ..{{4}} 04 00 06 ..{{4}} 00
+    switch all pins     FF FF FF FF 04 64 07 03 08 10 {"07 " * 16}FF  ..{{4}} 04 00 07 ..{{4}} 00
+    calibration         FF FF FF FF 04 64 08 04 00 10 {"00 FF " * 8}FF  ..{{4}} 04 00 08 ..{{4}} 00
+    """,
+    tail="FE FE FE FE",
+    origin=f"{PYTHON} singletact_library.py",
+)
+
+
+class Requests(Packets):
+    """The cutter of requests to the board, which drops a filler behind them."""
+
+    def fields(self, content: bytes) -> dict[str, Any] | None:
+        """Return a request by field."""
+        return super().fields(content.removesuffix(FILLER))
 
 
 class SingleTact(Device):
@@ -126,6 +153,7 @@ class SingleTact(Device):
         f"{ROS2} SingleTactInterface.py, SingleTactPortDriver.py",
     )
     judge = f"{PYTHON}, {ROS2}, i2cdriver 1.0.6"
+    documented_with = None
     facts = fact_table(f"""
         stated touch: 255 is no force, high byte first @ {PI}:303-305
         stated touch: 512 counts are the full range @ {NET} SingleTact Demo/GUI.cs:241, 281
@@ -167,16 +195,15 @@ class SingleTact(Device):
             Literal["usb", "arduino", "none"], Option("board between the pad and the host; none: the pad's own I2C")
         ] = "usb",
         address: Annotated[int, Option("address of the pad on the board's I2C", low=0, high=0x7F)] = 4,
-        counts_per_newton: Annotated[
-            float, Option("counts above those at rest, scaling 100", unit="1/N", low=1e-6)
-        ] = 51.2,
+        counts_per_newton: CountsPerNewton = 51.2,
         serial: Annotated[int, Option("serial number of the pad", low=0, high=0xFFFF)] = 1,
         firmware: Annotated[int, Option("version; from 2 on, settings end with a sum", low=0, high=0xFF)] = 1,
     ):
         self.layout = points({"pad": (0.0, 0.0, 0.0)}, pitch=0.008)
         self.counts_per_newton, self.firmware = counts_per_newton, firmware
         self.board, self.head = board, [HEAD_BYTES.get(board, 0)] * 4
-        self.packets = Packets(REQUEST.head, _size, _check, counters=self.counters)
+        self.packets = Requests(REQUEST, _size, _check, by="operation", counters=self.counters)
+        self.documented = OVER_I2C if board == "none" else OVER_USB
         delivered = SETTINGS.pack(address=address, serial=serial, firmware=firmware, scaling=UNITY_SCALING)
         self.settings = self.flash.get("settings", delivered.ljust(WRITABLE_BYTES, b"\0"))
         if board == "none":
@@ -188,27 +215,6 @@ class SingleTact(Device):
         self.iteration, self.pushed, self.zero, self.felt_ns, self.read_ns = 0, 0.0, 0.0, 0, 0
         self.clock_ticks = 0
 
-    @property
-    def commands(self) -> tuple[Command, ...]:
-        """Requests for the reading and the settings, and writes."""
-        origin = f"{PYTHON} singletact_library.py"
-        if self.board == "none":
-            origin = f"{UNO} SingleTactDemo.ino, {PI}:397-405"
-            return tuple(
-                Command(name=name, request=request, reply=reply, origin=origin, safe=name == "reading")
-                for name, request, reply in _I2C_EXAMPLES
-            )
-        return tuple(
-            Command(
-                name=name,
-                request=f"FF FF FF FF 04 64 {request} FF FE FE FE FE",
-                reply=f"{reply} FE FE FE FE",
-                origin=origin,
-                safe=name.startswith(("reading", "settings")),
-            )
-            for name, request, reply in _EXAMPLES
-        )
-
     def measure(self, reading: Reading, t_ns: int) -> Counts:
         """Return the value, 0..1023, shape ``(1,)``."""
         self.iteration, self.felt_ns = (self.iteration + 1) & 0xFFFF, t_ns
@@ -219,9 +225,7 @@ class SingleTact(Device):
 
     def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
         """Answer requests, which arrive in chunks of any size; on I2C, each is a transaction."""
-        if self.board == "none":
-            return self._transact(data, t_ns)
-        return [out for packet in self.packets.cut(data, t_ns) for out in self._obey(packet, t_ns)]
+        return self._transact(data, t_ns) if self.board == "none" else super().receive(data, t_ns, port)
 
     def _transact(self, frame: bytes, t_ns: int) -> Transmissions:
         if (asked := I2c.asked(frame)) is not None:
@@ -242,43 +246,47 @@ class SingleTact(Device):
             self.counters["refused"] += 1
         return ()
 
-    def _obey(self, packet: bytes, t_ns: int) -> Transmissions:
-        request = REQUEST.unpack(packet.removesuffix(FILLER))
-        assert request is not None, "the cutter has checked it"
-        operation, first, count, data = (request[name] for name in ("operation", "location", "count", "data"))
-        reads, here = operation == READ, request["address"] in (BROADCAST, self.settings[0])
-        end = first + count
-        self.counters["other_device"] += not here
-        longest, last = (
-            (MAX_READ_BYTES, MEMORY_BYTES)
-            if reads
-            else (MAX_WRITE_BYTES, WRITABLE_BYTES if operation == WRITE else 0x200)
-        )
-        if not 0 < count <= longest or end > last:
-            self.counters["refused"] += 1
-            return ()
-        if reads:
-            self.read_ns = t_ns
-            self.buffer = (self._memory()[first:end] if here else self.buffer[:count]) + TAIL + self.buffer[count + 4 :]
-            return [self._answer(request, count, 0 if here else NO_PAD_NS)]
-        if here and operation == WRITE:
-            self._store(first, data)
-        self.buffer = TAIL + self.buffer[len(TAIL) :]
-        return [self._answer(request, 0, 0 if operation == SWITCH or not here else FLASH_WRITE_NS)]
+    def accepts(self, request: Request) -> bool:
+        """Return True, also for a request to a pad that is not there."""
+        request.here = request.address in (BROADCAST, self.settings[0])
+        self.counters["other_device"] += not request.here
+        return True
 
-    def _answer(self, request: dict, count: int, delay_ns: int) -> Sent | bytes:
-        fields = {
-            "address": request["address"],
-            "id": request["id"],
-            "time": self.read_ns // TICK_NS + self.clock_ticks,
-        }
-        answer = ANSWER.pack(head=self.head, data=self.buffer[:count], **fields)
-        return Sent(answer, delay_ns=delay_ns) if delay_ns else answer
+    @command(on=READ)
+    def read(self, request: Request):
+        """Return memory, or the old buffer."""
+        first, end = _range(request, MAX_READ_BYTES, MEMORY_BYTES)
+        self.read_ns = request.t_ns
+        shown = self._memory()[first:end] if request.here else self.buffer[: request.count]
+        self.buffer = shown + TAIL + self.buffer[len(shown + TAIL) :]
+        return self._answer(request, shown, 0 if request.here else NO_PAD_NS)
+
+    @command(on=WRITE)
+    def write(self, request: Request):
+        """Store settings."""
+        first, _ = _range(request, MAX_WRITE_BYTES, WRITABLE_BYTES)
+        if request.here:
+            self._store(first, request.data)
+        return self._done(request, FLASH_WRITE_NS)
+
+    @command(on=(SWITCH, CALIBRATE))
+    def do_nothing(self, request: Request):
+        """Answer, without effect."""
+        _range(request, MAX_WRITE_BYTES)
+        return self._done(request, 0 if request.operation == SWITCH else FLASH_WRITE_NS)
+
+    def _done(self, request: Request, delay_ns: int) -> Transmissions:
+        self.buffer = TAIL + self.buffer[len(TAIL) :]
+        return self._answer(request, b"", delay_ns if request.here else 0)
+
+    def _answer(self, request: Request, data: bytes, delay_ns: int) -> Transmissions:
+        time = self.read_ns // TICK_NS + self.clock_ticks
+        answer = ANSWER.pack(head=self.head, data=data, address=request.address, id=request.id, time=time)
+        return [Sent(answer, delay_ns=delay_ns)]
 
     def _memory(self) -> bytes:
-        reading = DATA.pack(
-            iteration=self.iteration, time=self.felt_ns // TICK_NS + self.clock_ticks, value=int(self.counts[0])
-        )
+        time = self.felt_ns // TICK_NS + self.clock_ticks
+        reading = DATA.pack(iteration=self.iteration, time=time, value=int(self.counts[0]))
         return (self.settings + reading).ljust(MEMORY_BYTES, b"\0")
 
     def _store(self, first: int, data: bytes) -> None:
@@ -294,7 +302,7 @@ class SingleTact(Device):
 def _size(data: bytes) -> int | str:
     if len(data) < 10:
         return MORE
-    if data[7] not in (READ, WRITE, SWITCH, CALIBRATE):
+    if data[7] not in OPERATIONS:
         return "unknown_command"
     if data[7] == READ:
         return REQUEST_BYTES + data.startswith(FILLER, REQUEST_BYTES)
@@ -305,21 +313,8 @@ def _check(packet: bytes) -> str:
     return SOUND if REQUEST.unpack(packet.removesuffix(FILLER)) else "bad_tail"
 
 
-_I2C_EXAMPLES = (
-    # name, transaction, bytes that are read
-    ("reading", "09 00 00 00 06", "..{6}"),
-    ("read request", "08 01 00 20", None),
-    ("write of the baseline", "08 02 29 02 00 00 FF", None),
-)
-_HEAD = ".. .. .. .. 04 00"
-_EXAMPLES = (
-    # name, request behind address and timeout, answer without its tail
-    ("reading", "01 01 80 06", f"{_HEAD} 01 ..{{4}} 06 ..{{6}}"),
-    ("settings from 0", "02 01 00 20", f"{_HEAD} 02 ..{{4}} 20 ..{{32}}"),
-    ("settings from 32", "03 01 20 20", f"{_HEAD} 03 ..{{4}} 20 ..{{32}}"),
-    ("settings from 64", "04 01 40 20", f"{_HEAD} 04 ..{{4}} 20 ..{{32}}"),
-    ("settings from 96", "05 01 60 20", f"{_HEAD} 05 ..{{4}} 20 ..{{32}}"),
-    ("write two settings", "06 02 10 02 12 34", f"{_HEAD} 06 ..{{4}} 00"),
-    ("switch all pins", f"07 03 08 10 {'07 ' * 16}", f"{_HEAD} 07 ..{{4}} 00"),
-    ("calibration", f"08 04 00 10 {'00 FF ' * 8}", f"{_HEAD} 08 ..{{4}} 00"),
-)
+def _range(request: Request, longest: int, last: int = 0x200) -> tuple[int, int]:
+    """Return the first and the last location of a request, behind which there is no memory."""
+    if not 0 < request.count <= longest or request.location + request.count > last:
+        raise Refused("value")
+    return request.location, request.location + request.count

@@ -30,8 +30,7 @@ from typing import Annotated, Literal
 import numpy as np
 
 from firmware_protocols import (
-    Column, Command, Counts, Dds, Device, Layout, Motors, Option, Patch, Reading, Sent, Topic, Transmissions,
-    fact_table,
+    Column, Dds, Device, Layout, Motors, Option, Patch, Sent, Topic, Transmissions, command_table, fact_table,
 )  # fmt: skip
 from firmware_protocols.idl import layout
 
@@ -81,6 +80,11 @@ PAD_PITCH_M = 0.025
 Cells = tuple[int, ...]
 
 
+def _order(mode: int, q: str, kp: str) -> str:
+    motors = (f"{mode | k:02X} 00 00 00 {q} {8 * '00'} {kp} {8 * '00'}" for k in range(MOTORS))
+    return "07 00 00 00" + "".join(motors) + "00" * 16
+
+
 class UnitreeDex3(Device):
     """A Dex3-1 as it appears on DDS."""
 
@@ -88,7 +92,6 @@ class UnitreeDex3(Device):
     title = "Unitree Dex3-1 hand"
     kind = "hand"
     rate_hz = 250.0
-    columns = (Column(name="pressure", low=REST_PRESSURE, high=MAX_PRESSURE, rest=REST_PRESSURE, push=1),)
     evidence = ("driver", "vendor document")
     sources = (
         "unitree-sdk2py-dimos 1.0.3 idl/unitree_hg (types), core/channel.py; unitree_sdk2_python@37116c5",
@@ -96,6 +99,14 @@ class UnitreeDex3(Device):
         "vendor page 'Dexterous Hand' (six places of 3 x 4, 33 cells, mode byte, values, order of the motors)",
     )
     judge = "unitree-sdk2py-dimos 1.0.3"
+    documented = command_table(
+        f"""
+        all to 0.5 rad  {_order(0x10, "00 00 00 3F", "00 00 C0 3F")}
+        all stop        {_order(0x90, "00 00 00 00", "00 00 00 00")}
+        """,
+        origin="g1_dex3_example.cpp l.53-57, 118-121; HandCmd_ as cyclonedds 11.0.1 serialises it",
+    )
+    documented_with = None
     facts = fact_table("""
         stated touch: 100000 and more is a value, 30000 none; nine pads of twelve @ vendor page 'Dexterous Hand';
             unitree_sdk2@21d0a3b g1_dex3_example.cpp:42
@@ -125,8 +136,8 @@ class UnitreeDex3(Device):
         odd_cells: Annotated[Cells, Option("slots 0 to 11 that have a cell, pads 1, 3, 5")] = (3, 6, 8),
         counts_per_newton: Annotated[float, Option("scale of a cell", unit="1/N", low=1e-6)] = 10_000.0,
     ):
-        state, command = f"{IDL_MODULE}::HandState_", f"{IDL_MODULE}::HandCmd_"
-        order = Topic(name=f"rt/dex3/{side}/cmd", type=command)
+        state = f"{IDL_MODULE}::HandState_"
+        order = Topic(name=f"rt/dex3/{side}/cmd", type=f"{IDL_MODULE}::HandCmd_")
         self.ports = (
             Dds(name="hand", writes=Topic(name=f"rt/dex3/{side}/state", type=state), reads=order, idl=IDL),
             Dds(name="lf", writes=Topic(name=f"rt/lf/dex3/{side}/state", type=state), idl=IDL, is_plugged=False),
@@ -134,32 +145,14 @@ class UnitreeDex3(Device):
         live = [sorted({k % SLOTS_PER_PAD for k in (odd_cells if pad in ODD_PADS else cells)}) for pad in range(PADS)]
         self.layout = _pads(live)
         self.slots = [pad * SLOTS_PER_PAD + slot for pad, slots in enumerate(live) for slot in slots]
-        self.counts_per_newton = counts_per_newton
+        self.columns = (
+            Column(name="pressure", assumed_per_unit=counts_per_newton, is_float=True, push=1, low=REST_PRESSURE,
+                   high=MAX_PRESSURE, rest=REST_PRESSURE),
+        )  # fmt: skip
         low, high = STOPS_RAD[side]
         self.motors = Motors(np.zeros(MOTORS), low=low, high=high, time_constant_s=0.1)
         self.modes = list(range(MOTORS))
         self.sent = 0
-
-    @property
-    def commands(self) -> tuple[Command, ...]:
-        """Orders as in the vendor's example; none is answered."""
-        origin = "g1_dex3_example.cpp l.53-57, 118-121; HandCmd_ as cyclonedds 11.0.1 serialises it"
-        on, stop = (
-            "07 00 00 00"
-            + "".join(f"{mode | k:02X} 00 00 00 {q} {8 * '00'} {kp} {8 * '00'}" for k in range(7))
-            + "00" * 16
-            for mode, q, kp in ((0x10, "00 00 00 3F", "00 00 C0 3F"), (0x90, "00 00 00 00", "00 00 00 00"))
-        )
-        return (
-            Command(name="all to 0.5 rad", request=on, origin=origin),
-            Command(name="all stop", request=stop, origin=origin),
-        )
-
-    def measure(self, reading: Reading, t_ns: int) -> Counts:
-        """Return the value of each cell, float32, shape ``(33,)``."""
-        pressed = REST_PRESSURE + self.counts_per_newton * self.layout.push(reading["force"])
-        self.counts = np.clip(pressed, REST_PRESSURE, MAX_PRESSURE).astype(np.float32)
-        return self.counts
 
     def stream(self, t_ns: int, name: str) -> Transmissions:
         """Return a state, every 25th time also to the slower topic."""
@@ -171,11 +164,8 @@ class UnitreeDex3(Device):
         state = np.zeros((), STATE)
         state["n_motor_state"], state["n_press_sensor_state"] = MOTORS, PADS
         motors, pads = state["motor_state"], state["press_sensor_state"]
-        motors["mode"], motors["q"], motors["dq"] = (
-            self.modes,
-            self.motors.positions(t_ns),
-            self.motors.velocities(t_ns),
-        )
+        motors["mode"], motors["q"] = self.modes, self.motors.positions(t_ns)
+        motors["dq"] = self.motors.velocities(t_ns)
         motors["temperature"] = pads["temperature"] = state["imu_state"]["temperature"] = ROOM_DEG_C
         pressure = np.full(PADS * SLOTS_PER_PAD, NO_CELL_PRESSURE)
         pressure[self.slots] = self.layout.on_wire(self.counts)
@@ -208,12 +198,11 @@ class UnitreeDex3(Device):
 
 
 def _pads(live: list[list[int]]) -> Layout:
-    positions, patches = [], []
+    positions, patches, start = [], [], 0
     for pad, slots in enumerate(live):
         rows, cols = np.divmod(slots, COLS)
         x = (pad - (PADS - 1) / 2) * PAD_PITCH_M + (cols - 1) * PITCH_M
         positions.append(np.stack([x, (1.5 - rows) * PITCH_M, 0 * x], -1))
-        patches.append(
-            Patch(name=f"pad {pad}", start=sum(map(len, live[:pad])), rows=0, cols=len(slots), pitch=PITCH_M)
-        )
+        patches.append(Patch(name=f"pad {pad}", start=start, rows=0, cols=len(slots), pitch=PITCH_M))
+        start += len(slots)
     return Layout(positions=np.concatenate(positions), normals=np.array([0.0, 0.0, 1.0]), patches=tuple(patches))

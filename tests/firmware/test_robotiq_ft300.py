@@ -55,14 +55,14 @@ def test_identity_is_letters_and_binary_numbers():
 def test_a_torque_follows_from_where_the_tool_is_touched():
     device = fp.create("robotiq_ft300", tool=(0.0, 0.0, 0.1), streams=False)
     assert sample(device, force=(2.0, -3.0, -5.0)) == []
-    assert device.wrench.tolist() == [[200, -300, -500, 300, 200, 0]]
+    assert device.counts["wrench"].tolist() == [[200, -300, -500, 300, 200, 0]]
 
 
 @pytest.mark.parametrize(("newtons", "counts"), [(1e9, -0x8000), (-1e9, 0x7FFF)])
 def test_values_end_where_16_bits_do(newtons, counts):
     device = fp.create("robotiq_ft300")
     sample(device, newtons)
-    assert device.wrench[0, 2] == counts
+    assert device.counts["wrench"][0, 2] == counts
 
 
 def test_what_it_does_not_know_is_refused():
