@@ -6,8 +6,8 @@ A device declares them in a table, or one by one (:func:`stated`, :func:`measure
         stated touch: taxels row by row @ {MANUAL}, page 3
         measured timing: a frame each 32 ms @ the recordings of {SOURCE}
         assumed configuration: the zero is forgotten at power-off;
-            the filter is a first-order low-pass @ all of {SOURCE}
-    ''')
+            the filter is a first-order low-pass
+    ''', looked=f"all of {SOURCE}")
 
 A fact begins with its basis and its part, and goes on to the line that begins the next; its source stands behind ``@``.
 A datasheet counts facts by part, so that the author of a driver sees how far each part can be trusted.
@@ -58,8 +58,12 @@ def assumed(part: Part, what: str, looked: str) -> Fact:
 _BEGIN = re.compile(rf"({'|'.join(typing.get_args(Basis))}) ({'|'.join(typing.get_args(Part))}): ")
 
 
-def fact_table(text: str) -> tuple[Fact, ...]:
+def fact_table(text: str, *, looked: str = "") -> tuple[Fact, ...]:
     """Return the facts in a table, as above.
+
+    Args:
+        text: the table.
+        looked: the files that were read in vain, for the assumed facts that name none.
 
     Raises:
         ValueError: a line begins no fact and continues none, or a fact has no source; the message names it.
@@ -72,12 +76,13 @@ def fact_table(text: str) -> tuple[Fact, ...]:
             facts[-1] += f" {line}"
         else:
             raise ValueError(f"fact {line!r}: expected `stated touch: ... @ source`: basis, part, fact and source")
-    return tuple(map(_fact, facts))
+    return tuple(_fact(fact, looked) for fact in facts)
 
 
-def _fact(text: str) -> Fact:
+def _fact(text: str, looked: str) -> Fact:
     found = _BEGIN.match(text)
-    what, at, where = text[found.end() if found else 0 :].partition(" @ ")
-    if found is None or not at:
+    what, _, where = text[found.end() if found else 0 :].partition(" @ ")
+    where = where or looked * text.startswith("assumed")
+    if found is None or not where:
         raise ValueError(f"fact {text!r}: name its source behind ` @ `")
     return Fact(typing.cast(Part, found[2]), what.strip(), typing.cast(Basis, found[1]), where.strip())

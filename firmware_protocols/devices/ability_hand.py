@@ -33,15 +33,14 @@ site reads between 0 and 0.88 N, and it saturates at 6.96 N.
 Try it: ``tactemu run ability_hand``, then ``AHSerialClient(port=..., baud_rate=460800)``.
 """
 
-import struct
 from collections.abc import Mapping
 from typing import Annotated, Literal
 
 import numpy as np
 
 from firmware_protocols import (
-    Column, Command, Counts, Device, Frame, Motors, Option, Ppp, Reading, Restart, Serial, Transmissions, fact_table,
-    grid_layout, pack_12_bits, place, ppp, quantize, stack,
+    Column, Counts, Device, Frame, Motors, Option, Ppp, Reading, Request, Restart, Serial, Transmissions, command,
+    command_table, fact_table, grid_layout, pack_12_bits, place, ppp, quantize, stack,
 )  # fmt: skip
 
 MESSAGE = Frame("""
@@ -74,12 +73,7 @@ REGISTER_REPLY = Frame("""
     last  lrc8             sum
 """)
 
-POSITION = 0x10
-READ_ONLY = 0xA0
-READ_REGISTER = 0xDA
-WRITE_REGISTER = 0xDE
-GRIP = 0x1D
-RESET = 0x09
+POSITION, CURRENT, READ_ONLY = 0x10, 0x30, 0xA0
 DEG_PER_S_PER_AMPERE = 200.0
 DEG_PER_S_AT_FULL_DUTY = 300.0
 NM_PER_AMPERE = 0.6
@@ -89,13 +83,9 @@ DEG_PER_S_PER_COUNT = {
     0x20: 3000 / 32767, 0x30: DEG_PER_S_PER_AMPERE / COUNTS_PER_AMPERE, 0x40: DEG_PER_S_AT_FULL_DUTY / 3546,
 }  # fmt: skip
 """Speed per count of a target [deg/s], by the high nibble of the header."""
-CURRENT = 0x30
-OTHER_HEADERS = {GRIP, 0x07, 0x08, 0xC2, 0xC3, 0x7C}
-DONE = 0x4E11FEA4
-FAILED = 0xFA17FFFF
+DONE, FAILED = 0x4E11FEA4, 0xFA17FFFF
 API_TIMEOUT_NS = 300_000_000
 SILENCE_NS = 1_000_000
-SHORTEST_MESSAGE_BYTES = 3
 LONGEST_MESSAGE_BYTES = 32
 
 JOINTS = ("index", "middle", "ring", "pinky", "thumb flexor", "thumb rotator")
@@ -129,6 +119,7 @@ Baud = Literal[
 API = "psyonicinc/ability-hand-api@34c9a93 "
 ICD = f"{API}Documentation/ABILITY-HAND-ICD.pdf"
 LOOKED = f"{ICD}; all of {API}python"
+_SDK, _ICD = "ability-hand 0.2.2 ah_api.py", "ABILITY-HAND-ICD.pdf"
 
 
 class AbilityHand(Device):
@@ -146,33 +137,65 @@ class AbilityHand(Device):
         f"{API}python/ah_examples/write_registers.py, send_misc_msg.py",
     )
     judge = "psyonicinc/ability-hand-api@34c9a93, ability-hand 0.2.2"
+    documented = command_table(
+        f"""
+        @ {_SDK}
+        position, reply 0    50 10 99 19 99 19 99 19 99 19 99 19 67 E6 D9  10 *
+        position, reply 1    50 11 99 19 99 19 99 19 99 19 99 19 67 E6 D8  11 *
+        position, reply 2    50 12 99 19 99 19 99 19 99 19 99 19 67 E6 D7  12 *
+        velocity, reply 0    50 20 DA 00 DA 00 DA 00 DA 00 DA 00 26 FF 29  20 *
+        velocity, reply 1    50 21 DA 00 DA 00 DA 00 DA 00 DA 00 26 FF 28  21 *
+        velocity, reply 2    50 22 DA 00 DA 00 DA 00 DA 00 DA 00 26 FF 27  22 *
+        current, reply 0     50 30 36 01 36 01 36 01 36 01 36 01 CA FE A5  30 *
+        current, reply 1     50 31 36 01 36 01 36 01 36 01 36 01 CA FE A4  31 *
+        current, reply 2     50 32 36 01 36 01 36 01 36 01 36 01 CA FE A3  32 *
+        duty, reply 0        50 40 ED 06 ED 06 ED 06 ED 06 ED 06 13 F9 A5  40 *
+        duty, reply 1        50 41 ED 06 ED 06 ED 06 ED 06 ED 06 13 F9 A4  41 *
+        duty, reply 2        50 42 ED 06 ED 06 ED 06 ED 06 ED 06 13 F9 A3  42 *
+        ? read only, reply 0  50 A0 10  A0 *
+        ? read only, reply 1  50 A1 0F  A1 *
+        ? read only, reply 2  50 A2 0E  A2 *
+        grip                  50 1D 01 FF 93  .. *
+        reset                 50 09 A7
+        @ {_ICD}
+        two targets of six    50 11 01 02 03 04 95  11 *
+        Bluetooth on          50 07 A9  .. *
+        Bluetooth off         50 08 A8  .. *
+        setting C2            50 C2 EE  .. *
+        unknown header        50 99 17  .. *
+        ? read register 8     50 DA 08 00 00 00 CE              A4 FE 11 4E ED 06 00 00 0C
+        write register 1      50 DE 01 00 00 00 03 00 00 00 CE  A4 FE 11 4E 03 00 00 00 FC
+        write the unique id   50 DE 3D 00 00 00 07 00 00 00 8E  FF FF 17 FA 00 00 00 00 F1
+        """,
+        head="7E",
+        tail="7E",
+    )
+    documented_with = ("baud",)
     facts = fact_table(f"""
         stated touch: twelve bits a site, two in three bytes; the formula of force @
             {API}python/ah_wrapper/ah_parser.py:85, 53
         stated touch: the constants of the formula are placeholders @ {ICD} 3.5.3
-        assumed touch: six sites 3 x 2, row by row at 7 mm on each fingertip, all pads in one plane, normal +z @
-            {LOOKED}
+        assumed touch: six sites 3 x 2, row by row at 7 mm on each fingertip, all pads in one plane, normal +z
         stated identity: the unique id are two registers behind those of the joints @ {ICD};
             {API}python/ah_examples/write_registers.py
-        assumed identity: the unique id is 0 @ {LOOKED}
+        assumed identity: the unique id is 0
         stated configuration: line speeds, 460800 first; address 50 @ {API}python/ah_wrapper/serial_connection.py:44
         stated configuration: registers' values as delivered @ {API}python/ah_examples/write_registers.py:27
         assumed configuration: registers have no effect and are forgotten at power-off; a failed reply has the
-            register's value @ {LOOKED}
+            register's value
         stated configuration: velocities in replies are of the rotor, 4 per rad/s @ {ICD} 3.4.3
-        assumed configuration: a control message without six targets moves nothing; Bluetooth commands are answered @
-            {LOOKED}
+        assumed configuration: a control message without six targets moves nothing; Bluetooth commands are answered
         stated configuration: a reset is not waited for @ {API}python/ah_examples/send_misc_msg.py:27
         assumed configuration: motors: one time constant of 0.1 s, 200 deg/s per A, 300 deg/s at full duty, stops at 0
-            and 100 deg @ {LOOKED}
-        assumed configuration: in an engine: {NM_PER_AMPERE} Nm/A at the joint, {STRENGTH_NM} Nm at most @ {LOOKED}
+            and 100 deg
+        assumed configuration: in an engine: {NM_PER_AMPERE} Nm/A at the joint, {STRENGTH_NM} Nm at most
         assumed configuration: grip 0 opens, every other closes all fingers; the hot/cold mask is 0; the first format is
-            10 @ {LOOKED}
-        assumed configuration: C2, C3 and 7C change nothing; fast mode is not in the model @ {LOOKED}
+            10
+        assumed configuration: C2, C3 and 7C change nothing; fast mode is not in the model
         stated timing: it leaves API control 300 ms after the last command @ {ICD} 3.3.3
-        assumed timing: the joints hold then; touch is converted 250 times a second @ {LOOKED}
-        assumed timing: without stuffing a silence of 1 ms ends a message @ {LOOKED}
-    """)
+        assumed timing: the joints hold then; touch is converted 250 times a second
+        assumed timing: without stuffing a silence of 1 ms ends a message
+    """, looked=LOOKED)  # fmt: skip
 
     def __init__(
         self,
@@ -195,22 +218,12 @@ class AbilityHand(Device):
         """The commanded currents in current mode [counts], even at the stops; None in other modes."""
         self.counts = np.zeros(len(self.layout), np.int64)
         self.registers = dict(enumerate([*GAINS * 5, *ROTATOR_GAINS, *[0] * len(UNIQUE_ID_REGISTERS), 0], 1))
-        self.frames = Ppp(counters=self.counters, longest=LONGEST_MESSAGE_BYTES)
+        self.packets = Ppp(MESSAGE, by="header", counters=self.counters, longest=LONGEST_MESSAGE_BYTES)
         self.heard = b""
         """The unfinished message, without stuffing."""
         self.format = POSITION
         """The header of the last message that selected a reply."""
         self.commanded_ns = 0
-
-    @property
-    def commands(self) -> tuple[Command, ...]:
-        """The SDK's commands, each reply, and the refusals of the ICD; for a hand with default options."""
-        if self.address != 0x50 or not self.stuffing:
-            return ()
-        return tuple(
-            Command(name=name, request=f"7E {request} 7E", reply=reply, origin=origin, safe=name.startswith("read"))
-            for name, request, reply, origin in _EXAMPLES
-        )
 
     def measure(self, reading: Reading, t_ns: int) -> Counts:
         """Return 12-bit touch values, shape ``(30,)``."""
@@ -227,7 +240,7 @@ class AbilityHand(Device):
     def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
         """Obey messages, which arrive in chunks of any size."""
         if self.stuffing:
-            return [out for content in self.frames.cut(data) for out in self._obey(content, t_ns)]
+            return super().receive(data, t_ns, port)
         self.heard = (self.heard + data)[: LONGEST_MESSAGE_BYTES + 1]
         self.wake_ns = t_ns + SILENCE_NS
         return ()
@@ -235,26 +248,25 @@ class AbilityHand(Device):
     def wake(self, t_ns: int) -> Transmissions:
         """Obey the message that a silence has ended, without stuffing."""
         content, self.heard = self.heard, b""
-        return self._obey(content, t_ns)
+        return self.obey(content, t_ns)
 
-    def _obey(self, content: bytes, t_ns: int) -> Transmissions:
-        if not SHORTEST_MESSAGE_BYTES <= len(content) <= LONGEST_MESSAGE_BYTES:
-            self.counters["skipped_bytes"] += len(content)
-            return []
-        message = MESSAGE.unpack(content)
-        if message is None:
-            self.counters["bad_checksum"] += 1
-            return []
-        if message["address"] != self.address:
-            self.counters["other_address"] += 1
-            return []
-        self.counters["requests"] += 1
+    def accepts(self, request: Request) -> bool:
+        """Return True for the address of this hand."""
+        return request.address == self.address
+
+    def reply(self, request: Request, content: bytes) -> Transmissions:
+        """Return a register reply, or one in the last selected format."""
+        self._hear(request.t_ns)
+        frame = content or self._reply(request.t_ns)
+        return [ppp(frame) if self.stuffing else frame]
+
+    def refused(self, request: Request, why: str) -> Transmissions:
+        """Return a reply in the last selected format."""
+        return self.reply(request, b"")
+
+    def _hear(self, t_ns: int) -> None:
         self._hold_if_left_alone(t_ns)
         self.commanded_ns = t_ns
-        if message["header"] == RESET:
-            return [Restart()]
-        reply = self._answer(message["header"], message["payload"], t_ns)
-        return [ppp(reply) if self.stuffing else reply]
 
     def _hold_if_left_alone(self, t_ns: int) -> None:
         """Hold the joints where they were 300 ms after the last command, if none has followed."""
@@ -262,22 +274,40 @@ class AbilityHand(Device):
             self.motors.hold(self.commanded_ns + API_TIMEOUT_NS)
             self.currents = None
 
-    def _answer(self, header: int, payload: bytes, t_ns: int) -> bytes:
-        kind = header & 0xF0
-        if header == READ_REGISTER and len(payload) == 4:
-            return self._register(*struct.unpack("<i", payload))
-        if header == WRITE_REGISTER and len(payload) == 8:
-            return self._register(*struct.unpack("<ii", payload))
-        if header & 0x0F <= 2 and kind in (POSITION, READ_ONLY, *DEG_PER_S_PER_COUNT):
-            self.format = header
-            if kind != READ_ONLY and len(payload) == 12:
-                self._move(kind, np.frombuffer(payload, "<i2"), t_ns)
-        elif header == GRIP and len(payload) == 2:
-            self.currents = None
-            self.motors.go(np.where(HIGH_STOPS_DEG > 0, 0.6 * HIGH_STOPS_DEG, -60.0) if payload[0] else OPEN_DEG, t_ns)
-        elif header not in OTHER_HEADERS:
-            self.counters["unknown_command"] += 1
-        return self._reply(t_ns)
+    @command(on=[kind + reply for kind in (POSITION, *DEG_PER_S_PER_COUNT, READ_ONLY) for reply in range(3)], data="*")
+    def control(self, request: Request):
+        """Select a reply, and move."""
+        self._hear(request.t_ns)
+        self.format, kind = request.header, request.header & 0xF0
+        if kind != READ_ONLY and len(request.payload) == 12:
+            self._move(kind, np.frombuffer(request.payload, "<i2"), request.t_ns)
+
+    @command(on=0xDA, data="<i")
+    def read_register(self, request: Request):
+        """Return a register."""
+        return self._register(request.value)
+
+    @command(on=0xDE, data="<ii")
+    def write_register(self, request: Request):
+        """Write a register and return it."""
+        return self._register(*request.values)
+
+    @command(on=0x1D, data="BB")
+    def grip(self, request: Request):
+        """Open, or close all fingers."""
+        self._hear(request.t_ns)
+        self.currents = None
+        closed = np.where(HIGH_STOPS_DEG > 0, 0.6 * HIGH_STOPS_DEG, -60.0)
+        self.motors.go(closed if request.value else OPEN_DEG, request.t_ns)
+
+    @command(on=(0x07, 0x08, 0xC2, 0xC3, 0x7C), data="*")
+    def other(self, request: Request):
+        """Change nothing."""
+
+    @command(on=0x09, data="*")
+    def reset(self, request: Request):
+        """Restart."""
+        return [Restart()]
 
     def _move(self, kind: int, targets: np.ndarray, t_ns: int) -> None:
         if kind == POSITION:
@@ -322,35 +352,3 @@ def touch_counts(force: np.ndarray) -> np.ndarray:
 
 def _int16(values: np.ndarray, counts_per_unit: float | np.ndarray) -> np.ndarray:
     return quantize(values, counts_per_unit, -0x8000, 0x7FFF)
-
-
-_SDK = "ability-hand 0.2.2 ah_api.py"
-_ICD = "ABILITY-HAND-ICD.pdf"
-_ANY = "7E .. * 7E"
-_TARGETS = {
-    # mode: first digit of the header, six targets, sum with reply 0
-    "position": (1, "99 19 99 19 99 19 99 19 99 19 67 E6", 0xD9),
-    "velocity": (2, "DA 00 DA 00 DA 00 DA 00 DA 00 26 FF", 0x29),
-    "current": (3, "36 01 36 01 36 01 36 01 36 01 CA FE", 0xA5),
-    "duty": (4, "ED 06 ED 06 ED 06 ED 06 ED 06 13 F9", 0xA5),
-}
-_EXAMPLES = (
-    *(
-        (f"{mode}, reply {v}", f"50 {digit}{v} {payload} {check - v:02X}", f"7E {digit}{v} * 7E", _SDK)
-        for mode, (digit, payload, check) in _TARGETS.items()
-        for v in range(3)
-    ),
-    ("read only, reply 0", "50 A0 10", "7E A0 * 7E", _SDK),
-    ("read only, reply 1", "50 A1 0F", "7E A1 * 7E", _SDK),
-    ("read only, reply 2", "50 A2 0E", "7E A2 * 7E", _SDK),
-    ("two targets of six", "50 11 01 02 03 04 95", "7E 11 * 7E", _ICD),
-    ("grip", "50 1D 01 FF 93", _ANY, _SDK),
-    ("Bluetooth on", "50 07 A9", _ANY, _ICD),
-    ("Bluetooth off", "50 08 A8", _ANY, _ICD),
-    ("setting C2", "50 C2 EE", _ANY, _ICD),
-    ("unknown header", "50 99 17", _ANY, _ICD),
-    ("read register 8", "50 DA 08 00 00 00 CE", "7E A4 FE 11 4E ED 06 00 00 0C 7E", _ICD),
-    ("write register 1", "50 DE 01 00 00 00 03 00 00 00 CE", "7E A4 FE 11 4E 03 00 00 00 FC 7E", _ICD),
-    ("write the unique id", "50 DE 3D 00 00 00 07 00 00 00 8E", "7E FF FF 17 FA 00 00 00 00 F1 7E", _ICD),
-    ("reset", "50 09 A7", None, _SDK),
-)

@@ -59,8 +59,8 @@ class AgibotOmniHandO10(AgibotOmniHand):
         assumed touch: palm and back are squares, row by row @ all of {O10}src, document, python, node
         stated configuration: identifiers, messages and types @ {O10}src/proto.h, src/implementation/c_agibot_hand_can
         stated configuration: positions 0..2000; to 4096 @ {O10}document/en/API_CPP.md:205; src/kinematics_solver.h:92
-        stated configuration: 1 and 5 Mbit/s, sampled at 80 and 75 %
-            @ {O10}src/can_bus_device/zlg_usb_canfd/c_zlg_usbcanfd_sdk.cc:67
+        stated configuration: 1 and 5 Mbit/s, sampled at 80 and 75 % @
+            {O10}src/can_bus_device/zlg_usb_canfd/c_zlg_usbcanfd_sdk.cc:67
         """),
     )
     parts = {**dict.fromkeys(FINGERS, (8, 2)), "palm": (5, 5), "back": (5, 5)}
@@ -101,16 +101,19 @@ class AgibotOmniHandPro(AgibotOmniHand):
     judge = "AgibotTech/OmniHand-Pro-2025@3c7048e"
     facts = (
         *shared_facts(f"all of {PRO}src, document, python, node"),
-        *fact_table(f"""
+        *fact_table(
+            f"""
         stated touch: nine channels; normal 0..3000 in 0.1 N; angle 0 at the tip, clockwise @ {PRO}src/proto.h:55
-        assumed touch: channels 3 x 3, row by row, 1000 counts/N @ all of {PRO}src, document, python, node
+        assumed touch: channels 3 x 3, row by row, 1000 counts/N
         assumed touch: forces are those on all channels of the finger, tangential in 0.1 N as normal; online 1,
-            proximity 0 @ all of {PRO}src, document, python, node
+            proximity 0
         stated configuration: identifiers, messages and types @ {PRO}src/proto.h, src/c_agibot_hand.cc:430, 1234
         stated configuration: positions 0..2000 @ {PRO}src/kinematics_solver/kinematics_solver.h:100
-        stated configuration: 1 and 5 Mbit/s, sampled at 80 and 75 %
-            @ {PRO}src/can_bus_device/zlg_usb_canfd/c_zlg_usbcanfd_sdk.cc:67
-        """),
+        stated configuration: 1 and 5 Mbit/s, sampled at 80 and 75 % @
+            {PRO}src/can_bus_device/zlg_usb_canfd/c_zlg_usbcanfd_sdk.cc:67
+        """,
+            looked=f"all of {PRO}src, document, python, node",
+        ),  # fmt: skip,
     )
     parts = dict.fromkeys(FINGERS, (3, 3))
     answers = {

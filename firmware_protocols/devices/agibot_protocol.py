@@ -216,14 +216,12 @@ class AgibotOmniHand(Device[CanFrame]):
 def shared_facts(looked: str) -> tuple[Fact, ...]:
     """Return the facts that hold for both hands."""
     return fact_table(f"""
-        assumed touch: pads {PITCH_M * 1e3:.0f} mm apart, all facing one way, tips to +y @ {looked}
-        assumed identity: number 1 as delivered; serial number, versions 1.0.0 and 1.1.0, 24 V @ {looked}
-        assumed configuration: what a write is answered with: as a question, with what is so now @ {looked}
+        assumed touch: pads {PITCH_M * 1e3:.0f} mm apart, all facing one way, tips to +y
+        assumed identity: number 1 as delivered; serial number, versions 1.0.0 and 1.1.0, 24 V
+        assumed configuration: what a write is answered with: as a question, with what is so now
         assumed configuration: threshold 1000, mode 0, 25 degrees, no current, no error; torque and speed are stored
-            @ {looked}
         assumed configuration: motors: at 2000 after power-up, 2000 a second; positions are obeyed in every mode
-            @ {looked}
         assumed configuration: reports of all joints come in the shortest period of any; firmware upgrades are not
-            answered @ {looked}
-        assumed timing: 100 conversions a second @ {looked}
-    """)
+            answered
+        assumed timing: 100 conversions a second
+    """, looked=looked)  # fmt: skip

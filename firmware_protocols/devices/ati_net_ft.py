@@ -256,7 +256,7 @@ class OnrobotHex(Rdt):
         stated touch: 10 000 counts per N, 100 000 per Nm; over TCP counts times scale over counts per unit @
             {HEX_MANUAL} 8.3, 9.1.2
         assumed touch: the tool is touched 50 mm above the sensor's origin; z points out of the tool side, forces act on
-            the tool @ {HEX_MANUAL}, whole; {HEX}, whole
+            the tool
         assumed touch: over TCP: 10 000 and 100 000 counts per unit, each scale 100, nearest whole numbers @
             {HEX_MANUAL} chapter 9; {HEX} example/tcp.c, which takes any; TCP_client.py
         stated identity: units over TCP: 2 is N, 3 is Nm @ {HEX_MANUAL} 9.2.2
@@ -269,12 +269,11 @@ class OnrobotHex(Rdt):
         assumed configuration: the box looks at the low 16 bits; other values than those stated change nothing @
             {HEX_MANUAL} chapter 8, etherdaq_driver.cpp
         assumed configuration: overload beyond 200 N or 10 Nm on an axis (options); the filter is a first-order low-pass
-            @ {HEX_MANUAL}, whole; {HEX}, whole
         stated timing: records are numbered from 1 after each start; the sample counter has 16 bits and counts ms @
             {HEX_MANUAL} 8.3, 7.1
         stated timing: the box is up 5 s after power-on, and closes TCP after 1 s without a request (left out: it is up
             at once, a client may be silent without limit) @ {HEX_MANUAL} chapters 2, 9
-    """)
+    """, looked=f"{HEX_MANUAL}, whole; {HEX}, whole")  # fmt: skip
 
     def __init__(
         self,

@@ -113,21 +113,21 @@ class BarrettBh8(Device[CanFrame]):
         stated touch: the last of five frames has 8 bytes, too @ libbarrett tactile_puck.cpp FullTactParser
         stated touch: the lowest bit of the map is the first cell @ a later libbarrett's Top10TactParser; pyHand
         stated touch: places of the cells in rows @ BHandGUI.ui; libbarrett sandbox/tactile_test.cpp graphPressures
-        assumed touch: 4 x 3 mm a cell of a finger, 6 x 10 mm of the palm, flat @ libbarrett, owd, pyHand
+        assumed touch: 4 x 3 mm a cell of a finger, 6 x 10 mm of the palm, flat
         assumed touch: whole N/cm2 are cut, not rounded; of equal cells the first @ Top10TactParser, owd, pyHand
-        assumed touch: tare leaves the form as it was, and is forgotten at power-off @ libbarrett, owd, pyHand
+        assumed touch: tare leaves the form as it was, and is forgotten at power-off
         stated identity: role 5 with tactile cells and a Hall encoder (1205) @ libbarrett puck.h:46-54, 186-195
         stated identity: version 175 has every property here @ libbarrett property_list.cpp; owd CANbus.cc:3330
         assumed identity: serial number 1, TACTID 1 (-2 is an error) @ libbarrett tactile_puck.cpp, owd, pyHand
         stated configuration: asleep after power-up; properties 0 to 7 then @ libbarrett puck.cpp, property_list.cpp
         stated configuration: sets have two or four bytes of value @ libbarrett puck-inl.h; pyHand set_16, set_32
         stated configuration: values of motors' properties, groups 0 7 5 @ pyHand set_puck_like
-        assumed configuration: a get of cells when TACT is 0 gets silence @ libbarrett, owd, pyHand
+        assumed configuration: a get of cells when TACT is 0 gets silence
         stated timing: cells come at once after a set, as after a get @ owd CANbus.cc:2799-2802
         stated timing: a waking puck receives nothing for less than 1 s @ libbarrett puck.h WAKE_UP_TIME
-        assumed timing: 100 conversions a second @ libbarrett, owd, pyHand
-        assumed timing: motors turn at MV, without load @ libbarrett, owd, pyHand
-    """)
+        assumed timing: 100 conversions a second
+        assumed timing: motors turn at MV, without load
+    """, looked="libbarrett, owd, pyHand")  # fmt: skip
 
     def __init__(
         self,

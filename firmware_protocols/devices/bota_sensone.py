@@ -23,7 +23,7 @@ from typing import Annotated
 import numpy as np
 
 from firmware_protocols import (
-    Axis, Column, Counts, Device, Frame, Lines, Option, Reading, Restart, Rollover, Sense, Serial, Tool, Transmissions,
+    Column, Counts, Device, Frame, Lines, Option, Reading, Restart, Rollover, Sense, Serial, Tool, Transmissions,
     command_table, fact_table, points, xyz,
 )  # fmt: skip
 
@@ -44,7 +44,6 @@ SINC_RANGE = range(64, 2049)
 NUMBER = rb"(-?\d{1,9}(?:\.\d{1,9})?)"
 COMMANDS = re.compile(rb"[Rs]|p\?|c(?:,\d){4}|f,(?P<sinc>\d{1,5})(?:,\d){3}|b" + rb"".join([b"," + NUMBER] * 6))
 ORIGIN = points({"origin": (0.0, 0.0, 0.0)})
-AXES: tuple[Axis, ...] = ("x", "y", "z")
 
 
 class BotaSensone(Device):
@@ -123,24 +122,23 @@ class BotaSensone(Device):
         )  # fmt: skip
         self.lines_in = Lines(counters=self.counters, longest=96)
         self.clock_us = 0
-        self.offset = np.zeros(6)
+        self.zero = np.zeros(6)
         self.identity = f"p,0,{serial_number:03d},0,0,{model}\r\n".encode("ascii")
         self.configuring = self.running = False
 
     def measure(self, reading: Reading, t_ns: int) -> Counts:
         """Return float32 by sense, as sent: Fx Fy Fz [N] Mx My Mz [Nm] ``(1, 6)``; temperature [deg C] ``(1,)``."""
-        wrench = reading["wrench"] + self.offset
-        self.status = OVERRANGE if (np.abs(wrench) > self.range).any() else 0
-        self.wrench = np.clip(wrench, -self.range, self.range).astype(np.float32)
-        self.temperature = reading["temperature"].astype(np.float32)
-        return {"wrench": self.wrench, "temperature": self.temperature}
+        super().measure(reading, t_ns)
+        self.status = OVERRANGE if (np.abs(self.present - self.zero) > self.range).any() else 0
+        return self.counts
 
     def stream(self, t_ns: int, name: str) -> Transmissions:
         """Return one frame while the stream runs."""
         if not self.running:
             return ()
-        time, temperature = t_ns // 1000 + self.clock_us, self.temperature[0]
-        return [FRAME.pack(status=self.status, wrench=self.wrench[0], time=time, temperature=temperature)]
+        (wrench,), (temperature,) = self.counts["wrench"], self.counts["temperature"]
+        time = t_ns // 1000 + self.clock_us
+        return [FRAME.pack(status=self.status, wrench=wrench, time=time, temperature=temperature)]
 
     def boot(self, t_ns: int) -> Transmissions:
         """Return the greeting after power-up."""
@@ -177,7 +175,7 @@ class BotaSensone(Device):
         if command["sinc"]:
             self.period_ns = round(int(command["sinc"]) * 1e9 / CONVERTER_HZ)
         elif line[:1] == b"b":
-            self.offset = np.array([float(number) for number in line.split(b",")[1:]])
+            self.zero = -np.array([float(number) for number in line.split(b",")[1:]])
         elif line == b"R":
             self.configuring, self.running = False, True
         return True

@@ -120,31 +120,28 @@ class Revo2(Device[Any]):
         stated touch: order and size of all values @ bc-stark-sdk 2.0.8 main_mod.pyi TouchFingerItem, RegAddrRevo2
         stated touch: low byte first in the proximities at 4250 @ bc-stark-sdk 2.0.8, what
             get_single_touch_sensor_status() makes of them
-        assumed touch: places: flat, normal +z, row by row, 3 x 3 points 3 mm apart, 5 mm on the palm @ {LOOKED}
-        assumed touch: 100 counts/N, direction in degrees 0..359, proximity 10000 counts/N of push; states are normal @
-            {LOOKED}
+        assumed touch: places: flat, normal +z, row by row, 3 x 3 points 3 mm apart, 5 mm on the palm
+        assumed touch: 100 counts/N, direction in degrees 0..359, proximity 10000 counts/N of push; states are normal
         assumed touch: points 200 counts/N raw or calibrated, [mN] of force, 0..4095; sums of their module in the same
-            unit @ {LOOKED}
+            unit
         assumed touch: new baseline and calibration make the present forces zero, until power-off; sensors that are off
-            read 0 @ {LOOKED}
+            read 0
         stated identity: registers of versions, serial numbers, unit and line, and their codes @ bc-stark-sdk 2.0.8
             main_mod.pyi
         stated identity: a serial number may be written after a factory key @ {EXAMPLES}revo2/revo2_cfg.py:150
-        assumed identity: firmware 1.0.5 of hand, tips and pads; serial numbers of pads; any key will do @ {LOOKED}
+        assumed identity: firmware 1.0.5 of hand, tips and pads; serial numbers of pads; any key will do
         stated configuration: the hand restarts when unit, line or automatic calibration is changed @
             {EXAMPLES}revo2/revo2_cfg.py:11, 121
         stated configuration: sensors are on at power-up @ {EXAMPLES}revo2/revo2_touch.py:13
         stated configuration: goals 0..1000 and 1..2000 ms, speeds, currents and duties -1000..1000 @ bc-stark-sdk 2.0.8
             main_mod.pyi:1283
-        assumed configuration: functions 03 and 04 show the same registers; all others read 0; it restarts after 0.1 s @
-            {LOOKED}
+        assumed configuration: functions 03 and 04 show the same registers; all others read 0; it restarts after 0.1 s
         assumed configuration: limits 1000, LED, buzzer, vibration on; limits, turbo, gestures and the unit of goals do
-            nothing @ {LOOKED}
-        assumed configuration: motors: 2000 a second; currents and duties drive like speeds; no current is shown @
-            {LOOKED}
-        assumed timing: 460800 as delivered; answers at once; 100 conversions a second @ {LOOKED}
-        assumed timing: over CAN more than 29 registers are exception 3 @ {LOOKED}
-    """)
+            nothing
+        assumed configuration: motors: 2000 a second; currents and duties drive like speeds; no current is shown
+        assumed timing: 460800 as delivered; answers at once; 100 conversions a second
+        assumed timing: over CAN more than 29 registers are exception 3
+    """, looked=LOOKED)  # fmt: skip
 
     def __init__(
         self,

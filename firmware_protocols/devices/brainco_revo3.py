@@ -183,22 +183,19 @@ class BraincoRevo3(Device):
     documented_with = ("packing", "serial", "baud")
     facts = fact_table(f"""
         stated touch: registers, points of each module, units of force @ {SDK}docs/device/REVO3_TOUCH_API.md
-        assumed touch: places: row by row, flat, normal +z, 2 mm pitch on fingers, 4 mm on the palm; matrices 10 x 6 @
-            {LOOKED}
-        assumed touch: a point is 200 counts/N (ADC, raw), 0..4095, or of a matrix 50 counts/N (ADC) @ {LOOKED}
-        assumed touch: regions are equal runs of points; forces and points can be read with any value of 4023 @ {LOOKED}
-        assumed touch: a zero holds until the next restart; 4025..4036 have no effect; modules that are off read 0 @
-            {LOOKED}
+        assumed touch: places: row by row, flat, normal +z, 2 mm pitch on fingers, 4 mm on the palm; matrices 10 x 6
+        assumed touch: a point is 200 counts/N (ADC, raw), 0..4095, or of a matrix 50 counts/N (ADC)
+        assumed touch: regions are equal runs of points; forces and points can be read with any value of 4023
+        assumed touch: a zero holds until the next restart; 4025..4036 have no effect; modules that are off read 0
         stated identity: 101 is the hand: 1 right, 2 left @ bc-revo3-sdk 1.5.1 revo3_get_hand_type(), main_mod.pyi:575
         stated identity: 109 and 110 are the lines, and their codes @ bc-revo3-sdk 1.5.1 revo3_get_rs485_baudrate(),
             each code tried
         stated identity: motors: status, versions, which are there @ {SDK}docs/device/REVO3_MOTOR_API.md:292, 350
-        assumed identity: firmware 0.1.2, hardware V1.0; motors 1.1; modules and motors have no serial number @ {LOOKED}
-        assumed configuration: limits 0 and 90 deg, 200 rpm, 1500 mA; 24 V, 0.3 A, 25 deg C; switches on @ {LOOKED}
-        assumed configuration: functions 03 and 04 show the same registers; all others read 0; joints do not move @
-            {LOOKED}
-        assumed timing: it answers at once; 100 conversions a second @ {LOOKED}
-    """)
+        assumed identity: firmware 0.1.2, hardware V1.0; motors 1.1; modules and motors have no serial number
+        assumed configuration: limits 0 and 90 deg, 200 rpm, 1500 mA; 24 V, 0.3 A, 25 deg C; switches on
+        assumed configuration: functions 03 and 04 show the same registers; all others read 0; joints do not move
+        assumed timing: it answers at once; 100 conversions a second
+    """, looked=LOOKED)  # fmt: skip
 
     def __init__(
         self,

@@ -23,13 +23,14 @@ Commands are text with LF; the library appends a NUL to some. None is answered.
 Try it: ``tactemu run contactile_papillarray``; packets of 817 bytes, the first pillar's force at byte 67.
 """
 
+from functools import lru_cache
 from typing import Annotated
 
 import numpy as np
 
 from firmware_protocols import (
-    Axis, Column, Command, Counts, Device, Frame, Lines, Option, Reading, Rollover, Serial, Transmissions, fact_table,
-    grid_layout, stack,
+    Counts, Device, Frame, Lines, Option, Reading, Request, Rollover, Serial, Transmissions, command, fact_table,
+    grid_layout, stack, xyz,
 )  # fmt: skip
 
 PACKET = Frame("""
@@ -85,14 +86,11 @@ PITCH_M = 0.007
 SENSOR_SPACING_M = 0.04
 
 BLOCKS = (1, 3, 4, 5, 6)
+"""The kinds of blocks: time, pillars, totals, slip of pillars, slip of sensors."""
 FORCE_RANGES_N = np.array([4.0, 4.0, 15.0])
 DEFLECTION_RANGES_MM = np.array([1.0, 1.0, 2.5])
 """The ranges of a pillar along x, y, z, as those of force above."""
 LIBRARY = "m-rosette/contactile_gripper_ros2@146709d"
-RATES_HZ = {b"f100": 100, b"f250": 250, b"f500": 500, b"f1000": 1000}
-ZERO_COMMAND = b"z"
-SLIP_COMMANDS = (b"S", b"s")
-AXES: tuple[Axis, ...] = ("x", "y", "z")
 
 
 class ContactilePapillArray(Device):
@@ -102,12 +100,10 @@ class ContactilePapillArray(Device):
     kind = "fingertip"
     ports = (Serial(baud=115200, usb=True),)
     rate_hz = 1000.0
-    columns = tuple(
-        Column(name=f"{letter}{axis}", axis=axis, unit=unit, counts_per_unit=scale, low=-most, high=most,
-               push=1 if axis == "z" else 0)
-        for letter, unit, scale, ranges in (("F", "N", 1.0, FORCE_RANGES_N), ("D", "m", 1000.0, DEFLECTION_RANGES_MM))
-        for axis, most in zip(AXES, ranges.tolist())
-    )  # fmt: skip
+    columns = (
+        *xyz("Fx Fy Fz", unit="N", counts_per_unit=1.0, low=-FORCE_RANGES_N, high=FORCE_RANGES_N, push=1),
+        *xyz("Dx Dy Dz", unit="m", counts_per_unit=1e3, low=-DEFLECTION_RANGES_MM, high=DEFLECTION_RANGES_MM, push=1),
+    )
     rollovers = (Rollover(name="counter", bits=32, state="counter"),)
     evidence = ("vendor document", "driver")
     sources = (
@@ -116,6 +112,8 @@ class ContactilePapillArray(Device):
         "m-rosette/contactile_gripper_ros2@146709d papillarray_ros2_v2: the vendor's library and its headers (sense of "
         "offsets, entry of kind 0, commands, slip), launch/papillarray.launch.py",
     )
+    origin = "PTSCOM_2.0_SPEC_SEP22; the NUL as the vendor's library sends it"
+    documented_with = None
     judge = "m-rosette/contactile_gripper_ros2@146709d (Contactile's libPTSDK.a)"
     facts = fact_table(f"""
         stated touch: N, mm and N mm, all along X, Y, Z of the sensor @ {LIBRARY} lib/PTSDKSensor.h:78-150
@@ -123,7 +121,7 @@ class ContactilePapillArray(Device):
         assumed touch: pillars row by row from the sensor's upper left; a push is positive in Fz and Dz, as contact is
             Fz over 0.5 N @ PTSCOM_2.0_SPEC_SEP22, PTS_2.1_SPEC_JAN25; {LIBRARY} lib/PTSDKConstants.h:23
         assumed touch: the total is the sum over the pillars; torque r x F, with r from the middle of the sensor, F as
-            sent @ PTSCOM_2.0_SPEC_SEP22; {LIBRARY} lib, all headers
+            sent
         assumed touch: pillars are springs: deflection follows force, as the ranges do; both saturate there @
             PTS_2.1_SPEC_JAN25
         stated touch: -1: no estimate of friction, and so no grip force @ {LIBRARY} lib/PTSDKConstants.h:31
@@ -139,9 +137,8 @@ class ContactilePapillArray(Device):
             lib/PTSDKListener.h (sendBiasRequest)
         stated timing: 100, 250, 500 or 1000 packets a second, 1000 by default @ {LIBRARY} lib/PTSDKListener.h
             (setSamplingRate)
-        assumed timing: the rate is 1000 after each power-up; the time is of power-up @ PTSCOM_2.0_SPEC_SEP22; {LIBRARY}
-            lib, all headers
-    """)
+        assumed timing: the rate is 1000 after each power-up; the time is of power-up
+    """, looked=f"PTSCOM_2.0_SPEC_SEP22; {LIBRARY} lib, all headers")  # fmt: skip
 
     def __init__(
         self,
@@ -150,96 +147,75 @@ class ContactilePapillArray(Device):
         end_offset: Annotated[bool, Option("the entry of kind 0 has an offset, like the others")] = False,
     ):
         self.title = f"Contactile PapillArray v2 controller, {sensors} sensors of 3x3 pillars"
-        pads = (
-            grid_layout(
-                ROWS, ROWS, PITCH_M, name=f"sensor {k}", link=f"sensor {k}", origin=(k * SENSOR_SPACING_M, 0, 0)
-            )
-            for k in range(sensors)
-        )
+        places = {f"sensor {k}": (k * SENSOR_SPACING_M, 0, 0) for k in range(sensors)}
+        pads = (grid_layout(ROWS, ROWS, PITCH_M, name=name, link=name, origin=at) for name, at in places.items())
         self.layout = stack(*pads)
-        places = 1000 * self.layout.positions[:PILLARS]
-        self.arms = np.array([np.cross(places, axis) for axis in np.eye(3)])
-        self.commands_in = Lines(b"\r\n\0", counters=self.counters, longest=16)
+        pillars_mm = 1000 * self.layout.positions[:PILLARS]
+        self.arms = np.array([np.cross(pillars_mm, axis) for axis in np.eye(3)])
+        self.packets = Lines(b"\r\n\0", counters=self.counters, longest=16)
         self.zero = np.zeros((len(self.layout), 3))
         self.counter = 0
-        self._lay_out(sensors, ENTRY.pack(block=0, offset=0)[: 4 if end_offset else 2])
-
-    def _lay_out(self, n: int, end: bytes) -> None:
-        """Prepare what all packets of ``n`` sensors share: the table, the indices, and the blocks of slip."""
-        slips, slip = PILLARS * PILLAR_SLIP.pack(), SENSOR_SLIP.pack()
-        time, pillar, total = TIME.size or 0, PILLAR.size or 0, TOTAL.size or 0
-        starts = [1 + 4 * len(BLOCKS) + len(end)]
-        starts.append(starts[-1] + time)
-        self.pillar_heads = _indices(starts[-1], n, pillar)
-        starts.append(starts[-1] + sum(map(len, self.pillar_heads)) + n * PILLARS * pillar)
-        self.total_head = _index(starts[-1], n, total)
-        starts.append(starts[-1] + len(self.total_head) + n * total)
-        self.tail = b"".join(head + slips for head in _indices(starts[-1], n, len(slips) // PILLARS))
-        starts.append(starts[-1] + len(self.tail))
-        self.tail += _index(starts[-1], n, len(slip)) + n * slip
-        entries = [ENTRY.pack(block=block, offset=at) for block, at in zip(BLOCKS, starts)]
-        self.head = b"".join([b"\2", *entries, end])
-
-    @property
-    def commands(self) -> tuple[Command, ...]:
-        """Commands for zero, rates and slip detection; some with the library's NUL."""
-        origin = "PTSCOM_2.0_SPEC_SEP22; the NUL as the vendor's library sends it"
-        return (
-            Command(name="zero", request="7A 0A", origin=origin),
-            Command(name="zero, by the library", request="7A 0A 00", origin=origin),
-            Command(name="slip detection on", request="53 0A 00", origin=origin),
-            Command(name="slip detection off", request="73 0A", origin=origin),
-            *(
-                Command(name=f"{hz} Hz", request=(line + b"\n").hex(" "), origin=origin)
-                for line, hz in RATES_HZ.items()
-            ),
-        )
+        self.end = ENTRY.pack(block=0, offset=0)[: 4 if end_offset else 2]
+        self.slips = [[PILLAR_SLIP.pack()] * PILLARS] * sensors, [SENSOR_SLIP.pack()] * sensors
 
     def measure(self, reading: Reading, t_ns: int) -> Counts:
         """Return Fx, Fy, Fz [N] and Dx, Dy, Dz [mm] of each pillar as sent, float32 ``(n, 6)``; a push is positive."""
-        self.felt = self.layout.to_taxel_frame(reading["force"]) * [1, 1, -1]
-        force = (
-            np.clip(self.felt - self.zero, -FORCE_RANGES_N, FORCE_RANGES_N) + 0.0
-        )  # an unloaded pillar sends 0.0, not -0.0
+        self.present = self.layout.to_taxel_frame(reading["force"]) * [1, 1, -1]
+        force = np.clip(self.present - self.zero, -FORCE_RANGES_N, FORCE_RANGES_N) + 0.0  # 0.0, not -0.0
         self.counts = np.hstack([force, force * (DEFLECTION_RANGES_MM / FORCE_RANGES_N)]).astype(np.float32)
         return self.counts
 
     def stream(self, t_ns: int, name: str) -> Transmissions:
         """Return one packet."""
         self.counter = (self.counter + 1) & 0xFFFFFFFF
-        n, counts = len(self.pillar_heads), self.layout.on_wire(self.counts)
-        pillars = PILLAR.pack_many(n * PILLARS, force=counts[:, :3], displacement=counts[:, 3:])
-        data = [self.head, TIME.pack(counter=self.counter, time=t_ns // 1000)]
-        for k, head in enumerate(self.pillar_heads):
-            data += [head, *pillars[k * PILLARS : (k + 1) * PILLARS]]
-        data.append(self.total_head)
-        for forces in self.counts.reshape(n, PILLARS, 6)[..., :3]:
+        wire = self.layout.on_wire(self.counts)
+        pillars = PILLAR.pack_many(len(wire), force=wire[:, :3], displacement=wire[:, 3:])
+        totals = []
+        for forces in self.counts.reshape(-1, PILLARS, 6)[..., :3]:
             torque = np.einsum("apt,pa->t", self.arms, forces) + 0.0
-            data.append(TOTAL.pack(force=forces.sum(axis=0), torque=torque))
-        data.append(self.tail)
-        return [PACKET.pack(data=b"".join(data))]
+            totals.append(TOTAL.pack(force=forces.sum(axis=0), torque=torque))
+        of_sensors = [pillars[k : k + PILLARS] for k in range(0, len(pillars), PILLARS)]
+        at, offsets, blocks = 1 + 4 * len(BLOCKS) + len(self.end), [], []
+        for block in (TIME.pack(counter=self.counter, time=t_ns // 1000), of_sensors, totals, *self.slips):
+            offsets.append(at)
+            blocks.append(_indexed(at, block))
+            at += len(blocks[-1])
+        entries = ENTRY.pack_many(len(BLOCKS), block=BLOCKS, offset=offsets)
+        return [PACKET.pack(data=b"".join([b"\2", *entries, self.end, *blocks]))]
 
-    def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
-        """Obey lines, which arrive in chunks of any size; none is answered."""
-        for line in self.commands_in.cut(data):
-            self.counters["requests"] += 1
-            if line == ZERO_COMMAND:
-                self.zero = self.felt
-            elif line in RATES_HZ:
-                self.period_ns = 1_000_000_000 // RATES_HZ[line]
-            elif line not in SLIP_COMMANDS:
-                self.counters["unknown_command"] += 1
-        return ()
+    @command("7A 0A", name="zero")
+    @command("7A 0A 00", name="zero, by the library")
+    def zero_all(self, request: Request):
+        """Make what is measured now zero."""
+        self.zero = self.present
+
+    @command("53 0A 00", name="slip detection on")
+    @command("73 0A", name="slip detection off")
+    def slip_detection(self, request: Request):
+        """Change nothing: slip is not modelled."""
+
+    @command(b"f100\n", name="100 Hz", pattern=rb"f(100|250|500|1000)")
+    @command(b"f250\n", name="250 Hz")
+    @command(b"f500\n", name="500 Hz")
+    @command(b"f1000\n", name="1000 Hz")
+    def set_rate(self, request: Request):
+        """Set the packets per second."""
+        self.period_ns = 1_000_000_000 // int(request.value)
 
 
-def _index(at: int, n: int, size: int) -> bytes:
-    """Return an index at offset ``at`` of the ``n`` parts of ``size`` bytes that follow it."""
-    return INDEX.bind(parts=n).pack(count=n, offsets=at + 2 + 2 * n + size * np.arange(n))
+def _indexed(at: int, block: bytes | list) -> bytes:
+    """Return a block at offset ``at``: bytes, or a list of blocks behind their index."""
+    if isinstance(block, bytes):
+        return block
+    parts, first = [], at + 2 + 2 * len(block)
+    for part in block:
+        parts.append(_indexed(first, part))
+        first += len(parts[-1])
+    return _index(INDEX.text, at, tuple(map(len, parts))) + b"".join(parts)
 
 
-def _indices(at: int, sensors: int, size: int) -> list[bytes]:
-    """Return, for a block at ``at`` with ``size`` bytes per pillar, the indices before the records of each sensor."""
-    sensor_size = len(_index(0, PILLARS, size)) + PILLARS * size
-    first = at + len(_index(0, sensors, sensor_size))
-    inner = [_index(first + k * sensor_size, PILLARS, size) for k in range(sensors)]
-    return [_index(at, sensors, sensor_size) + inner[0], *inner[1:]]
+@lru_cache(256)
+def _index(_table: str, at: int, sizes: tuple[int, ...]) -> bytes:
+    """Return an index at offset ``at`` of these parts; ``_table`` makes a changed table a new key of the cache."""
+    n = len(sizes)
+    return INDEX.bind(parts=n).pack(count=n, offsets=at + 2 + 2 * n + np.cumsum((0, *sizes[:-1])))

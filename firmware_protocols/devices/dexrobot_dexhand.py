@@ -28,8 +28,8 @@ from typing import Annotated, Literal
 import numpy as np
 
 from firmware_protocols import (
-    Can, CanFrame, Column, Counts, Device, Frame, Motors, Option, Reading, Transmissions, command_table, fact_table,
-    points, quantize, stack,
+    Can, CanFrame, CanRequests, Column, Counts, Device, Frame, Identifier, Motors, Option, Reading, Refused, Request,
+    Transmissions, command, command_table, fact_table, points, quantize, stack,
 )  # fmt: skip
 
 FEEDBACK = Frame("""
@@ -52,7 +52,6 @@ MOTION = Frame("""
     1     u1         enabled   bit 0 the first motor, 1 the second
     2     <i2 x 2    goals
 """)
-MOTION_BYTES = 6
 BYTES_WITHOUT_TOUCH = 16
 FINGERS = ("thumb", "index", "middle", "ring", "little")
 BOARDS = ("thumb", "palm", *FINGERS[1:])
@@ -64,20 +63,13 @@ JOINTS = {
 }  # fmt: skip
 MAX_ANGLES_DEG, HALL_FACTORS = np.array(list(JOINTS.values())).T
 COUNTS_PER_DEGREE = HALL_FACTORS * 20 / 3
-ANGLE_MODES = (0x44,)
-HALL_MODES = (0x33, 0x55)
-TO_BOARD = 0x000
-MOVE = 0x100
-REPLY = 0x080
-STATE = 0x180
-SET_FEEDBACK = b"\x03\x74"
-CLEAR_ERRORS = b"\x03\xa4"
-ASK_VERSION = b"\x01\x02"
+ANGLES, HALL_COUNTS = (0x44,), (0x33, 0x55)
+"""The modes of a motion by the kind of its goals."""
+CAN_ID = Identifier("00ffbbbbbbb", {"function": "f", "board": "b"})
+SET_UP, REPLY, MOVE, STATE = range(4)
+OFF, PERIODIC, WHEN_ASKED, ON_CHANGE = range(4)
+SET_FEEDBACK, CLEAR_ERRORS, ASK_VERSION = b"\x03\x74", b"\x03\xa4", b"\x01\x02"
 FIRMWARE = bytes([1, 0, 0, 0])
-OFF = 0
-PERIODIC = 1
-WHEN_ASKED = 2
-ON_CHANGE = 3
 FINGER_SPACING_M = 0.025
 PITCH_M = 0.012
 MAX_FORCE_N = 50.0
@@ -122,43 +114,34 @@ class DexrobotDexHand(Device[CanFrame]):
         stated touch: boards are thumb, palm, index, middle, ring, little @ {PYZLG}dexhand_interface.py:99 finger_map
         stated touch: the same order, the palm without fingertip @ {CPP}include/Protocols.h:222, status_data
         stated touch: direction 0 is the fingertip @ {PYZLG}dexhand_interface.py:68
-        assumed touch: forces to {MAX_FORCE_N:.0f} N, direction clockwise, temperature 0 to 85 deg C @ {LOOKED}
-        assumed touch: one point per fingertip, {FINGER_SPACING_M * 1000.0:.0f} mm apart, normal +z, tips to +y @
-            {LOOKED}
-        assumed touch: proximity and the two deltas are 0 @ {LOOKED}
+        assumed touch: forces to {MAX_FORCE_N:.0f} N, direction clockwise, temperature 0 to 85 deg C
+        assumed touch: one point per fingertip, {FINGER_SPACING_M * 1000.0:.0f} mm apart, normal +z, tips to +y
+        assumed touch: proximity and the two deltas are 0
         stated identity: version: request 01 02, four bytes, the last first @ {CPP}libdexhand_sdk_cpp.so get_sdk_version
-        assumed identity: firmware 1.0.0.0 @ {LOOKED}
+        assumed identity: firmware 1.0.0.0
         stated configuration: 1 and 5 Mbit/s @ {PYZLG}zcan_wrapper.py:263
         stated configuration: set-up begins with 03; mode, period [10 ms], on @ {PYZLG}dexhand_protocol/commands.py:107
         stated configuration: goals in 0.01 deg, or in Hall counts @ {PYZLG}dexhand_interface.py:504 _scale_angle
         stated configuration: joints reach 90 deg, th_rot 150, ff_spr 30 @ {TESTED}:46
         stated configuration: feedback comes without being set up @ {TESTED}: reads, and never sets a mode
-        assumed configuration: mode 1 after power-up; in mode 2 a motion message is the question @ {LOOKED}
-        assumed configuration: motors move at 200 deg/s; currents, speeds and encoders are 0 @ {LOOKED}
-        assumed timing: 100 feedbacks a second after power-up, from every board at once @ {LOOKED}
-    """)
+        assumed configuration: mode 1 after power-up; in mode 2 a motion message is the question
+        assumed configuration: motors move at 200 deg/s; currents, speeds and encoders are 0
+        assumed timing: 100 feedbacks a second after power-up, from every board at once
+    """, looked=LOOKED)  # fmt: skip
 
     def __init__(
         self, *, side: Annotated[Literal["left", "right"], Option("which hand; sets the identifiers")] = "left"
     ):
         self.first = 1 if side == "left" else 7
         boards = range(self.first, self.first + len(BOARDS))
-        self.ports = (
-            Can(
-                data_bitrate=5_000_000,
-                filters=tuple((to | b, 0x7FF) for to in (TO_BOARD, MOVE) for b in boards),
-                addressed=tuple((b, 0x7F) for b in boards),
-            ),
-        )
+        self.packets = CanRequests(CAN_ID, by="function", is_fd=True)
+        filters = tuple(CAN_ID.filter(function=to, board=b) for to in (SET_UP, MOVE) for b in boards)
+        self.ports = (Can(data_bitrate=5_000_000, filters=filters, addressed=tuple((b, 0x7F) for b in boards)),)
         places = {finger: ((k - 2) * FINGER_SPACING_M, 0.0, 0.0) for k, finger in enumerate(FINGERS)}
         self.layout = stack(*(points({f: at}, pitch=PITCH_M, link=f) for f, at in places.items()))
+        names = tuple(JOINTS)
         self.motors = Motors(
-            [0.0] * len(JOINTS),
-            high=MAX_ANGLES_DEG,
-            low=0.0,
-            speed_limit=200.0,
-            names=tuple(JOINTS),
-            unit=np.deg2rad(1),
+            [0.0] * len(names), high=MAX_ANGLES_DEG, low=0.0, speed_limit=200.0, names=names, unit=np.deg2rad(1)
         )
         self.modes, self.periods_ns = [PERIODIC] * len(BOARDS), [0] * len(BOARDS)
         self.said, self.said_ns = [b""] * len(BOARDS), [-(1 << 62)] * len(BOARDS)
@@ -196,42 +179,38 @@ class DexrobotDexHand(Device[CanFrame]):
             warmth = self.layout.on_wire(self.warmth)[tip].item()
             measured = {"normal": normal, "tangential": tangential, "direction": int(direction), "temperature": warmth}
         data = FEEDBACK.pack(motors=motors, angles=quantize(degrees, 100.0, 0, 0x7FFF), **measured)
-        return _fd(STATE | self.first + board, data if touches else data[:BYTES_WITHOUT_TOUCH])
+        return self._frame(STATE, board, data if touches else data[:BYTES_WITHOUT_TOUCH])
 
-    def receive(self, data: CanFrame, t_ns: int, port: str) -> Transmissions[CanFrame]:
-        """Obey a set-up or motion message."""
-        to, board = data.arbitration_id & 0x780, (data.arbitration_id & 0x7F) - self.first
-        if not data.is_fd or data.is_extended_id or to not in (TO_BOARD, MOVE) or not 0 <= board < len(BOARDS):
-            self.counters["ignored"] += 1
-            return ()
-        sent = self._move(board, data.data, t_ns) if to == MOVE else self._set_up(board, data.data)
-        self.counters["unknown_command" if sent is None else "requests"] += 1
-        return sent or ()
+    def _frame(self, function: int, board: int, data: bytes) -> CanFrame:
+        return self.packets.frame(CAN_ID.of(function=function, board=self.first + board), data)
 
-    def _move(self, board: int, data: bytes, t_ns: int) -> list[CanFrame] | None:
-        if len(data) < MOTION_BYTES or (order := MOTION.unpack(data[:MOTION_BYTES])) is None:
-            return None
+    def accepts(self, request: Request) -> bool:
+        """Return True for a board of this hand."""
+        return 0 <= request.board - self.first < len(BOARDS)
+
+    @command(on=MOVE, data="6s*")
+    def move(self, request: Request):
+        """Move the motors of a board."""
+        order, board = MOTION.unpack(request.value), request.board - self.first
+        assert order is not None
         two = slice(2 * board, 2 * board + 2)
-        if order["mode"] in (*ANGLE_MODES, *HALL_MODES):
+        if order["mode"] in (*ANGLES, *HALL_COUNTS):
             enabled = [bool(order["enabled"] & bit) for bit in (1, 2)]
             goals = np.full(len(JOINTS), np.nan)
-            per_degree = 100.0 if order["mode"] in ANGLE_MODES else COUNTS_PER_DEGREE[two]
+            per_degree = 100.0 if order["mode"] in ANGLES else COUNTS_PER_DEGREE[two]
             goals[two] = np.where(enabled, order["goals"] / per_degree, np.nan)
-            self.motors.go(goals, t_ns)
-        return [self._feedback(board, t_ns)] if self.modes[board] == WHEN_ASKED else []
+            self.motors.go(goals, request.t_ns)
+        return [self._feedback(board, request.t_ns)] if self.modes[board] == WHEN_ASKED else ()
 
-    def _set_up(self, board: int, data: bytes) -> list[CanFrame] | None:
-        """Return the answer, or None if the command is unknown."""
-        answer = bytes([*data[:2], 0x00, 0x01])
-        if data[:2] == ASK_VERSION:
+    @command(on=SET_UP, data="2s*")
+    def set_up(self, request: Request):
+        """Set the feedback of a board, clear errors, or return its version."""
+        board, data, answer = request.board - self.first, request.data, bytes([*request.data[:2], 0, 1])
+        if request.value == ASK_VERSION:
             answer = FIRMWARE[::-1]
-        elif data[:2] == SET_FEEDBACK and len(data) >= 5 and PERIODIC <= data[2] <= ON_CHANGE:
+        elif request.value == SET_FEEDBACK and len(data) >= 5 and PERIODIC <= data[2] <= ON_CHANGE:
             self.modes[board], self.said[board] = (data[2] if data[4] else OFF), b""
             self.periods_ns[board] = data[3] * 10_000_000
-        elif data[:2] != CLEAR_ERRORS:
-            return None
-        return [_fd(REPLY | self.first + board, answer)]
-
-
-def _fd(ident: int, data: bytes) -> CanFrame:
-    return CanFrame(arbitration_id=ident, data=data, is_fd=True, bitrate_switch=True)
+        elif request.value != CLEAR_ERRORS:
+            raise Refused("value")
+        return [self._frame(REPLY, board, answer)]

@@ -94,13 +94,13 @@ class DigityExohand(Device):
         stated touch: six counts of 0 to 4095; 16384 per g in its example @ {SDK} README; _humi.py l.183
         stated touch: five angles of a finger in 0.01 deg; arm boards with 3, 2, 2, 3 @ {SDK} _humi.py l.36-47
         stated timing: about 50 Hz; sequence of 16 bits; times in us @ {SDK} README
-        assumed identity: of the four chips a CP2102 @ {SDK} whole
+        assumed identity: of the four chips a CP2102
         assumed identity: low nibbles 1 angles, 2 motion, 3 touch ('communication line') @ {SDK} README, _types.py
         assumed touch: six channels as 3 rows of 2, 6 mm apart, from the fingertip; a flat hand @ {SDK} viz/static
-        assumed touch: 400 counts/N, untouched 0; 131 counts per deg/s; axes of the link @ {SDK} whole
-        assumed touch: angles stand still: nothing moves the wearer's fingers @ {SDK} whole
-        assumed timing: a packet: a record of each kind, one sample; one sequence for all boards @ {SDK} whole
-    """)
+        assumed touch: 400 counts/N, untouched 0; 131 counts per deg/s; axes of the link
+        assumed touch: angles stand still: nothing moves the wearer's fingers
+        assumed timing: a packet: a record of each kind, one sample; one sequence for all boards
+    """, looked=f"{SDK} whole")  # fmt: skip
 
     def __init__(
         self,

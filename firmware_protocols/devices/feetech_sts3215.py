@@ -272,32 +272,30 @@ class FeetechSts3215(Device):
         """,
         head="FF FF",
     )
-    facts = fact_table(f"""
-        assumed touch: full torque 2.94 Nm; load is what the motor does against an outside load @ {_READ}
+    facts = fact_table("""
+        assumed touch: full torque 2.94 Nm; load is what the motor does against an outside load
         stated identity: model 777; firmwares of all servos agree @ lerobot 0.4.4 motors/feetech/tables.py, feetech.py
-        assumed identity: firmware 3.10 @ {_READ}
+        assumed identity: firmware 3.10
         stated configuration: registers, their sizes and signs @ lerobot 0.4.4 motors/feetech/tables.py
         assumed configuration: defaults that the vendor's table does not have: phase, unload, alarm, start_force,
-            speed_p, speed_i, 80 to 86 @ {_READ}
+            speed_p, speed_i, 80 to 86
         assumed configuration: a line that is still: 12.1 V, no current; gains, dead zones, acceleration and safe_torque
-            change nothing @ {_READ}
+            change nothing
         assumed configuration: of `phase` only bit 4 counts: speeds are steps/s, speed 0 the greatest; no fault of
-            encoder or current @ {_READ}
+            encoder or current
         assumed configuration: torque on goes to the goal; the goal at power-up is where it is; no condition unloads a
-            servo; overload: the load is above `overload` for `overload_time`; a status bit ends with its cause @
-            {_READ}
+            servo; overload: the load is above `overload` for `overload_time`; a status bit ends with its cause
         assumed configuration: all servos of a line speak at the speed that was last written to one of them, from then
-            on @ {_READ}
+            on
         assumed configuration: a write with a byte that cannot be written stores nothing and is confirmed; what is not
-            there reads 0 @ {_READ}
+            there reads 0
         assumed configuration: in an engine servos give way by 0.1 rad at full torque, and are free while their torque
-            is off @ {_READ}
+            is off
         stated timing: speeds @ ftservo/ftservo-wiki@9522ce1 official-specs.json
         assumed timing: motors: at the speed limit, then a time constant of 20 ms; step mode and damped stand; pwm 1000
-            is top speed; converted 100 times a second @ {_READ}
-        assumed timing: a hand swings released shafts in sines of 4 s, each a sixth of a period after the one before @
-            {_READ}
-    """)
+            is top speed; converted 100 times a second
+        assumed timing: a hand swings released shafts in sines of 4 s, each a sixth of a period after the one before
+    """, looked=_READ)  # fmt: skip
 
     def __init__(
         self,

@@ -86,11 +86,11 @@ class FulaiGlove(Device):
         stated touch: frames by version; slots without a taxel @ {SDK} layout.py; README
         stated timing: 100 frames a second, 100 counts untouched @ {SDK} types.py l.175 (its simulation)
         assumed touch: 2 mm between the taxels of a finger, 4 mm elsewhere; row 0 at the fingertips @ {SDK} layout.py
-        assumed touch: ADC = rest + (4095 - rest) F / (F + 1 N); slots without a taxel read 0 @ {SDK} whole
+        assumed touch: ADC = rest + (4095 - rest) F / (F + 1 N); slots without a taxel read 0
         assumed configuration: vofa on and off are not answered; what is unknown is ERR @ {SDK} session.py, tests
         assumed configuration: it streams from power-up, with DTR or without @ {SDK} session.py, transport.py
-        assumed timing: 80 frames of 3.2, as one takes 12.3 ms @ {SDK} whole
-    """)
+        assumed timing: 80 frames of 3.2, as one takes 12.3 ms
+    """, looked=f"{SDK} whole")  # fmt: skip
 
     def __init__(
         self,

@@ -94,11 +94,10 @@ class IcubSkin(Device[CanFrame]):
         stated touch: a triangle that is not fitted reads FFFF, and is not connected @ icub-firmware AD7147.c
             TrianglesInit
         assumed touch: {RAW_COUNTS_PER_NEWTON:.0f} raw counts/N and {RAW_COUNTS_PER_DEG:.0f} per deg C of a thermal pad
-            @ theSkin, AD7147.c
         assumed touch: a pad drifts by its gain of type 0 / 128 of a thermal pad, one of a fingertip like that @ theSkin
         assumed touch: a chip that does not acknowledge reads 0 and did so after it was calibrated @ AD7147.c,
             I2C_Multi_SDA.c
-        assumed touch: the cdc offset shifts nothing that calibration does not take away @ theSkin, AD7147.c
+        assumed touch: the cdc offset shifts nothing that calibration does not take away
         measured touch: `pattern`: fingertips as recorded; other parts like them, one finger after another @
             icub_grasp_dataset
         assumed touch: forearm: a cylinder of 40 mm radius, 3 strips of 8 triangles, 3 a board; upper arm: 45 mm, 5
@@ -118,7 +117,7 @@ class IcubSkin(Device[CanFrame]):
         assumed configuration: a hand's board has type 1 after power-up, as drivers set it @ theSkin has 0 on all
         assumed identity: additional information: skin @ set by a user; embot_prot_can_bootloader.cpp
         stated timing: period in ms, 40 after 4C @ embot_prot_can_analog_polling.cpp:217, 281
-    """)
+    """, looked="theSkin, AD7147.c")  # fmt: skip
 
     def __init__(
         self,

@@ -26,7 +26,7 @@ def test_a_frame():
 def test_a_torque_follows_from_where_the_tool_is_touched():
     device = fp.create("bota_sensone", tool=(0.0, 0.0, 0.5))
     sample(device, force=(2.0, -3.0, -5.0))
-    assert device.wrench.tolist() == [[2.0, -3.0, -5.0, 1.5, 1.0, 0.0]]
+    assert device.counts["wrench"].tolist() == [[2.0, -3.0, -5.0, 1.5, 1.0, 0.0]]
 
 
 def test_it_answers_as_it_should_and_only_then():
@@ -59,14 +59,14 @@ def test_what_is_no_command(line):
     device = fp.create("bota_sensone")
     told(device, b"C")
     assert told(device, line) == [] and device.counters["refused"] == 1
-    assert device.period_ns == 10_000_000 and not device.offset.any()
+    assert device.period_ns == 10_000_000 and not device.zero.any()
 
 
 def test_overrange():
     device = fp.create("bota_sensone", force_range=100.0)
     told(device, b"C", b"R")
     (frame,) = sample(device, wrench=[[0, 120.0, 0, 0, 0, 0]])
-    assert frame[1:3] == b"\2\0" and device.wrench[0].tolist() == [0, 100, 0, 0, 0, 0]
+    assert frame[1:3] == b"\2\0" and device.counts["wrench"][0].tolist() == [0, 100, 0, 0, 0, 0]
 
 
 def test_it_restarts_where_its_port_is_opened():

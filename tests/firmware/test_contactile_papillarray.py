@@ -82,7 +82,7 @@ def test_rates_and_what_is_no_command():
         assert device.period_ns == 10**9 // hz
     send(device, b"f300\nS\n\0s\n")
     assert device.period_ns == 1_000_000
-    assert device.counters == {"requests": 7, "unknown_command": 1}
+    assert device.counters == {"requests": 6, "unknown_command": 1}
 
 
 def test_the_counter_rolls_over():
