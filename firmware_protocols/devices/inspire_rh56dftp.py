@@ -42,8 +42,8 @@ from typing import Annotated, Literal
 import numpy as np
 
 from firmware_protocols import (
-    Column, Command, Counts, Device, Motors, Option, Reading, Registers, Rs485, Sense, Sent, Tcp, Transmissions,
-    fact_table, points, quantize,
+    Column, Counts, Device, Motors, Option, Reading, Registers, Rs485, Sense, Sent, Tcp, Transmissions, command_table,
+    fact_table, points,
 )  # fmt: skip
 from firmware_protocols.devices.inspire_memory import BAUDS, FINGER_BASES_M, MAP, TOUCH_ADDRESS, matrices
 from firmware_protocols.protocols.eb90 import Eb90
@@ -72,6 +72,59 @@ _READ = (
     "pyrh56 0.4.0 driver.py, protocol.py, registers.py"
 )
 
+OVER_TCP = command_table(
+    """
+    ? angles, unit 0  00 01 00 00 00 06 00 03 06 0A 00 06  00 01 00 00 00 0F 00 03 0C ..{12}
+    ? palm, unit 255  00 01 00 00 00 06 FF 03 13 24 00 70  00 01 00 00 00 E3 FF 03 E0 ..{224}
+    """,
+    port="tcp",
+    origin="vendor manual 2.6.20; inspire-rh56dftp 0.1.0 client.py",
+)
+COMMANDS_BY_LINE = {
+    "modbus": command_table(
+        """
+        ? unit                                  01 03 03 E8 00 01 04 7A        01 03 02 00 01 79 84
+        ? presence                              01 03 00 00 00 01 84 0A        01 03 02 00 00 B8 44
+        ? tip of the index finger               01 03 10 0E 00 09 E0 CF        01 03 12 ..{18} ..{2}
+        ? palm                                  01 03 13 24 00 70 00 A1        01 03 E0 ..{224} ..{2}
+        ? forces                                01 03 06 2E 00 06 A5 49        01 03 0C ..{12} ..{2}
+        ? angles                                01 03 06 0A 00 06 E5 42        01 03 0C ..{12} ..{2}
+        ? IP address                            01 03 06 A4 00 02 85 60        01 03 04 A8 C0 D2 0B C7 08
+        clear errors                            01 06 03 EC 00 01 89 BB        =
+        zero the forces                         01 06 03 F1 00 01 19 BD        =
+        save                                    01 06 03 ED 00 01 D8 7B        =
+        bend the little finger                  01 06 05 CE 01 F4 E8 EE        =
+        six angles  01 10 05 CE 00 06 0C 03 E8 03 20 02 58 01 90 00 C8 00 00 C5 F5  01 10 05 CE 00 06 21 38
+        read coils: illegal function            01 01 00 00 00 08 3D CC        01 81 01 81 90
+        mask write: illegal function            01 16 05 CE 00 00 00 01 5E 43  01 96 01 8E 60
+        ? read beyond the map: illegal address  01 03 17 6F 00 01 B1 A3        01 83 02 C0 F1
+        write a reading: illegal address        01 06 0B B8 00 01 CA 0B        01 86 02 C3 A1
+        ? read too much: illegal value          01 03 0B B8 00 7E 47 EB        01 83 03 01 31
+        angle out of range: illegal value       01 06 05 CE 03 E9 29 87        01 86 03 02 61
+        """,
+        port="rtu",
+        origin="register map of the vendor manual 2.4, 2.6; CRC by pymodbus 3.11",
+    ),
+    "native": command_table(
+        """
+        ? unit                     EB 90 01 04 11 E8 03 01 02     90 EB 01 04 11 E8 03 01 02
+        ? tip of the index finger  EB 90 01 04 11 0E 10 12 46     90 EB 01 15 11 0E 10 ..{18} ..
+        ? palm                     EB 90 01 04 11 24 13 E0 2D     90 EB 01 E3 11 24 13 ..{224} ..
+        ? angles                   EB 90 01 04 11 0A 06 0C 32     90 EB 01 0F 11 0A 06 ..{12} ..
+        ? status                   EB 90 01 04 11 4C 06 06 6E     90 EB 01 09 11 4C 06 ..{6} ..
+        bend fingers  EB 90 01 0F 12 CE 05 E8 03 20 03 58 02 90 01 C8 00 00 00 B6  90 EB 01 04 12 CE 05 01 EB
+        clear errors               EB 90 01 04 12 EC 03 01 07     90 EB 01 04 12 EC 03 01 07
+        save                       EB 90 01 04 12 ED 03 01 08     90 EB 01 04 12 ED 03 01 08, 90 EB 01 04 12 ED 03 00 07
+        ? unit 2                   EB 90 02 04 11 E8 03 01 03
+        ? beyond the map           EB 90 01 04 11 70 17 01 9E
+        position out of range      EB 90 01 05 12 C2 05 D1 07 B7
+        """,
+        port="rtu",
+        origin="vendor manual PRJ-02-TS-U-001 2.4; pyrh56 0.4.0 rh56_sdk/protocol.py",
+    ),
+}
+"""The requests to a hand with unit 1, by the protocol of its line."""
+
 
 class InspireRh56dftp(Device):
     """A hand with tactile matrices, and actuators that follow their commands."""
@@ -92,6 +145,7 @@ class InspireRh56dftp(Device):
         "correlllab/rh56_controller@e4ef2568 experiment_data (recordings of force stops)",
     )
     judge = "plusml-rh56dftp 0.1.7, inspire-rh56dftp 0.1.0, pyrh56 0.4.0, pymodbus 3.11.3, modbus_tk 1.1.5"
+    documented_with = None
     facts = fact_table(f"""
         stated touch: matrices, their sizes and addresses; 0..4096 @ inspire-rh56dftp 0.1.0 registers.py:28,
             plusml-rh56dftp 0.1.7 ftp_registers.py
@@ -135,21 +189,16 @@ class InspireRh56dftp(Device):
         id_error: Annotated[int, Option("added to the transaction of TCP answers", low=0, high=1)] = 0,
         stop_s: Annotated[
             float | None,
-            Option(
-                "time for which a finger goes on closing beyond its force limit; None: limits have no effect",
-                unit="s",
-                low=0.0,
-            ),
+            Option("time to the stop of a finger beyond its force limit; None: no limits", unit="s", low=0.0),
         ] = None,
         strongest_g: Annotated[
             float | None, Option("force at which an actuator stops, with `stop_s`; a hand: 1729", unit="g", low=1.0)
         ] = None,
         reconnect_s: Annotated[
-            float,
-            Option("time after the end of a TCP connection when a new one gets no answers", unit="s", low=0.0),
+            float, Option("time after a TCP connection's end when a new one gets no answers", unit="s", low=0.0)
         ] = 0.0,
     ):
-        self.counts_per_newton, self.answer_ns = counts_per_newton, round(answer_s * 1e9)
+        self.answer_ns = round(answer_s * 1e9)
         self.stop_ns = None if stop_s is None else round(stop_s * 1e9)
         self.strongest_g = np.inf if strongest_g is None else strongest_g
         self.id_error, self.reconnect_ns = id_error, round(reconnect_s * 1e9)
@@ -161,11 +210,11 @@ class InspireRh56dftp(Device):
             Column(name="touch", unit="N", counts_per_unit=counts_per_newton, low=0, high=MAX_TOUCH_COUNTS, push=1),
         )
         self.layout = matrices()
-        kept = {"unit": unit, "baud": BAUDS.index(baud), **self.flash}
-        self.registers = Registers(MAP, kept=kept)
+        self.registers = Registers(MAP, kept={"unit": unit, "baud": BAUDS.index(baud), **self.flash})
         self.registers["speed_set"] = self.registers.all("speed_default")
         self.registers["force_set"] = self.registers.all("force_default")
         self.unit, speed = self.registers["unit"], BAUDS[self.registers["baud"]]
+        self.documented = (*COMMANDS_BY_LINE[line], *OVER_TCP) if self.unit == 1 else ()
         self.ports = (Rs485(name="rtu", baud=speed), Tcp(name="tcp", port=6000, is_plugged=False))
         self.rtu = Rtu(counters=self.counters, gap_ns=silence_ns(speed))
         self.native = Eb90(counters=self.counters) if line == "native" else None
@@ -176,21 +225,20 @@ class InspireRh56dftp(Device):
         )  # fmt: skip
         self._limit_forces()
         self.counts = np.zeros(len(self.layout), np.int64)
-        self.forces = self.zero = np.zeros(6)
+        self.forces = self.zero_forces = np.zeros(6)
 
     # -- readings --------------------------------------------------------------------------------------------------
 
     def measure(self, reading: Reading, t_ns: int) -> Counts:
         """Return tactile counts 0..4096, shape ``(1062,)``, matrix by matrix, row by row."""
-        push = self.layout.push(reading["force"])
-        finger_forces_n = dict.fromkeys(FINGER_BASES_M, 0.0) | {"palm": 0.0}
+        self.counts = super().measure(reading, t_ns)["force"]
+        forces_n = dict.fromkeys([*FINGER_BASES_M, "palm"], 0.0)
         for patch in self.layout.patches:
-            finger_forces_n[patch.link] += push[patch.taxels].sum()
-        self.forces = np.array([*(finger_forces_n[finger] for finger in FINGER_BASES_M), 0.0]) * GRAMS_PER_NEWTON
+            forces_n[patch.link] += self.present[patch.taxels].sum()
+        self.forces = np.array([*list(forces_n.values())[:-1], 0.0]) * GRAMS_PER_NEWTON
         if self.stop_ns is not None:
             self._stop(t_ns, self.stop_ns)
         self.registers["temperature"] = reading["temperature"][0]
-        self.counts = quantize(push, self.counts_per_newton, 0, MAX_TOUCH_COUNTS)
         return self.counts
 
     def _stop(self, t_ns: int, stop_ns: int) -> None:
@@ -198,7 +246,7 @@ class InspireRh56dftp(Device):
 
         So a force that grows by k with the angle, at a speed v, ends at most at limit + k v (stop + conversion).
         """
-        forces, now = self.forces - self.zero, self.motors.positions(t_ns)
+        forces, now = self.forces - self.zero_forces, self.motors.positions(t_ns)
         ends = np.where(forces >= self.strongest_g, now, self.motors.positions(t_ns + stop_ns))
         over = (forces > np.array(self.registers.all("force_set"))) & (self.motors.goals < now)
         if over.any():
@@ -245,11 +293,9 @@ class InspireRh56dftp(Device):
         registers, angles, moving = self.registers, self.motors.positions(t_ns), self.motors.moving(t_ns)
         registers["angle"] = angles
         registers["position"] = CLOSED_POSITION - 2 * angles
-        registers["force"] = self.forces - self.zero
-        motors = self.motors
-        registers["current"] = (
-            MAX_CURRENT_MA * np.abs(motors.forces) / STRENGTH_NM if motors.is_in_engine else MOVING_MA * moving
-        )
+        registers["force"] = self.forces - self.zero_forces
+        motors, share = self.motors, np.abs(self.motors.forces) / STRENGTH_NM
+        registers["current"] = MAX_CURRENT_MA * share if motors.is_in_engine else MOVING_MA * moving
         held = motors.stalled & motors.is_in_engine
         status = np.select([held, ~moving, motors.goals < angles], [STATUS_AT_FORCE, 2, 1], 0)
         registers["status"] = self._in_pairs(status)
@@ -290,79 +336,6 @@ class InspireRh56dftp(Device):
         if "restore" in orders:
             self.registers.reset(*self.registers.kept())
         if "zero_force" in orders:
-            self.zero = self.forces
+            self.zero_forces = self.forces
         if "save" in orders:
             self.flash.update(self.registers.kept())
-
-    # -- datasheet -------------------------------------------------------------------------------------------------
-
-    @property
-    def commands(self) -> tuple[Command, ...]:
-        """Reads of touch and of the drivers' other registers, orders, the three exceptions; to a hand with unit 1."""
-        if self.unit != 1:
-            return ()
-        line = ("rtu", _NATIVE, _OVER_NATIVE) if self.native else ("rtu", _RTU, _OVER_RTU)
-        return tuple(
-            Command(
-                name=name,
-                request=request,
-                reply=request if reply == "" else reply,
-                origin=origin,
-                port=port,
-                safe=_reads(bytes.fromhex(request), port),
-            )
-            for port, origin, listed in (line, ("tcp", _TCP, _OVER_TCP))
-            for name, request, reply in listed
-        )
-
-
-def _reads(request: bytes, port: str) -> bool:
-    """Return True for Modbus function 03, and for 11 of the vendor's protocol."""
-    return request[4] == 0x11 if request[0] == 0xEB else request[7 if port == "tcp" else 1] == 3
-
-
-_RTU = "register map of the vendor manual 2.4, 2.6; CRC by pymodbus 3.11"
-_TCP = "vendor manual 2.6.20; inspire-rh56dftp 0.1.0 client.py"
-_OVER_RTU = (
-    # name, request, reply; a write comes back as it was
-    ("unit", "01 03 03 E8 00 01 04 7A", "01 03 02 00 01 79 84"),
-    ("presence", "01 03 00 00 00 01 84 0A", "01 03 02 00 00 B8 44"),
-    ("tip of the index finger", "01 03 10 0E 00 09 E0 CF", "01 03 12 ..{18} ..{2}"),
-    ("palm", "01 03 13 24 00 70 00 A1", "01 03 E0 ..{224} ..{2}"),
-    ("forces", "01 03 06 2E 00 06 A5 49", "01 03 0C ..{12} ..{2}"),
-    ("angles", "01 03 06 0A 00 06 E5 42", "01 03 0C ..{12} ..{2}"),
-    ("IP address", "01 03 06 A4 00 02 85 60", "01 03 04 A8 C0 D2 0B C7 08"),
-    ("clear errors", "01 06 03 EC 00 01 89 BB", ""),
-    ("zero the forces", "01 06 03 F1 00 01 19 BD", ""),
-    ("save", "01 06 03 ED 00 01 D8 7B", ""),
-    ("bend the little finger", "01 06 05 CE 01 F4 E8 EE", ""),
-    (
-        "six angles",
-        "01 10 05 CE 00 06 0C 03 E8 03 20 02 58 01 90 00 C8 00 00 C5 F5",
-        "01 10 05 CE 00 06 21 38",
-    ),
-    ("read coils: illegal function", "01 01 00 00 00 08 3D CC", "01 81 01 81 90"),
-    ("mask write: illegal function", "01 16 05 CE 00 00 00 01 5E 43", "01 96 01 8E 60"),
-    ("read beyond the map: illegal address", "01 03 17 6F 00 01 B1 A3", "01 83 02 C0 F1"),
-    ("write a reading: illegal address", "01 06 0B B8 00 01 CA 0B", "01 86 02 C3 A1"),
-    ("read too much: illegal value", "01 03 0B B8 00 7E 47 EB", "01 83 03 01 31"),
-    ("angle out of range: illegal value", "01 06 05 CE 03 E9 29 87", "01 86 03 02 61"),
-)
-_NATIVE = "vendor manual PRJ-02-TS-U-001 2.4; pyrh56 0.4.0 rh56_sdk/protocol.py"
-_OVER_NATIVE = (
-    ("unit", "EB 90 01 04 11 E8 03 01 02", "90 EB 01 04 11 E8 03 01 02"),
-    ("tip of the index finger", "EB 90 01 04 11 0E 10 12 46", "90 EB 01 15 11 0E 10 ..{18} .."),
-    ("palm", "EB 90 01 04 11 24 13 E0 2D", "90 EB 01 E3 11 24 13 ..{224} .."),
-    ("angles", "EB 90 01 04 11 0A 06 0C 32", "90 EB 01 0F 11 0A 06 ..{12} .."),
-    ("status", "EB 90 01 04 11 4C 06 06 6E", "90 EB 01 09 11 4C 06 ..{6} .."),
-    ("bend fingers", "EB 90 01 0F 12 CE 05 E8 03 20 03 58 02 90 01 C8 00 00 00 B6", "90 EB 01 04 12 CE 05 01 EB"),
-    ("clear errors", "EB 90 01 04 12 EC 03 01 07", "90 EB 01 04 12 EC 03 01 07"),
-    ("save", "EB 90 01 04 12 ED 03 01 08", ["90 EB 01 04 12 ED 03 01 08", "90 EB 01 04 12 ED 03 00 07"]),
-    ("unit 2", "EB 90 02 04 11 E8 03 01 03", []),
-    ("beyond the map", "EB 90 01 04 11 70 17 01 9E", []),
-    ("position out of range", "EB 90 01 05 12 C2 05 D1 07 B7", []),
-)
-_OVER_TCP = (
-    ("angles, unit 0", "00 01 00 00 00 06 00 03 06 0A 00 06", "00 01 00 00 00 0F 00 03 0C ..{12}"),
-    ("palm, unit 255", "00 01 00 00 00 06 FF 03 13 24 00 70", "00 01 00 00 00 E3 FF 03 E0 ..{224}"),
-)

@@ -30,16 +30,16 @@ orca_touch``, then ``TactileClient(HandSerialLink(port))`` of ``orca_core``.
 """
 
 import re
-from collections.abc import Iterator, Mapping
-from typing import Annotated, ClassVar, Literal
+from collections.abc import Iterator
+from typing import Annotated, Literal
 
 import numpy as np
 
 from firmware_protocols import (
     MORE, USB, Frame, Option, Packets, Refused, Request, Restart, Serial, Transmissions, command, command_table,
-    fact_table, place, stack,
+    fact_table,
 )  # fmt: skip
-from firmware_protocols.devices.orca_tips import tip
+from firmware_protocols.devices.orca_tips import PARTS_BY_FINGER, fingertips
 from firmware_protocols.devices.paxini_modules import Model, Px6axDevice
 
 REQUEST = Frame("""
@@ -292,9 +292,6 @@ class OrcaTouch(PaxiniHighSpeed):
         push               55 AA 00 10 17 00 01 00 01 D8           AA 55 00 10 17 00 01 00 00 D9
     """)
     facts = _ORCA_FACTS
-    parts: ClassVar[Mapping[str, str]] = {
-        "thumb": "DP18A", "index": "DP18B", "middle": "DP18B", "ring": "DP18B", "pinky": "DP18C",
-    }  # fmt: skip
 
     def __init__(
         self,
@@ -302,11 +299,7 @@ class OrcaTouch(PaxiniHighSpeed):
         side: Literal["right", "left"] = "right",
         serial: Annotated[str, Option("serial number of the hand, ASCII")] = "ORCA-0001",
     ):
-        tips = [
-            place(tip(part, name=name, link=name), (0.025 * k, 0.0, 0.0))
-            for k, (name, part) in enumerate(self.parts.items())
-        ]
-        self._power_up(tuple(self.parts.values()), TIP_MODULES, stack(*tips))
+        self._power_up(tuple(PARTS_BY_FINGER.values()), TIP_MODULES, fingertips())
         self._power_up_board("ORCA1.0-0abc")
         self.words: dict[bytes, str] = {b"ID": "", b"INFO": f";SIDE={side[0].upper()};HW=1;FW=1;SN={serial};BID=0"}
         self.ports = (Serial(baud=2_000_000, usb=USB(0x2F5D, 0x2202, serial=serial)),)
@@ -317,7 +310,7 @@ class OrcaTouch(PaxiniHighSpeed):
         yield EXTENSION_REGISTER, b"OX\0\2"
         if self.zeros:
             yield STATUS_REGISTER, bytes([FINISHED, ZEROED, self.zeros])
-        for slot, part in enumerate(self.parts.values()):
+        for slot, part in enumerate(self.models):
             yield NAME_REGISTERS + 0x20 * slot, f"PXSR-CMD{part}".encode("ascii")
         yield STATISTICS_REGISTER, (self.requests & 0xFFFFFFFF).to_bytes(4, "little")
 

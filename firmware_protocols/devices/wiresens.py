@@ -20,9 +20,7 @@ from typing import Annotated
 
 import numpy as np
 
-from firmware_protocols import (
-    Column, Counts, Device, Frame, Option, Reading, Rollover, Serial, Transmissions, fact_table, grid_layout, quantize,
-)  # fmt: skip
+from firmware_protocols import Column, Device, Frame, Option, Rollover, Serial, Transmissions, fact_table, grid_layout
 
 PACKET = Frame("""
     packet
@@ -32,7 +30,6 @@ PACKET = Frame("""
     ..    <u4              number     of the packet
     ..    77 72            end        wr
 """)
-ADC_MAX = 4095
 REST_COUNTS = 3103
 SILENCE_NS = 1_000_000_000
 MAX_CONFIGURATION_BYTES = 4096
@@ -86,8 +83,11 @@ class Wiresens(Device):
     ):
         self.title = f"WiReSens {rows} x {cols} tactile matrix"
         self.layout = grid_layout(rows, cols, 0.005, name="matrix")
-        self.columns = (Column(name="touch", low=0, high=ADC_MAX, rest=REST_COUNTS, push=-1),)
-        self.counts_per_newton, self.sensor, self.number = REST_COUNTS / (2 * half_force), sensor, 0
+        scale = REST_COUNTS / (2 * half_force)
+        self.columns = (
+            Column(name="touch", low=0, high=REST_COUNTS, rest=REST_COUNTS, assumed_per_unit=scale, push=-1),
+        )
+        self.sensor, self.number = sensor, 0
         self.last = [cols - 1, rows - 1]
         self.packet, self.values, self.saved, self.running = PACKET.bind(values=values), values, saved, saved
         self.rollovers = (Rollover(name="number", bits=32, step=max(1, rows * cols // values), state="number"),)
@@ -96,12 +96,6 @@ class Wiresens(Device):
     def boot(self, t_ns: int) -> Transmissions:
         """Return the text of the start-up."""
         return [WAITING + SAVED + READY if self.saved else WAITING]
-
-    def measure(self, reading: Reading, t_ns: int) -> Counts:
-        """Return the value of each taxel, 0..4095, shape ``(rows * cols,)``."""
-        push = np.maximum(self.layout.push(reading["force"]), 0.0)
-        self.counts = quantize(-push, self.counts_per_newton, 0, ADC_MAX, rest=REST_COUNTS)
-        return self.counts
 
     def stream(self, t_ns: int, name: str) -> Transmissions:
         """Return the packets that this scan fills."""
@@ -113,9 +107,8 @@ class Wiresens(Device):
         touch, self.kept = np.split(values, [n * self.values])
         numbers = (self.number + np.arange(n)) & 0xFFFFFFFF
         self.number = (self.number + n) & 0xFFFFFFFF
-        return self.packet.pack_many(
-            n, sensor=self.sensor, start=starts, touch=touch.reshape(n, self.values), number=numbers
-        )
+        touch = touch.reshape(n, self.values)
+        return self.packet.pack_many(n, sensor=self.sensor, start=starts, touch=touch, number=numbers)
 
     def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
         """Take the configuration, while the board waits for one."""

@@ -32,10 +32,9 @@ from typing import Annotated, Literal
 import numpy as np
 
 from firmware_protocols import (
-    Counts, Device, FieldGains, LinearMagnet, Option, Reading, Rollover, Transmissions, WebSocket, fact_table,
-    grid_layout, place, quantize, stack,
+    Device, FieldGains, Option, Rollover, Transmissions, WebSocket, fact_table, grid_layout, place, stack,
 )  # fmt: skip
-from firmware_protocols.devices.xela_uskin import GAIN_UT_PER_N, PITCH_M, REST_FIELD_UT, UT_PER_COUNT, raw_columns
+from firmware_protocols.devices.xela_uskin import GAIN_UT_PER_N, PITCH_M, raw_columns
 
 Model = Literal["uSPa44", "uSPa46", "uSPa22", "uSPa21", "uSPa11", "XR1944", "XR1844"]
 SIZES_BY_MODEL: dict[str, tuple[int, int]] = {
@@ -94,22 +93,14 @@ class XelaServer(Device):
             pads.append(place(grid_layout(rows, cols, PITCH_M, name=str(k)), (x + cols * PITCH_M / 2, 0.0, 0.0)))
             x += cols * PITCH_M + 0.01
         self.layout = stack(*pads)
-        self.columns = raw_columns(gains[2])
-        self.magnet = LinearMagnet(gain=gains, offset=REST_FIELD_UT)
+        self.columns = raw_columns(gains)
         self.message = 0
-
-    def measure(self, reading: Reading, t_ns: int) -> Counts:
-        """Return raw counts X, Y, Z of each taxel, 0..65535, shape ``(n, 3)``."""
-        force = self.layout.to_taxel_frame(reading["force"])
-        self.newtons = force * [1, 1, -1] + 0.0  # zeros are 0.0 in the text, not -0.0
-        self.counts = quantize(self.magnet(force) / UT_PER_COUNT)
-        return self.counts
 
     def stream(self, t_ns: int, name: str) -> Transmissions:
         """Return the message of one sample."""
         self.message += 1
         time = round(self.epoch + t_ns * 1e-9, 6)
-        counts, newtons = self.layout.on_wire(self.counts), self.layout.on_wire(self.newtons)
+        counts, newtons = map(self.layout.on_wire, (self.counts, self.present + 0.0))  # zeros are 0.0, not -0.0
         sample = {"message": self.message, "type": "routine", "time": time, "sensors": len(self.models)}
         for position, (model, patch) in enumerate(zip(self.models, self.layout.patches), 1):
             sensor = {"sensor": str(position), "model": model, "taxels": len(patch), "time": time}

@@ -27,8 +27,8 @@ from typing import Annotated, Literal
 import numpy as np
 
 from firmware_protocols import (
-    Can, CanFrame, Column, Command, Counts, Device, FieldGains, Frame, LinearMagnet, Option, Reading, Transmissions,
-    fact_table, grid_layout, quantize, xyz,
+    Can, CanFrame, Column, Device, FieldGains, Frame, Option, Transmissions, Vector, command_table, fact_table,
+    grid_layout, xyz,
 )  # fmt: skip
 
 TAXEL = Frame("""
@@ -55,10 +55,11 @@ _ASSUMED = fact_table("""
 """)
 
 
-def raw_columns(gain_z: float) -> tuple[Column, ...]:
+def raw_columns(gains: Vector) -> tuple[Column, ...]:
     """Return the columns X, Y, Z of raw counts; a press raises Z if its gain is negative."""
     rest = [round(field / UT_PER_COUNT) for field in REST_FIELD_UT]
-    return xyz("X Y Z", low=0, high=0xFFFF, rest=rest, push=-1 if gain_z > 0 else 1)
+    x, y, z = (gain / UT_PER_COUNT for gain in gains)
+    return xyz("X Y Z", low=0, high=0xFFFF, rest=rest, assumed_per_unit=[x, y, abs(z)], push=-1 if z > 0 else 1)
 
 
 class XelaUskin(Device[CanFrame]):
@@ -75,6 +76,7 @@ class XelaUskin(Device[CanFrame]):
         "mcsix/xela_models@4cc8e17; xela_sensor_node.py (pitch)",
     )
     judge = "o2as/ur-o2as@97adced"
+    documented_with = None
     facts = (
         *_ASSUMED,
         *fact_table("""
@@ -99,14 +101,15 @@ class XelaUskin(Device[CanFrame]):
         self.layout = replace(grid_layout(self.rows, self.cols, PITCH_M, name="uskin"), wire_order=order)  # type: ignore[arg-type]
         taxel_ids = 0x100 | row << 4 | col if by_grid else 0x700 | board << 4 | row * self.cols + col
         self.ids = self.layout.on_wire(taxel_ids).tolist()
-        self.columns = raw_columns(gains[2])
-        self.magnet = LinearMagnet(gain=gains, offset=REST_FIELD_UT)
+        self.columns = raw_columns(gains)
         self.command_id, self.streaming = 0x200 | board, False
-
-    def measure(self, reading: Reading, t_ns: int) -> Counts:
-        """Return raw counts X, Y, Z of each taxel, 0..65535, shape ``(n_taxels, 3)``."""
-        self.counts = quantize(self.magnet(self.layout.to_taxel_frame(reading["force"])) / UT_PER_COUNT)
-        return self.counts
+        self.documented = command_table(
+            f"""
+            start  {self.command_id:03X}#0700  -  streams until stopped
+            stop   {self.command_id:03X}#0701
+            """,
+            origin="ur-o2as@97adced xela_sensor.py",
+        )
 
     def stream(self, t_ns: int, name: str) -> Transmissions[CanFrame]:
         """Return one frame for each taxel, between start and stop."""
@@ -125,15 +128,6 @@ class XelaUskin(Device[CanFrame]):
         else:
             self.counters["unknown_command"] += 1
         return ()
-
-    @property
-    def commands(self) -> tuple[Command, ...]:
-        """The commands start and stop."""
-        to, origin = f"{self.command_id:03X}", "ur-o2as@97adced xela_sensor.py"
-        return (
-            Command(name="start", request=f"{to}#0700", about="streams until stopped", origin=origin),
-            Command(name="stop", request=f"{to}#0701", origin=origin),
-        )
 
 
 class XelaUskin4x6(XelaUskin):
