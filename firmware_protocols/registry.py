@@ -64,6 +64,7 @@ DEVICES: dict[str, str] = {
     "robotiq_ft300": f"{_HERE}.robotiq_ft300:RobotiqFt300",
     "robotiq_tsf85": f"{_HERE}.robotiq_tsf85:RobotiqTsf85",
     "robotis_hx5": f"{_HERE}.robotis_hx5:RobotisHx5",
+    "robotous_rft": f"{_HERE}.robotous_rft:RobotousRft",
     "rohand": f"{_HERE}.rohand:RoHand",
     "seed_fts3": f"{_HERE}.seed_fts3:SeedFts3",
     "sensel_morph": f"{_HERE}.sensel_morph:SenselMorph",

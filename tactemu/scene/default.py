@@ -25,8 +25,16 @@ def tables_for(name: str, device: type[Device], **device_options) -> dict[str, A
     for number, patch in enumerate(layout.patches):
         ball = _ball(f"ball {patch.name}" if presses > 1 else "ball", layout, patch.taxels, patch.pitch)
         ball["motion"]["delay"] = made.boot_s + IDLE_S + 0.25 * number
+        if any(sense.quantity == "wrench" for sense in made.sensed):
+            ball["motion"]["direction"] = _oblique(ball["motion"]["direction"])
         data["body"].append(ball)
     return data
+
+
+def _oblique(direction: list[float]) -> list[float]:
+    """Return a direction beside another one, so that a wrench has all of its six components."""
+    beside = np.cross(direction, np.roll(direction, 1))
+    return (np.array(direction) + 0.3 * beside + 0.2 * np.cross(direction, beside)).tolist()
 
 
 def _pad() -> dict[str, Any]:
