@@ -159,7 +159,10 @@ def test_a_wish_for_a_rate_survives_commands_and_restarts(name):
         emulator.reset()
         restarted = emulator.clock.now_ns() + round(1e9 * device.boot_s)
         emulator.run(0.1 + device.boot_s)
+    new = fp.create(name)
+    new.flash.update(device.flash)
+    new.power_cycle()
     for stream, times in converted.items():
         after = [t for t in times if t >= restarted]
         assert len(after) >= 20 and set(np.diff(after)) == {wish_ns}, stream
-        assert device.periods[stream] == fp.create(name).periods[stream], "the firmware believes what it did when new"
+        assert device.periods[stream] == new.periods[stream], "the firmware believes what its flash says"
