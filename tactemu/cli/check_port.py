@@ -94,9 +94,12 @@ def _latency(node: str, low: bool, timer: int | None) -> Finding:
     says = "low latency is on" if low else "its driver offers no low latency"
     if timer is None:
         return Finding("latency", True, f"{says}; it has no timer that gathers bytes")
-    path = f"/sys/bus/usb-serial/devices/{node}/latency_timer"
-    helps = "" if timer == 1 else f"echo 1 | sudo tee {path}"
+    helps = "" if timer == 1 else f"echo 1 | sudo tee {_timer_of(node)}"
     return Finding("latency", timer == 1, f"{says}; it gathers bytes for {timer} ms", helps)
+
+
+def _timer_of(node: str) -> str:
+    return f"/sys/bus/usb-serial/devices/{node}/latency_timer"
 
 
 def _speeds_of(path: str) -> dict[int, int]:
@@ -188,8 +191,11 @@ def _round_trip(loop: _Loop, node: str, baud: int) -> Finding:
         f"one byte at {baud} bit/s comes back after {p50 * 1e3:.2f} ms (median), {p99 * 1e3:.2f} ms (99 of 100); "
         f"the line takes {line * 1e3:.2f} ms of it"
     )
-    helps = f"echo 1 | sudo tee /sys/bus/usb-serial/devices/{node}/latency_timer" if p50 - line > SLOW_S else ""
-    return Finding("echo", not helps, says, helps)
+    if p50 - line <= SLOW_S:
+        return Finding("echo", True, says)
+    timer = uart_settings.latency_timer_ms(node) is not None
+    helps = f"echo 1 | sudo tee {_timer_of(node)}" if timer else "stop what keeps the machine busy"
+    return Finding("echo", False, says, helps)
 
 
 def _stream(loop: _Loop, baud: int) -> Finding:

@@ -58,7 +58,10 @@ MAX_UNSENT_S = 0.02
 MAX_ECHO_BYTES = 4096
 """Maximum number of own bytes that are waited for; an adapter that returns none has no echo."""
 LOOK_PERIOD_NS = 20_000_000
-"""Period at which modem lines, counters and the name of a missing adapter are looked at: they wake no ``select``."""
+"""Period at which counters and the name of a missing adapter are looked at: they wake no ``select``."""
+LOOKS_PER_LINES = 10
+"""Number of looks for one at the modem lines, where no ``reader`` depends on them: with a USB adapter it is a transfer,
+for which the loop waits."""
 _OPTIONS = {"rs485": ("adapter", "kernel"), "echo": ("0", "1"), "reader": ("dsr", "cts", "cd"), "rtscts": ("0", "1")}
 _READER_LINES = {"dsr": termios.TIOCM_DSR, "cts": termios.TIOCM_CTS, "cd": termios.TIOCM_CD}
 _HINTS = {
@@ -96,6 +99,8 @@ class SerialPortTransport(BytePort):
         self._timer: PeriodicTimer | None = None
         self._stream = MarkedStream()
         self._lines: LinesChanged | None = None
+        self._looks = 0
+        """The number of looks since the port was opened."""
         self._errors: UartErrors | None = None
         self._echo = b""
         """Own bytes that the adapter has not received back yet."""
@@ -205,7 +210,7 @@ class SerialPortTransport(BytePort):
             os.close(self._fd)
             self._fd = -1
         self._stream = MarkedStream()
-        self._lines, self._has_reader, self._echo, self._unsent = None, False, b"", b""
+        self._lines, self._looks, self._has_reader, self._echo, self._unsent = None, 0, False, b"", b""
 
     # -- events ----------------------------------------------------------------------------------------------------
 
@@ -262,6 +267,16 @@ class SerialPortTransport(BytePort):
 
     def _look(self) -> None:
         """Report changes of the modem lines and of the error counters."""
+        if self._looks % (1 if self._options.get("reader") else LOOKS_PER_LINES) == 0:
+            self._look_at_lines()
+        self._looks += 1
+        counts = uart_settings.errors(self._fd)
+        if counts is not None and self._errors is not None:
+            for name, count in counts.since(self._errors).items():
+                self._events.append(Counted(name, count))
+        self._errors = counts
+
+    def _look_at_lines(self) -> None:
         try:
             bits = struct.unpack("I", fcntl.ioctl(self._fd, termios.TIOCMGET, bytes(4)))[0]
         except OSError:
@@ -276,11 +291,6 @@ class SerialPortTransport(BytePort):
         if self._has_reader and not has_reader:
             self._events.append(Closed())
         self._has_reader, self._lines = has_reader, lines
-        counts = uart_settings.errors(self._fd)
-        if counts is not None and self._errors is not None:
-            for name, count in counts.since(self._errors).items():
-                self._events.append(Counted(name, count))
-        self._errors = counts
 
     def _lose(self, why: str) -> None:
         """Report that the adapter has gone."""

@@ -67,11 +67,13 @@ class MadeSetting:
 def apply(fd: int, setting: SerialSetting, *, hardware_flow: bool) -> MadeSetting:
     """Set a port raw at this setting, errors marked in the stream (``PARMRK``); return what the UART made of it.
 
+    DTR and RTS, which are up while the port is open, drop when it is closed (``HUPCL``): the other end sees it.
+
     Raises:
         OSError: the port does not take it.
     """
     assert setting.baud and setting.bytesize and setting.parity
-    control = termios.CLOCAL | termios.CREAD | _BOTHER | _BOTHER << 16
+    control = termios.CLOCAL | termios.CREAD | termios.HUPCL | _BOTHER | _BOTHER << 16
     control |= _SIZE_FLAGS[setting.bytesize] | _PARITY_FLAGS[setting.parity]
     control |= termios.CSTOPB * (setting.stopbits == 2) | _CRTSCTS * hardware_flow
     inputs = termios.PARMRK | termios.INPCK * (setting.parity != "N")

@@ -1,0 +1,181 @@
+"""The guest's part of ``test_cable_in_a_kernel.py``: ``cable_guest.py PORT COUNT``. Prints a JSON object a line.
+
+``serial:`` has one end of a null-modem cable between two FT232R, drivers have the other.
+"""
+
+import json
+import os
+import subprocess
+import sys
+import time
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import serial
+
+from firmware_protocols import Serial
+from tactemu import transports
+from tactemu.base.errors import TransportError
+from tactemu.transports.transport import Closed, Counted, LinesChanged, Opened, Received
+from tactemu.wire.wire import Wire
+from tests.transports.played import Played
+
+ROOT = Path(__file__).parents[2]
+NEAR, FAR = "/dev/ttyUSB0", "/dev/ttyUSB1"
+number, count = sys.argv[1:3]
+
+
+def wait(condition, seconds=30.0):
+    deadline = time.monotonic() + seconds
+    while not (met := condition()) and time.monotonic() < deadline:
+        time.sleep(0.02)
+    return bool(met)
+
+
+def tell(what, **said):
+    print(json.dumps({"what": what, **said}), flush=True)
+
+
+def opened(options="", **line):
+    port = transports.create(f"serial:{NEAR}{options}")
+    port.set_connector(Serial(**({"baud": 115_200} | line)))
+    port.open()
+    return port
+
+
+def events_until(port, condition, seconds=10.0):
+    """Return all events up to those that meet a condition, or until a time."""
+    seen = []
+    wait(lambda: seen.extend(port.poll()) or condition(seen), seconds)
+    return seen
+
+
+def counted(seen):
+    counts = Counter()
+    for event in seen:
+        if isinstance(event, Counted):
+            counts[event.counter] += event.count
+    return counts
+
+
+def readings():
+    """Every reading of a sensor's own driver."""
+    with Played("anyskin", f"serial:{NEAR}") as played:
+        read = [sys.executable, ROOT / "tests/drivers/scripts/anyskin_read.py", "anyskin", FAR, count]
+        done = subprocess.run(read, capture_output=True, text=True, timeout=120, check=True)
+    got = json.loads(done.stdout.splitlines()[-1])["readings"]
+    samples = played.samples()
+    equal = sum(np.array(each).tobytes() in samples for each in got)
+    tell("readings", count=len(got), equal=equal, counters=dict(played.wire.counters))
+
+
+def both_ways():
+    """All bytes, at speeds that a 16550A does not have, too."""
+    data, equal = bytes(range(256)) + b"\xff\xff\x00", {}
+    for baud in (9_600, 250_000, 1_000_000):
+        with opened(baud=baud) as port, serial.Serial(FAR, baud, timeout=5) as driver:
+            port.poll()
+            is_sent = port.write(data) and driver.read(len(data)) == data
+            driver.write(data)
+            seen = events_until(port, lambda seen: len(received(seen)) >= len(data))
+            equal[baud] = is_sent and received(seen) == data
+    tell("both ways", equal=equal)
+
+
+def received(seen):
+    return b"".join(event.data for event in seen if isinstance(event, Received))
+
+
+def lines():
+    """Modem lines both ways: the driver's are ours crossed over."""
+    port = opened("?reader=dsr")
+    before = port.has_reader
+    with serial.Serial(FAR, 115_200, timeout=1) as driver:
+        seen = events_until(port, lambda seen: Opened() in seen)
+        theirs = [driver.cts, driver.dsr, driver.cd]
+        driver.rts = False
+        seen += events_until(port, lambda seen: LinesChanged(True, False) in seen)
+        driver.dtr = False
+        ours = events_until(port, lambda seen: Closed() in seen)
+        driver.dtr = True
+        events_until(port, lambda seen: Opened() in seen)
+        port.close()
+        after = wait(lambda: not (driver.cts or driver.dsr), 5)
+    tell(
+        "lines", before=before, opened=Opened() in seen, rts_dropped=LinesChanged(True, False) in seen,
+        closed=Closed() in ours, theirs=theirs, dropped_with_us=after,
+    )  # fmt: skip
+
+
+def errors():
+    """Breaks, framing errors and parity errors."""
+    said = {}
+    with opened() as port, serial.Serial(FAR, 115_200, timeout=1) as driver:
+        port.poll()
+        driver.send_break(0.05)
+        said["break"] = counted(events_until(port, lambda seen: counted(seen)["breaks"]))
+        driver.baudrate = 57_600
+        driver.write(b"another speed")
+        said["speed"] = counted(events_until(port, lambda seen: counted(seen)["framing"]))
+    with opened(parity="E") as port, serial.Serial(FAR, 115_200, parity="O", timeout=1) as driver:
+        port.poll()
+        driver.write(b"odd")
+        said["parity"] = counted(events_until(port, lambda seen: counted(seen)["parity"]))
+    tell("errors", **said)
+
+
+def fills():
+    """Frames that wait for one another, on a line that takes their time itself."""
+    frame, frames, baud = bytes(100), 100, 115_200
+    wire = Wire(transports.create(f"serial:{NEAR}"), Serial(baud=baud), backlog_ns=10**11)
+    with serial.Serial(FAR, baud, timeout=0) as driver:
+        wire.open()
+        wire.receive(0)
+        for _ in range(frames):
+            wire.send([frame], 0, "skin")
+        arrivals, size, start = [], 0, time.monotonic_ns()
+        while size < frames * len(frame) and (now := time.monotonic_ns() - start) < 6 * 10**10:
+            wire.receive(now)
+            wire.flush(now)
+            if data := driver.read(4096):
+                size += len(data)
+                arrivals.append((size, time.monotonic_ns() - start))
+            time.sleep(0.0005)
+        wire.close()
+    byte_ns = 10 * 10**9 / baud
+    filled = size * byte_ns / arrivals[-1][1]
+    tell("fills", size=size, filled=filled, counters=dict(wire.counters))
+
+
+def speeds():
+    try:
+        opened(baud=7_000_000).close()
+    except TransportError as error:
+        tell("speeds", refused=str(error))
+
+
+def stays_open():
+    """An adapter that is pulled out is taken again, and the run goes on: the host pulls it when it reads this."""
+    with opened() as port:
+        port.poll()
+        tell("pull")
+        gone = events_until(port, lambda seen: any("has gone" in str(event) for event in seen), 30)
+        back = events_until(port, lambda seen: any("is back" in str(event) for event in seen), 60)
+        with serial.Serial(FAR, 115_200, timeout=5) as driver:
+            wait(lambda: port.poll() or True)
+            is_read = port.write(b"again") and driver.read(5) == b"again"
+        tell("pulled", gone=Closed() in gone, back=Opened() in back, is_read=is_read)
+
+
+keeper = subprocess.Popen(
+    [sys.executable, "-m", "tactemu", "attach", f"{os.environ['KERNEL_GUEST_HOST']}:{number}"], cwd=ROOT
+)
+try:
+    for node in (NEAR, FAR):
+        assert wait(lambda node=node: os.path.exists(node), 240), f"no {node}"
+    for part in (both_ways, lines, errors, speeds, fills, readings, stays_open):
+        part()
+finally:
+    keeper.terminate()
+    keeper.wait()

@@ -1,0 +1,79 @@
+"""``serial:`` on an FTDI adapter of Debian's own kernel, a null-modem cable away from its driver: ``-m kernel``."""
+
+import json
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import pytest
+
+from tests.transports.null_modem import NullModem
+
+ROOT = Path(__file__).parents[2]
+pytestmark = [pytest.mark.kernel, pytest.mark.timeout(600)]
+READINGS = 60
+
+
+@pytest.fixture(scope="module")
+def told():
+    """What the guest's program says, by its words; the adapter is pulled when it asks for it."""
+    with NullModem() as cable:
+        program = [sys.executable, "-m", "tests.transports.cable_guest", str(cable.number), str(READINGS)]
+        modules = "vhci-hcd ftdi_sio"
+        guest = subprocess.Popen(
+            [ROOT / "scripts/kernel-guest", "-m", "1G", "-t", "400", "-M", modules, "--", *program],
+            stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=ROOT,
+        )  # fmt: skip
+        errors = []
+        reader = threading.Thread(target=lambda: errors.append(guest.stderr.read()))
+        reader.start()
+        said = {}
+        for line in guest.stdout:
+            if line.startswith("{"):
+                each = json.loads(line)
+                said[each.pop("what")] = each
+                if "pull" in said and "pulled" not in said:
+                    cable.pull(0, 1.0)
+        reader.join()
+        if guest.wait() == 125:
+            pytest.skip(errors[0].strip().splitlines()[-1])
+        assert guest.returncode == 0, errors[0][-3000:] + str(said)
+        yield said
+
+
+def test_every_reading_of_anyskins_driver_is_a_sample(told):
+    readings = told["readings"]
+    assert readings["equal"] == readings["count"] == READINGS
+    assert not readings["counters"].get("dropped_readings")
+
+
+def test_all_bytes_pass_both_ways_at_every_speed(told):
+    assert told["both ways"]["equal"] == {"9600": True, "250000": True, "1000000": True}
+
+
+def test_modem_lines_cross_over(told):
+    lines = told["lines"]
+    assert not lines["before"], "DSR is down until a driver opens the other end"
+    assert lines["opened"] and lines["rts_dropped"] and lines["closed"]
+    assert lines["theirs"] == [True, True, True] and lines["dropped_with_us"]
+
+
+def test_breaks_framing_and_parity_errors_are_counted(told):
+    errors = told["errors"]
+    assert errors["break"]["breaks"] == 1 and errors["speed"]["framing"] >= 1 and errors["parity"]["parity"] >= 1
+
+
+def test_a_speed_that_the_chip_does_not_have_is_refused_with_both_numbers(told):
+    assert "makes 9600 bit/s of 7000000" in told["speeds"]["refused"]
+
+
+def test_frames_never_overfill_the_line(told):
+    """An FT232R makes 115385 of 115200: 0.2 % more is its own."""
+    fills = told["fills"]
+    assert fills["size"] == 10_000 and fills["filled"] <= 1.003, fills
+    print(f"filled to {fills['filled']:.2%}")
+
+
+def test_an_adapter_that_is_pulled_out_is_taken_again(told):
+    assert told["pulled"] == {"gone": True, "back": True, "is_read": True}
