@@ -110,8 +110,8 @@ class Layout:
         """The unit axes of the taxels' own frames, shape ``(n_taxels, 3, 3)``: x, y and normal of each."""
         return np.stack([self.x_axes, self.y_axes, self.normals], axis=1)
 
-    def _by_taxel(self, name: str) -> np.ndarray:
-        values = np.empty(len(self))
+    def _by_taxel(self, name: str, dtype: type = float) -> np.ndarray:
+        values = np.empty(len(self), dtype)
         for patch in self.patches:
             values[patch.taxels] = getattr(patch, name)
         return values
@@ -140,6 +140,19 @@ class Layout:
     def push(self, forces: np.ndarray) -> np.ndarray:
         """Return the normal force that pushes each taxel inwards [N], shape ``(n_taxels,)``, of forces ``(n, 3)``."""
         return -(np.asarray(forces) * self.normals).sum(-1)
+
+    def wrenches(self, forces: np.ndarray, about: Layout) -> np.ndarray:
+        """Return force and torque [N, Nm] about points, shape ``(n_points, 6)``, of forces on the taxels ``(n, 3)``.
+
+        A point on a link counts the taxels on that link, and one on no named link all taxels.
+        """
+        forces = np.broadcast_to(forces, (len(about), len(self), 3))
+        if about.links != ("",):
+            links = self._by_taxel("link", object)
+            counted = [links == link if link else np.ones(len(self), bool) for link in about._by_taxel("link", object)]
+            forces = np.where(np.array(counted)[:, :, None], forces, 0.0)
+        arms = self.positions[None] - about.positions[:, None]
+        return np.concatenate([forces.sum(axis=1), np.cross(arms, forces).sum(axis=1)], axis=-1)
 
     def _repr_html_(self) -> str:
         """Return the drawing that a notebook displays."""

@@ -71,6 +71,7 @@ DEVICES: dict[str, str] = {
     "singletact": f"{_HERE}.singletact:SingleTact",
     "sun_fingertip": f"{_HERE}.sun_fingertip:SunFingertip",
     "synria_60": f"{_HERE}.synria_60:Synria60",
+    "tesollo_dg": f"{_HERE}.tesollo_dg:TesolloDg",
     "unitree_dex3": f"{_HERE}.unitree_dex3:UnitreeDex3",
     "vitac_3d": f"{_HERE}.flexitac:ViTac3d",
     "weiss_dsacon32m": f"{_HERE}.weiss_dsacon32m:WeissDsacon32m",

@@ -19,9 +19,9 @@ Quantity = Literal[
 Per taxel: ``force`` [N] (n, 3), ``pressure`` [Pa] (n,), ``depth`` [m] (n,), ``displacement`` [m] (n, 3), ``touch`` bool
 (n,); where the scene has a transducer: ``field`` [T] (n, 3), ``resistance`` [Ohm] (n,), ``capacitance`` [F] (n,).
 Around it: ``temperature`` [°C] (n,), ``acceleration`` [m/s²] (n, 3), proper, so that it points up when still,
-``angular_velocity`` [rad/s] (n, 3). Of all the skin's taxels together, about each point: ``wrench`` [N, Nm] (n, 6);
-``vibration`` [Pa] (n,), the pressure in a common medium. ``load`` [Nm, N] (n,) of each joint, in the order of
-:meth:`Device.joints`.
+``angular_velocity`` [rad/s] (n, 3). Of taxels together: ``wrench`` [N, Nm] (n, 6) about each
+point, of those on its link, or of all if it names none; ``vibration`` [Pa] (n,), the pressure in a common medium.
+``load`` [Nm, N] (n,) of each joint, in the order of :meth:`Device.joints`.
 """
 
 TOUCH = ("force", "pressure", "depth", "displacement", "touch")

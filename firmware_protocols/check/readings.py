@@ -82,9 +82,7 @@ def _measured(sense: Sense, device: Device, forces: np.ndarray) -> np.ndarray:
     if sense.quantity == "force":
         return _spread(sense, forces)
     if sense.quantity == "wrench":
-        at = sense.at.positions if sense.at is not None else layout.positions
-        torques = np.stack([np.cross(layout.positions - point, forces).sum(0) for point in at])
-        return _spread(sense, np.concatenate([np.broadcast_to(forces.sum(0), torques.shape), torques], axis=-1))
+        return _spread(sense, layout.wrenches(forces, sense.at or layout))
     match sense.quantity:
         case "pressure":
             return _spread(sense, layout.push(forces) / layout.areas)

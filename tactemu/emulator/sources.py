@@ -9,7 +9,7 @@ A source is one of
 * a function of time [s] that returns *readings*: of the taxels, as an array in the device's order, shape ``(n,)`` or
   ``(n, 3)``, SI, vectors in the device's frame, forces on the skin; or a table of arrays by quantity, with optional
   ``temperature``, ``acceleration`` and ``angular_velocity``, and for a force-torque sensor ``wrench`` [N, Nm], shape
-  ``(6,)``, in place of the one that follows from the forces; or a table of either by skin.
+  ``(6,)``, or ``(n, 6)`` of n sensors, in place of those that follow from the forces; or a table of either by skin.
 
 A function is called once for each of a rising sequence of times: by the thread that calls ``start`` until that returns
 (first for 0 s), then by the emulator's thread. While it computes, the device neither samples nor answers; samples whose
@@ -202,9 +202,10 @@ class FunctionSkin:
 
     def __init__(self, name: str, device: Device):
         self.name, self._n, self._contact = name, len(device.layout), device.contact
-        self._wrenches = any(sense.quantity == "wrench" for sense in device.sensed)
+        self._wrenches = sum(len(sense.at or ()) for sense in device.sensed if sense.quantity == "wrench")
+        """The number of points with a wrench."""
         self.wrench: np.ndarray | None = None
-        """Force and torque [N, Nm], shape ``(6,)``; ``None``: they follow from the forces."""
+        """Force and torque [N, Nm], shape ``(6,)`` or ``(n, 6)``; ``None``: they follow from the forces."""
         self._values: dict[str, np.ndarray] = {}
         self._ambient: dict[str, Any] = dict(AMBIENT)
 
@@ -234,6 +235,8 @@ class FunctionSkin:
             array = np.array(value, float)
         except (TypeError, ValueError):
             raise SourceError(f"{where}: expected numbers of shape {shape}, got {_shown(value)}") from None
+        if name == "wrench" and array.ndim == 2:
+            shape = (self._wrenches, 6)
         if array.shape != shape:
             raise SourceError(f"{where}: expected shape {shape}, got {array.shape}")
         if not np.isfinite(array).all():

@@ -70,11 +70,16 @@ class ExcitationRange:
 
     @property
     def has_wrench(self) -> bool:
-        """True if the device senses forces and torques on the whole skin."""
+        """True if the device senses forces and torques."""
         return WRENCH[0] in self.axes
 
+    @property
+    def n_wrenches(self) -> int:
+        """The number of points about which it senses them."""
+        return sum(len(sense.at or ()) for sense in self.device.sensed if sense.quantity == "wrench")
+
     def wrench(self, shares: np.ndarray) -> np.ndarray:
-        """Return a wrench [N, Nm] for shares in [0, 1] of the range of each component, both of shape ``(6,)``."""
+        """Return wrenches [N, Nm] for shares in [0, 1] of the range of each component, both of shape ``(n, 6)``."""
         low, high = np.array([self.limits[axis] for axis in WRENCH]).T
         return low + (high - low) * shares
 
@@ -200,7 +205,9 @@ class Excitation:
         else:
             forces = self.overload * span.forces(random.random((span.n, 3)))
             around = (random.uniform(10.0, 40.0), random.uniform(-9.0, 9.0, 3), random.uniform(-1.0, 1.0, 3))
-            wrench = self.overload * span.wrench(random.random(6)) if span.has_wrench else np.zeros(6)
+            wrench = (
+                self.overload * span.wrench(random.random((span.n_wrenches, 6))) if span.has_wrench else np.zeros(6)
+            )
             if span.n > 2 * _FEW_TAXELS and not random.integers(_FEW_TAXELS_EVERY):
                 forces[random.permutation(span.n)[_FEW_TAXELS:]] = 0.0
         if name in self.dead and span.n:

@@ -234,7 +234,7 @@ class SkinReadings(Protocol):
 
     @property
     def wrench(self) -> np.ndarray | None:
-        """Force and torque [N, Nm], shape ``(6,)``; ``None``: they follow from the taxels' forces."""
+        """Force and torque [N, Nm], shape ``(6,)`` or ``(n, 6)``; ``None``: they follow from the taxels' forces."""
         ...
 
     @property
@@ -273,7 +273,7 @@ class SenseReader:
             case "wrench" if (wrench := self.skin.wrench) is not None:
                 return np.broadcast_to(wrench, (len(at), 6))
             case "wrench":
-                return resultant(self._layout.positions, self.skin.quantity("force", ground_truth), at.positions)
+                return self._layout.wrenches(self.skin.quantity("force", ground_truth), at)
             case "vibration":
                 push = self._layout.push(self.skin.quantity("force", ground_truth)).sum()
                 return np.full(len(at), push / self._layout.areas.sum())
@@ -314,12 +314,3 @@ class NullSource:
     def ambient(self, name: str, t_ns: int, link: str = "") -> Any:
         """Return room temperature, or the motion of a link at rest."""
         return AMBIENT[name]
-
-
-def resultant(positions: np.ndarray, forces: np.ndarray, about: np.ndarray) -> np.ndarray:
-    """Return force and torque [N, Nm], shape ``(n, 6)``, of forces ``(m, 3)`` at ``positions`` about each of n
-    points.
-    """
-    arms = positions[None] - np.asarray(about)[:, None]
-    torques = np.cross(arms, forces[None]).sum(axis=1)
-    return np.concatenate([np.broadcast_to(forces.sum(axis=0), torques.shape), torques], axis=-1)

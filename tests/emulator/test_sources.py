@@ -60,8 +60,16 @@ def test_a_wrench_counts_and_not_the_forces():
     assert {tuple(np.asarray(s.ideal)[0]) for s in samples if s.sense == "wrench"} == {tuple(wrench)}
     with pytest.raises(SourceError, match=r"wrench: expected shape \(6,\)"):
         samples_of(lambda t_s: {"force": np.ones((1, 3)), "wrench": wrench[:3]}, device="dynpick")
+    with pytest.raises(SourceError, match=r"wrench: expected shape \(1, 6\), got \(2, 6\)"):
+        samples_of(lambda t_s: {"force": np.ones((1, 3)), "wrench": [wrench, wrench]}, device="dynpick")
     with pytest.raises(SourceError, match="got a table of 'force', 'wrench'"):
         samples_of(lambda t_s: {"force": ramp(t_s), "wrench": wrench})
+
+
+def test_each_of_several_force_torque_sensors_has_its_wrench():
+    wrenches = np.arange(30.0).reshape(5, 6) / 10
+    samples = samples_of(lambda t_s: {"force": np.zeros((5, 3)), "wrench": wrenches}, device="tesollo_dg")
+    assert all(np.array_equal(ideal(sample), wrenches) for sample in samples)
 
 
 def test_a_function_is_called_for_each_time_once_in_one_thread_and_time_rises():
