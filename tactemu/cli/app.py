@@ -8,6 +8,7 @@ import typer
 
 from tactemu.cli import attaching, compare, explaining, infer, information, judging, logs, new, running, scenes
 from tactemu.cli.benches import bench
+from tactemu.cli.service import service
 from tactemu.version import __version__
 
 app = typer.Typer(
@@ -38,6 +39,7 @@ A simulated tactile skin at the far end of a wire: the bytes and CAN frames of r
 
 for each in (running, judging, compare, information, explaining, new, scenes, infer, logs, attaching):
     app.add_typer(each.commands)
+app.add_typer(service, name="service")
 app.add_typer(bench, name="bench")
 
 
