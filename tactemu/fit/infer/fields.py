@@ -10,6 +10,8 @@ from tactemu.fit.infer.sums import FrameSum
 
 VALUE_KINDS = ("u", "i", "f", "?", "counter", "clock")
 """Kinds of fields that change: ``?`` is an integer whose top bit never moved, or whose sign is open."""
+SIGN_SHARE = 0.98
+"""The least share of the messages in which a byte is the extended sign of another."""
 
 
 @dataclass
@@ -67,6 +69,12 @@ def integers(rows: np.ndarray, at: int, size: int, order: str) -> np.ndarray:
 def signed(values: np.ndarray, bits: int) -> np.ndarray:
     """Return unsigned integers of some bits as two's complement."""
     return values if bits > 62 else values - ((values >> (bits - 1) & 1) << bits)
+
+
+def is_sign_of(rows: np.ndarray, low: int, high: int) -> bool:
+    """Return True if one byte is FF where the other's top bit is set, and else 0: an extended sign."""
+    extended = np.where(rows[:, low] & 0x80, 0xFF, 0)
+    return bool((rows[:, high] == extended).mean() >= SIGN_SHARE)
 
 
 @dataclass

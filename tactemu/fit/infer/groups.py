@@ -8,11 +8,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from tactemu.fit.infer.arrays import LONG_ARRAY, PROVEN_SHARE, SLOW
 from tactemu.fit.infer.costs import bits_of
 from tactemu.fit.infer.counters import find_counters
 from tactemu.fit.infer.fields import Field, Group
 from tactemu.fit.infer.links import Link
-from tactemu.fit.infer.proofs import SLOW, Prover
+from tactemu.fit.infer.proofs import Prover
 from tactemu.fit.infer.segments import LEAST_ROWS, find_runs
 from tactemu.fit.infer.sums import FrameSum
 
@@ -24,8 +25,8 @@ MAX_ROWS = 6000
 MAX_CELLS = 2_000_000
 LEAST_TEXT = 6
 """The least length of messages that are text if all of their bytes are printable."""
-LEAST_PROVEN, PROVEN_SHARE = 3, 0.15
-"""The fewest groups of one layout, and their least share, in which a field is certain, so that it is in the others."""
+LEAST_PROVEN = 3
+"""The fewest groups of one layout in which a field is certain, so that it is in the others."""
 LEAST_SUMMED = 12
 """The fewest bytes of sums of a group that make its sum certain: in few messages it may hold by chance."""
 MAX_DEPTH = 3
@@ -276,7 +277,11 @@ def agree(groups: Sequence[Group]) -> None:
 
 
 def _share_proofs(groups: Sequence[Group]) -> None:
-    """Make fields certain that only lack carries, if the same field is certain in many groups of the same layout."""
+    """Make fields certain that only lack carries, if the same field is certain in many groups of the same layout.
+
+    The layout of a long array is proven as a whole: fields between those that are proven in any of its groups are as
+    these, if the groups with proven ones are many, and their proven fields.
+    """
     layouts: defaultdict[tuple, list[Group]] = defaultdict(list)
     for group in groups:
         values = [each for each in group.fields if each.kind in ("u", "i", "?")]
@@ -284,13 +289,29 @@ def _share_proofs(groups: Sequence[Group]) -> None:
     for layout, same in layouts.items():
         if len(layout) < 2:
             continue
+        places = {at for at, _, _ in layout}
+        proven = [[each for each in group.fields if each.at in places and each.is_certain] for group in same]
+        inside = _inside(proven, len(layout))
         for at, _, _ in layout:
             fields = [each for group in same for each in group.fields if each.at == at]
-            proven = [each for each in fields if each.is_certain]
-            if len(proven) < max(LEAST_PROVEN, PROVEN_SHARE * len(fields)):
+            own = [each for each in fields if each.is_certain]
+            if len(own) >= max(LEAST_PROVEN, PROVEN_SHARE * len(fields)):
+                why = f"as in {len(own)} of {len(fields)} messages that a selector distinguishes"
+            elif at in inside:
+                why = f"in an array of {len(layout)}, of which a selector distinguishes {len(same)}"
+            else:
                 continue
             for each in fields:
-                is_alike = each.kind in {other.kind for other in proven} | {"?"}
+                is_alike = each.kind in {other.kind for other in own} | {"?"}
                 if each.decide == SLOW and is_alike and not each.is_width_open:
-                    each.is_certain, each.decide = True, ""
-                    each.why = f"as in {len(proven)} of {len(fields)} messages that a selector distinguishes"
+                    each.is_certain, each.decide, each.why = True, "", why
+
+
+def _inside(proven: list[list[Field]], length: int) -> range:
+    """Return the offsets between the proven fields of a long array that several groups have."""
+    some = [fields for fields in proven if fields]
+    many = sum(map(len, some))
+    if length < LONG_ARRAY or len(some) < LEAST_PROVEN or many < PROVEN_SHARE * length * len(proven):
+        return range(0)
+    ats = [each.at for fields in some for each in fields]
+    return range(min(ats), max(ats))

@@ -158,6 +158,9 @@ class Crossings:
     def __add__(self, other: Crossings) -> Crossings:
         return Crossings(self.over + other.over, self.through + other.through, self.leaps + other.leaps)
 
+    def __sub__(self, other: Crossings) -> Crossings:
+        return Crossings(self.over - other.over, self.through - other.through, self.leaps - other.leaps)
+
 
 def crossings(values: np.ndarray, bits: int) -> Crossings:
     """Count the crossings of a column of unsigned readings.
