@@ -9,12 +9,10 @@ a value goes unnoticed. This is the glove with a PIC18; those with a Teensy 3.2 
 Try it: ``tactemu run bielefeld_glove``, then the ``SerialInput`` of ubi-agni/TactileGlove on its port.
 """
 
-from typing import Annotated
-
 import numpy as np
 
 from firmware_protocols import (
-    USB, Column, Counts, Device, Frame, Option, Reading, Serial, Transmissions, fact_table, filled, quantize,
+    USB, Column, Counts, Device, Frame, HalfForce, Reading, Serial, Transmissions, fact_table, filled, quantize,
 )  # fmt: skip
 
 PACKET = Frame("""
@@ -58,7 +56,7 @@ class BielefeldGlove(Device):
     def __init__(
         self,
         *,
-        half_force: Annotated[float, Option("normal force at half of full scale", unit="N", low=1e-6)] = 1.0,
+        half_force: HalfForce = 1.0,
     ):
         self.layout = filled(CHANNELS, 0.08, 0.16, name="glove")
         self.columns = (Column(name="touch", low=0, high=ADC_MAX, push=1),)

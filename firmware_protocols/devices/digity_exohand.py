@@ -11,13 +11,14 @@ modelled. Touch is six raw counts of capacitance, 0 to 4095; acceleration and an
 Try it: ``tactemu run digity_exohand``, then ``for frame in GloveStream(port=...).connect(): ...``.
 """
 
+from itertools import chain
 from typing import Annotated, Literal
 
 import numpy as np
 
 from firmware_protocols import (
-    USB, Column, Counts, Device, Frame, Option, Quantity, Reading, Rollover, Sense, Serial, Transmissions, fact_table,
-    grid_layout, points, quantize, stack, xyz,
+    USB, Column, Counts, CountsPerNewton, Device, Frame, Option, Quantity, Reading, Rollover, Sense, Serial,
+    Transmissions, fact_table, grid_layout, points, quantize, stack, xyz,
 )  # fmt: skip
 
 PACKET = Frame("""
@@ -58,19 +59,15 @@ TOUCH = Frame("""
     11    <u2 x 6      touch     0..4095
 """)
 SDK = "digity 0.2.5"
-FINGERS = ("thumb", "index", "middle", "ring", "little")
-FINGERTIP_PLACES_M = (
-    (-0.06, 0.0, 0.0),
-    (-0.033, 0.05, 0.0),
-    (-0.011, 0.06, 0.0),
-    (0.011, 0.055, 0.0),
-    (0.033, 0.04, 0.0),
-)
+FINGERTIPS_M = {
+    "thumb": (-0.06, 0.0), "index": (-0.033, 0.05), "middle": (-0.011, 0.06), "ring": (0.011, 0.055),
+    "little": (0.033, 0.04),
+}  # fmt: skip
 """The fingertips of a left hand, seen from its palm, fingers up."""
 PITCH_M = 0.006
 
 Record = Literal["angles", "imu", "touch"]
-RECORD_PARTS: dict[Record, int] = {"angles": 1, "imu": 2, "touch": 3}
+RECORDS: tuple[Record, ...] = ("angles", "imu", "touch")
 MOTION_SCALES: dict[Quantity, tuple[str, float]] = {
     "acceleration": ("m/s^2", 16384 / 9.80665),
     "angular_velocity": ("rad/s", 131 * 180 / np.pi),
@@ -106,25 +103,23 @@ class DigityExohand(Device):
         self,
         *,
         side: Annotated[Literal["right", "left"], Option("hand that the glove fits")] = "right",
-        records: Annotated[tuple[Record, ...], Option("records of a packet, in order")] = tuple(RECORD_PARTS),
+        records: Annotated[tuple[Record, ...], Option("records of a packet, in order")] = RECORDS,
         angles: Annotated[
             tuple[float, float, float, float, float], Option("angles of every finger", unit="deg", low=-327, high=327)
         ] = (0.0, 0.0, 0.0, 0.0, 0.0),
-        counts_per_newton: Annotated[float, Option("scale of touch", unit="1/N", low=1e-6)] = 400.0,
+        counts_per_newton: CountsPerNewton = 400.0,
     ):
         self.title = f"Digity exohand, {side}"
-        tips = {name: (x if side == "left" else -x, y, z) for name, (x, y, z) in zip(FINGERS, FINGERTIP_PLACES_M)}
+        tips = {name: (x if side == "left" else -x, y, 0.0) for name, (x, y) in FINGERTIPS_M.items()}
         self.layout = stack(*(grid_layout(3, 2, PITCH_M, name=name, origin=at, link=name) for name, at in tips.items()))
         boards = points({f"{name} board": at for name, at in tips.items()})
         self.senses = ("force", *(Sense(each, at=boards) for each in MOTION_SCALES))
-        self.columns = (
-            Column(name="touch", unit="N", counts_per_unit=counts_per_newton, low=0, high=4095, push=1),
-            *(
-                column
-                for sense, (unit, scale) in MOTION_SCALES.items()
-                for column in xyz("x y z", sense=sense, unit=unit, counts_per_unit=scale, low=-0x8000, high=0x7FFF)
-            ),
+        motion = (
+            xyz("x y z", sense=sense, unit=unit, counts_per_unit=scale, low=-0x8000, high=0x7FFF)
+            for sense, (unit, scale) in MOTION_SCALES.items()
         )
+        touch = Column(name="touch", unit="N", counts_per_unit=counts_per_newton, low=0, high=4095, push=1)
+        self.columns = (touch, *chain(*motion))
         self.side, self.records = int(side == "left"), records
         self.angles = quantize(angles, 100, -0x8000, 0x7FFF)
         self.sequence = 0
@@ -137,20 +132,18 @@ class DigityExohand(Device):
     def stream(self, t_ns: int, name: str) -> Transmissions:
         """Return one packet for each finger."""
         self.sequence = self.sequence + 1 & 0xFFFF
-        touch = self.layout.on_wire(self.counts["force"]).reshape(len(FINGERS), -1)
+        touch = self.layout.on_wire(self.counts["force"]).reshape(len(FINGERTIPS_M), -1)
         return [
-            PACKET.pack(side=self.side, board=k, sequence=self.sequence, payload=self._payload(k, touch[k]))
-            for k in range(len(FINGERS))
+            PACKET.pack(side=self.side, board=k, sequence=self.sequence, payload=self._payload(k, counts))
+            for k, counts in enumerate(touch)
         ]
 
     def _payload(self, finger: int, touch: np.ndarray) -> bytes:
-        time, step = self.felt_ns // 1000, self.period_ns // 1000
+        ident, when = finger << 4, {"time": self.felt_ns // 1000, "step": self.period_ns // 1000}
         motion = np.concatenate([self.counts[each][finger] for each in MOTION_SCALES])
         made = {
-            "angles": lambda ident: ANGLES.pack(id=ident, time=time, step=step, angles=self.angles),
-            "imu": lambda ident: IMU.pack(id=ident, time=time, step=step, motion=motion),
-            "touch": lambda ident: TOUCH.pack(id=ident, time=time, touch=touch),
+            "angles": ANGLES.pack(id=ident | 1, angles=self.angles, **when),
+            "imu": IMU.pack(id=ident | 2, motion=motion, **when),
+            "touch": TOUCH.pack(id=ident | 3, time=when["time"], touch=touch),
         }
-        return bytes([len(self.records)]) + b"".join(
-            made[kind](finger << 4 | RECORD_PARTS[kind]) for kind in self.records
-        )
+        return bytes([len(self.records)]) + b"".join(made[kind] for kind in self.records)

@@ -93,14 +93,9 @@ COUNTS_PER_TURN = 4096
 MIDDLE_COUNTS = 2048
 SHAFT_STOP_COUNTS = 2**40
 SEVERAL_TURNS = 0x10
-MAKE_MIDDLE = 128
-HOLDING = 1
-POSITION = 0
-SPEED = 1
-PWM = 2
-VOLTAGE = 1
-TEMPERATURE = 4
-OVERLOAD = 32
+HOLDING, MAKE_MIDDLE = 1, 128
+POSITION, SPEED, PWM = 0, 1, 2
+VOLTAGE, TEMPERATURE, OVERLOAD = 1, 4, 32
 ORDERS = {"torque", "mode", "goal", "pwm", "goal_speed", "top_speed", "low", "high", "offset"}
 LIMB = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper")
 SWING_PERIOD_NS = 4_000_000_000
@@ -155,37 +150,24 @@ class Servo:
         )
         return float(self.arm.swing[self.index] * (there - then))
 
-    def _present(self, name: str, t_ns: int) -> float:
-        """Return the present value of a read-only register."""
-        match name:
-            case "position":
-                several = self.registers["phase"] & SEVERAL_TURNS
-                return round(self.position(t_ns)) if several else round(self.position(t_ns)) % COUNTS_PER_TURN
-            case "speed":
-                return self.arm.motors.velocities(t_ns)[self.index]
-            case "moving":
-                return abs(self.arm.motors.velocities(t_ns)[self.index]) > 1.0
-            case "load":
-                return self.arm.counts[self.index]
-            case "voltage":
-                return self.arm.volts
-            case "temperature":
-                return self.arm.warmth[self.index]
-            case "waiting":
-                return self.id in self.arm.line.pending
-            case "status":
-                return self.status
-            case "goal_copy":
-                return self.registers["goal"]
-        return self.registers[name]
+    def _measure(self, t_ns: int) -> None:
+        """Set the registers that show the present."""
+        position, speed = round(self.position(t_ns)), self.arm.motors.velocities(t_ns)[self.index]
+        shown = position if self.registers["phase"] & SEVERAL_TURNS else position % COUNTS_PER_TURN
+        present = {
+            "position": shown, "speed": speed, "moving": abs(speed) > 1.0, "load": self.arm.counts[self.index],
+            "voltage": self.arm.volts, "temperature": self.arm.warmth[self.index], "status": self.status,
+            "waiting": self.id in self.arm.line.pending, "goal_copy": self.registers["goal"],
+        }  # fmt: skip
+        for name, value in present.items():
+            self.registers[name] = value
 
     # -- the memory ------------------------------------------------------------------------------------------------
 
     def read(self, address: int, n: int, t_ns: int) -> bytes:
         """Return memory as it is at ``t_ns``."""
-        for reg in MAP.touched(address, address + n):
-            if reg.access == "r":
-                self.registers[reg.name] = self._present(reg.name, t_ns)
+        if n and address < MAP.by_name["factory"].address and address + n > MAP.by_name["position"].address:
+            self._measure(t_ns)
         return self.registers.read(address, n)
 
     def write(self, address: int, data: bytes, t_ns: int) -> Sequence[str]:
@@ -365,5 +347,3 @@ class FeetechSts3215(Device):
             name: float((servo.position(t_ns) - MIDDLE_COUNTS) * 2 * np.pi / COUNTS_PER_TURN)
             for name, servo in zip(self.names, self.servos)
         }
-
-    # -- datasheet -------------------------------------------------------------------------------------------------

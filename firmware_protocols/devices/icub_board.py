@@ -24,18 +24,12 @@ TAIL = Frame("""
     6    u1        out_of_range    pads 11 to 4, a bit each
     7    u1        ending          out of range, pads 3 to 0; four bits of flags
 """)
-TRIANGLES_PER_BOARD = 16
-NO_ACK = 1
-NOT_CONNECTED = 2
+TRIANGLES_PER_BOARD, CHIPS_PER_BOARD = 16, 17
+NO_ACK, NOT_CONNECTED = 1, 2
 TO_ALL = 0xF
-NEW_CLASS = 4
-OLD_CLASS = 3
-"""The class of the identifiers of old firmware, as that above of new firmware."""
-TYPE_TEMPERATURE = 0
-TYPE_PALM_OR_TIP = 1
-TYPE_ERGO_HAND = 3
-TYPE_TEST = 7
-TYPE_TEMPERATURE_V2 = 8
+NEW_CLASS, OLD_CLASS = 4, 3
+"""The classes of the identifiers of new and old firmware."""
+TYPE_TEMPERATURE, TYPE_PALM_OR_TIP, TYPE_ERGO_HAND, TYPE_TEST, TYPE_TEMPERATURE_V2 = 0, 1, 3, 7, 8
 DRIFT_GAINS = {
     TYPE_TEMPERATURE: (70, 96, 83, 38, 38, 70, 0, 45, 77, 164, 0, 77),
     TYPE_PALM_OR_TIP: (0,) * PADS_PER_TRIANGLE,
@@ -46,7 +40,6 @@ DRIFT_GAINS = {
 ERGO_WIRE_ORDER = np.array([0, 4, 8, 12, 16, 9, 10, 11, 13, 15, 1, 2, 3, 5, 6, 7])
 """The chip of each triangle of an ergoCub hand, in wire order; 0 to 4 are fingertips, without compensation."""
 WIRE_ORDER = np.arange(16)
-CHIPS_PER_BOARD = 17
 ABSENT = 0xFFFF
 MAX_UNACKNOWLEDGED = 5
 BOARD_TYPE = 11
@@ -56,12 +49,10 @@ INFORMATION = b"skin".ljust(32, b"\0")
 NS_PER_MS = 1_000_000
 
 _MASK = 1 << np.arange(PADS_PER_TRIANGLE)
-RAW_AT_REST = 0x6000
-MAX_RAW = 0xFFFF
+RAW_AT_REST, MAX_RAW = 0x6000, 0xFFFF
 RAW_COUNTS_PER_NEWTON = 600.0
 RAW_COUNTS_PER_DEG = 20.0
-NO_LOAD_COUNTS = 245
-OLD_NO_LOAD_COUNTS = 240
+NO_LOAD_COUNTS, OLD_NO_LOAD_COUNTS = 245, 240
 POWER_UP_SHIFT = 2
 
 

@@ -36,17 +36,17 @@ Try it: ``tactemu run icub_skin --port can:socketcan:vcan0``, then for each boar
 """
 
 from dataclasses import replace
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 
 from firmware_protocols import (
-    Can, CanFrame, Column, Command, Counts, Device, Frame, Layout, Option, Reading, Stream, Transmissions, fact_table,
-    place, stack,
+    Can, CanFrame, Column, Command, Counts, Device, Frame, Layout, Option, Reading, Stream, Transmissions,
+    command_table, fact_table, place, stack,
 )  # fmt: skip
 from firmware_protocols.devices.icub_board import (
-    HEAD, NEW_CLASS, NOT_CONNECTED, NO_ACK, NO_LOAD_COUNTS, OLD_CLASS, OLD_NO_LOAD_COUNTS, RAW_COUNTS_PER_DEG,
-    RAW_COUNTS_PER_NEWTON, TAIL, TO_ALL, TRIANGLES_PER_BOARD, TYPE_PALM_OR_TIP, TYPE_TEMPERATURE, Board,
+    HEAD, NOT_CONNECTED, NO_ACK, NO_LOAD_COUNTS, OLD_CLASS, OLD_NO_LOAD_COUNTS, RAW_COUNTS_PER_DEG,
+    RAW_COUNTS_PER_NEWTON, TAIL, TO_ALL, TRIANGLES_PER_BOARD, TYPE_PALM_OR_TIP, Board,
 )  # fmt: skip
 from firmware_protocols.devices.icub_triangles import (
     PADS_PER_TRIANGLE, PALM, SHEETS, TAXEL_PADS, TrianglePlace, fingertip, flat, places_of, wrapped,
@@ -156,8 +156,7 @@ class IcubSkin(Device[CanFrame]):
             raise ValueError(f"boards have addresses 1..14, got {first_board}..{last}: put more triangles on each")
         if unknown := [name for name in (*no_ack, *not_connected) if name not in names]:
             raise ValueError(f"no triangle {unknown[0]!r}; there are {names[0]} to {names[-1]} (board.triangle)")
-        if firmware == "old":
-            self.columns = (replace(self.columns[0], rest=OLD_NO_LOAD_COUNTS),)
+        self.columns = (replace(self.columns[0], rest=OLD_NO_LOAD_COUNTS if firmware == "old" else NO_LOAD_COUNTS),)
         self.layout = _layout(part, names)
         self.title = f"iCub skin, {part.replace('_', ' ')} of {n} triangles"
         if part in ("hand", "triangle"):
@@ -165,29 +164,22 @@ class IcubSkin(Device[CanFrame]):
         feeling = [
             tuple(range(PADS_PER_TRIANGLE)) if part == "hand" and k < len(FINGERS) else TAXEL_PADS for k in range(n)
         ]
-        flags = [NO_ACK * (name in no_ack) | NOT_CONNECTED * (name in not_connected) for name in names]
+        flags = np.array([NO_ACK * (name in no_ack) | NOT_CONNECTED * (name in not_connected) for name in names])
+        rests = FINGERTIP_PATTERN[np.arange(n) % len(FINGERTIP_PATTERN)] * (pattern == "measured")
+        settings: dict[str, Any] = {"family": OLD_CLASS, "no_load": OLD_NO_LOAD_COUNTS} if firmware == "old" else {}
+        settings |= {"kind": TYPE_PALM_OR_TIP} if part == "hand" else {}
         order = np.split(self.layout.wire_order, np.cumsum([len(pads) for pads in feeling])[:-1])
         self.boards: dict[str, Board] = {}
         for start in range(0, n, per_board):
-            own, taxels = slice(start, start + per_board), np.concatenate(order[start : start + per_board])
-            self.boards[f"board {slots[start][0]}"] = Board(
-                slots[start][0],
-                taxels,
-                self.layout.normals[taxels],
-                np.array([number for _, number in slots[own]]),
-                feeling[own],
-                np.array(flags[own]),
-                FINGERTIP_PATTERN[np.arange(start, start + len(flags[own])) % len(FINGERTIP_PATTERN)]
-                if pattern == "measured"
-                else np.zeros(PADS_PER_TRIANGLE, int),
-                OLD_CLASS if firmware == "old" else NEW_CLASS,
-                TYPE_PALM_OR_TIP if part == "hand" else TYPE_TEMPERATURE,
-                OLD_NO_LOAD_COUNTS if firmware == "old" else NO_LOAD_COUNTS,
+            own, (address, _) = slice(start, start + per_board), slots[start]
+            fitted, taxels = np.array([number for _, number in slots[own]]), np.concatenate(order[own])
+            self.boards[f"board {address}"] = Board(
+                address, taxels, self.layout.normals[taxels], fitted, feeling[own], flags[own], rests[own], **settings
             )
         addresses = [*(board.address for board in self.boards.values()), TO_ALL]
         self.ports = (Can(filters=tuple((klass << 8 | each, 0x70F) for klass in (2, 7) for each in addresses)),)
         self.streams = {name: Stream(1e9 / board.period_ns) for name, board in self.boards.items()}
-        self.counts = np.full(len(self.layout), OLD_NO_LOAD_COUNTS if firmware == "old" else NO_LOAD_COUNTS, np.uint8)
+        self.counts = np.full(len(self.layout), self.columns[0].rest, np.uint8)
 
     def measure(self, reading: Reading, t_ns: int) -> Counts:
         """Return each taxel's value, uint8, shape ``(n_taxels,)``: no load less the push; other boards as before."""
@@ -224,43 +216,31 @@ class IcubSkin(Device[CanFrame]):
     def commands(self) -> tuple[Command, ...]:
         """The set-up in the order of the robot's driver, and requests for identity, to the first board."""
         board = next(iter(self.boards.values()))
-        to, known = f"{0x200 | board.address:03X}#", _SET_UP if board.family == NEW_CLASS else _SET_UP[2:]
-        set_up = (
-            Command(name=name, request=to + data, about=about, origin=origin) for name, data, about, origin in known
-        )
-        if board.family == OLD_CLASS:
-            return tuple(set_up)
-        back = f"{board.address:X}0#"
-        version = f"2{back}1C 0B 01 19 00 02 00 "
-        return (
-            *set_up,
-            Command(name="version", request=to + "1C", reply=version + "00", origin=_VERSION, safe=True),
-            Command(
-                name="version, protocol 2.0", request=to + "1C 02 00", reply=version + "01", origin=_VERSION, safe=True
-            ),
-            Command(
-                name="additional information",
-                request=f"70{board.address:X}#0C",
-                reply=[f"7{back}0C {k:02X} ..{{4}}" for k in range(8)],
-                origin=_VERSION,
-            ),
-            Command(
-                name="who is there", request=f"70{board.address:X}#FF", reply=f"7{back}FF 0B 01 19 00", origin=_VERSION
-            ),
-        )
+        b, information = f"{board.address:X}", ", ".join(f"7{board.address:X}0#0C {k:02X} ..{{4}}" for k in range(8))
+        new = command_table(f"""
+            @ {_DRIVER}
+            board set-up         20{b}#4D 00 32 F0           -  compensated, 50 ms, no load 240; clears triangles
+            triangle set-up      20{b}#50 00 0F 02 01 00 22  -  all triangles; recalibrates, stops
+            @ {_VERSION}
+            ? version            20{b}#1C                    2{b}0#1C 0B 01 19 00 02 00 00
+            ? version, protocol 2.0  20{b}#1C 02 00          2{b}0#1C 0B 01 19 00 02 00 01
+            additional information   70{b}#0C                {information}
+            who is there         70{b}#FF                    7{b}0#FF 0B 01 19 00
+        """)
+        every = command_table(f"""
+            @ {_DRIVER}
+            start                20{b}#07 00                 -  two frames per triangle and period from now on
+            stop                 20{b}#07 01
+            @ {_MESSAGES}
+            old board set-up     20{b}#4C 00 00 00           -  obsolete; starts at once
+            old triangle set-up  20{b}#4E 00 00 00           -  obsolete
+        """)
+        return every if board.family == OLD_CLASS else (*new, *every)
 
 
 _VERSION = "icub-firmware@b429921 embot_prot_can.cpp:354, embot_prot_can_bootloader.cpp BROADCAST"
 _DRIVER = "icub-main@24c1a00 CanBusSkin.cpp"
 _MESSAGES = "icub-firmware-shared@62f2818 iCubCanProto_classes.h"
-_SET_UP = (
-    ("board set-up", "4D 00 32 F0", "compensated, 50 ms, no load 240; clears triangles", _DRIVER),
-    ("triangle set-up", "50 00 0F 02 01 00 22", "all triangles; recalibrates, stops", _DRIVER),
-    ("start", "07 00", "two frames per triangle and period from now on", _DRIVER),
-    ("stop", "07 01", "", _DRIVER),
-    ("old board set-up", "4C 00 00 00", "obsolete; starts at once", _MESSAGES),
-    ("old triangle set-up", "4E 00 00 00", "obsolete", _MESSAGES),
-)
 
 
 def _layout(part: str, names: list[str]) -> Layout:
