@@ -53,11 +53,7 @@ class BielefeldGlove(Device):
         assumed timing: 30 scans a second @ tactGlove_main.c (one USB transfer a packet, as fast as the host asks)
     """)
 
-    def __init__(
-        self,
-        *,
-        half_force: HalfForce = 1.0,
-    ):
+    def __init__(self, *, half_force: HalfForce = 1.0):
         self.layout = filled(CHANNELS, 0.08, 0.16, name="glove")
         self.columns = (Column(name="touch", low=0, high=ADC_MAX, push=1),)
         self.half_force = half_force

@@ -89,10 +89,7 @@ class ViTac3d(FlexiTac):
 
     name = "vitac_3d"
     evidence = ("firmware", "driver")
-    sources = (
-        f"{VITAC} arduino_code/MatrixArray.ino loop()",
-        f"{VITAC} python/multi_thread_contact.py",
-    )
+    sources = (f"{VITAC} arduino_code/MatrixArray.ino loop()", f"{VITAC} python/multi_thread_contact.py")
     judge = VITAC
     facts = (
         *(fact for fact in FlexiTac.facts if fact.basis == "assumed"),

@@ -140,8 +140,7 @@ class IcubSkin(Device[CanFrame]):
         no_ack: Annotated[tuple[str, ...], Option("triangles whose chip does not acknowledge, as board.triangle")] = (),
         not_connected: Annotated[tuple[str, ...], Option("unplugged triangles, as board.triangle")] = (),
         pattern: Annotated[
-            Literal["even", "measured"],
-            Option("values at rest: no load, or as measured on the fingertips of a hand"),
+            Literal["even", "measured"], Option("values at rest: no load, or as measured on the fingertips of a hand")
         ] = "even",
     ):
         numbers = HAND_TRIANGLES if part == "hand" else range(TRIANGLES_PER_BOARD)
