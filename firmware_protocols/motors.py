@@ -16,7 +16,7 @@ setpoint, with limited force. A joint that stands still while its motor is at it
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -101,26 +101,32 @@ class Motors:
 
     # -- orders ----------------------------------------------------------------------------------------------------
 
-    def go(self, goals: ArrayLike, t_ns: int) -> None:
-        """Go to these positions from ``t_ns`` on; NaN leaves a joint's order as it is."""
+    def go(self, goals: ArrayLike, t_ns: int, *, at: Any = ...) -> None:
+        """Go to these positions from ``t_ns`` on; NaN leaves a joint's order as it is, and so do joints not ``at``."""
         self._settle(t_ns)
         self._has_order = True
-        goals = np.broadcast_to(np.asarray(goals, float), self.goals.shape)
+        goals = self._of(goals, at)
         given = ~np.isnan(goals)
         self._driven = np.where(given, np.nan, self._driven)
         self.stalled = self.stalled & ~given
         self.goals = np.where(given, np.clip(goals, self.low, self.high), self.goals)
         self._force_orders = np.where(given, np.nan, self._force_orders)
 
-    def drive(self, speeds: ArrayLike, t_ns: int) -> None:
-        """Move at these speeds until the stops; NaN leaves a joint's order as it is."""
+    def drive(self, speeds: ArrayLike, t_ns: int, *, at: Any = ...) -> None:
+        """Move at these speeds until the stops; NaN leaves a joint's order as it is, and so do joints not ``at``."""
         self._settle(t_ns)
         self._has_order = True
-        speeds = np.broadcast_to(np.asarray(speeds, float), self.goals.shape)
+        speeds = self._of(speeds, at)
         self.stalled = self.stalled & np.isnan(speeds)
         self._driven = np.where(np.isnan(speeds), self._driven, np.clip(speeds, -self._speed_limit, self._speed_limit))
         self.goals = np.where(np.isnan(speeds), self.goals, np.where(speeds > 0, self.high, self.low))
         self._force_orders = np.where(np.isnan(speeds), self._force_orders, np.nan)
+
+    def _of(self, values: ArrayLike, at: Any) -> np.ndarray:
+        """Return these values for the joints ``at`` an index, and NaN for all others."""
+        found = np.full(self.goals.shape, np.nan)
+        found[at] = values
+        return found
 
     def hold(self, t_ns: int) -> None:
         """Stay at the current positions; in an engine, at the current setpoints."""

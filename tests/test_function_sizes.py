@@ -20,7 +20,6 @@ FACES = {
     "tactemu/cli/running.py::run": "as above",
     "tactemu/cli/scenes.py::dataset": "as above",
     "tactemu/sensors/pose_input.py::bind_poses": "public: each array of another simulator is a keyword",
-    "firmware_protocols/devices/icub_skin.py::__init__": "each option of a device is a parameter of its class",
     "firmware_protocols/devices/inspire_rh56dftp.py::__init__": "as above",
     "firmware_protocols/framing.py::__init__": "public: a device's author gives each part of its packets by keyword",
     "firmware_protocols/motors.py::__init__": "public: a device's author gives each figure of its joints by keyword",

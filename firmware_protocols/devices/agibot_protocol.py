@@ -159,9 +159,7 @@ class AgibotOmniHand(Device[CanFrame]):
             return
         numbers = np.frombuffer(order, kind, n)
         if message == POSITION:
-            goals = np.full(len(self.joint_names), np.nan)
-            goals[joints] = numbers
-            self.motors.go(goals, t_ns)
+            self.motors.go(numbers, t_ns, at=joints)
         elif message in REPORTS:
             self.periods_ms[message][joints] = numbers
             self.due_ns[message] = t_ns + self._period_ns(message)

@@ -207,9 +207,8 @@ class AllegroV5Sense(Device[CanFrame]):
         self._go(POSITIONS.index(request.id), request)
 
     def _go(self, finger: int, request: Request) -> None:
-        goals = np.full(16, np.nan)
-        goals[4 * finger :][:4] = request.values + self.rest[4 * finger :][:4]
-        self.motors.go(goals, request.t_ns)
+        own = slice(4 * finger, 4 * finger + 4)
+        self.motors.go(request.values + self.rest[own], request.t_ns, at=own)
 
     @command("22C#0000000000000000", name="gravity")
     @command("1A0#810000000000", name="device number", origin=SOCKET)

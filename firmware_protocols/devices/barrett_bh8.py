@@ -229,22 +229,20 @@ class BarrettBh8(Device[CanFrame]):
     def _move(self, puck: int, number: int, value: int, t_ns: int) -> None:
         """Move the motor as a written property orders."""
         values, motor = self.values[puck], puck - min(PUCKS)
-        here, orders = self.motors.positions(t_ns)[motor], np.full(4, np.nan)
-        if number == MODE and value == VELOCITY:
-            orders[motor] = 1000.0 * values[V]
-            self.motors.drive(orders, t_ns)
-            return
+        here, goal = self.motors.positions(t_ns)[motor], None
         commands = {HI: 0, CLOSE: values[CT], OPEN: values[OT], MOVE: values[DP]}
         commands |= {CLOSE_STEP: here + values[DS], OPEN_STEP: here - values[DS]}
-        if number == MODE:
-            orders[motor] = values[E] if value == TRAPEZOIDAL else here
+        if number == MODE and value == VELOCITY:
+            self.motors.drive(1000.0 * values[V], t_ns, at=motor)
+        elif number == MODE:
+            goal = values[E] if value == TRAPEZOIDAL else here
         elif number == M or (number == CMD and value in commands):
-            orders[motor] = value if number == M else commands[value]
+            goal = value if number == M else commands[value]
             values[MODE] = TRAPEZOIDAL
         elif number == P and values[MODE] == PID:
-            orders[motor] = value
-        if not np.isnan(orders[motor]):
-            self.motors.go(orders, t_ns)
+            goal = value
+        if goal is not None:
+            self.motors.go(goal, t_ns, at=motor)
 
     def _taxels(self, puck: int) -> slice:
         return self.layout.patches[puck - min(PUCKS)].taxels

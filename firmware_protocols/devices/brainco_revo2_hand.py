@@ -246,22 +246,19 @@ class Revo2(Device[Any]):
         numbers, n, one = np.array(self.registers.all(name), float), N_MOTORS, name.startswith("one_")
         if one and not 1 <= numbers[0] <= n:
             return
-        first, second = np.full(n, np.nan), np.full(n, np.nan)
-        at = int(numbers[0]) - 1 if one else slice(None)
-        first[at] = numbers[1] if one else numbers[:n]
-        if name.endswith("by_percent"):
-            first *= 10
+        at, first, second = slice(None), numbers[:n], numbers[n:]
+        if one:
+            at, first, second = slice(int(numbers[0]) - 1, int(numbers[0])), numbers[1:2], numbers[2:]
         if not name.endswith(("by_time", "by_speed", "by_percent")):
-            self.motors.drive(first, t_ns)
+            self.motors.drive(first, t_ns, at=at)
             return
-        limits = np.full(n, 2000.0)
-        if len(numbers) > (2 if one else n):
-            second[at] = numbers[2] if one else numbers[n:]
-            way = np.abs(first - self.motors.positions(t_ns)) if name.endswith("by_time") else second
-            time = np.maximum(second, 1) / 1000 if name.endswith("by_time") else 1.0
-            limits = np.where(np.isnan(second), limits, np.maximum(way / time, 1.0))
+        goals, limits = first * (10 if name == "by_percent" else 1), np.full(n, 2000.0)
+        if name.endswith("by_time"):
+            second = np.abs(goals - self.motors.positions(t_ns)[at]) / np.maximum(second, 1) * 1000
+        if len(second):
+            limits[at] = np.maximum(second, 1.0)
         self.motors.limit_speed(limits, t_ns)
-        self.motors.go(first, t_ns)
+        self.motors.go(goals, t_ns, at=at)
 
     def _restarted(self, sent: Sequence[Any]) -> list[Any]:
         """Return ``sent``, followed by the restart if one was ordered."""

@@ -196,10 +196,8 @@ class DexrobotDexHand(Device[CanFrame]):
         two = slice(2 * board, 2 * board + 2)
         if order["mode"] in (*ANGLES, *HALL_COUNTS):
             enabled = [bool(order["enabled"] & bit) for bit in (1, 2)]
-            goals = np.full(len(JOINTS), np.nan)
             per_degree = 100.0 if order["mode"] in ANGLES else COUNTS_PER_DEGREE[two]
-            goals[two] = np.where(enabled, order["goals"] / per_degree, np.nan)
-            self.motors.go(goals, request.t_ns)
+            self.motors.go(np.where(enabled, order["goals"] / per_degree, np.nan), request.t_ns, at=two)
         return [self._feedback(board, request.t_ns)] if self.modes[board] == WHEN_ASKED else ()
 
     @command(on=SET_UP, data="2s*")

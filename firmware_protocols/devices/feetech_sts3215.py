@@ -201,17 +201,15 @@ class Servo:
         limits[self.index] = min(abs(get("goal_speed")) or top, top)
         self.arm.limits = limits
         motors.limit_speed(limits, t_ns)
-        order = np.full(len(limits), np.nan)
         if get("torque") == HOLDING and get("mode") in (SPEED, PWM):
-            order[self.index] = get("goal_speed") if get("mode") == SPEED else get("pwm") / 1000 * top
-            motors.drive(order, t_ns)
+            speed = get("goal_speed") if get("mode") == SPEED else get("pwm") / 1000 * top
+            motors.drive(speed, t_ns, at=self.index)
             return
         here = motors.positions(t_ns)[self.index]
         if get("torque") == HOLDING and get("mode") == POSITION:
             goal = min(max(get("goal"), get("low")), get("high")) if get("low") < get("high") else get("goal")
             here = here + goal - self.position(t_ns)
-        order[self.index] = here
-        motors.go(order, t_ns)
+        motors.go(here, t_ns, at=self.index)
 
 
 _READ = "lerobot 0.4.4 motors/feetech/, robots/so_follower/; feetech-servo-sdk 1.0.0; the vendor's memory table"

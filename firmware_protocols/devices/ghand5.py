@@ -226,9 +226,7 @@ class GHand5(Device):
         elif "orders" in written and self.holding["mode"] == 0:
             orders, first, end = self._orders(), max(address - 34, 0) // 4, (address + len(data) - 34 + 3) // 4
             self.motors.limit_speed(FULL_SPEED_DEG_PER_S * np.abs(orders["speed"]) / 100, t_ns)
-            goals = np.full(len(DRIVEN_JOINTS), np.nan)
-            goals[first:end] = orders["angle"][first:end] / 10
-            self.motors.go(goals, t_ns)
+            self.motors.go(orders["angle"][first:end] / 10, t_ns, at=slice(first, end))
         self.holding.reset("stop", "initialise", "touch")
         return written
 
