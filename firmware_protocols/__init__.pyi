@@ -80,11 +80,13 @@ from firmware_protocols.senses import Sense as Sense
 from firmware_protocols.senses import Stream as Stream
 from firmware_protocols.senses import xyz as xyz
 from firmware_protocols.stuffing import Cobs as Cobs
+from firmware_protocols.stuffing import Dle as Dle
 from firmware_protocols.stuffing import Lines as Lines
 from firmware_protocols.stuffing import Ppp as Ppp
 from firmware_protocols.stuffing import Stuffed as Stuffed
 from firmware_protocols.stuffing import Stuffing as Stuffing
 from firmware_protocols.stuffing import cobs as cobs
+from firmware_protocols.stuffing import dle as dle
 from firmware_protocols.stuffing import ppp as ppp
 from firmware_protocols.table_lines import Identifier as Identifier
 from firmware_protocols.table_lines import TableError as TableError

@@ -16,7 +16,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-from firmware_protocols.framing import Cutter
+from firmware_protocols.framing import MORE, SOUND, Broken, Cutter, Packets
+from firmware_protocols.sums import xor8
 from firmware_protocols.tables import Frame
 
 
@@ -136,6 +137,49 @@ def cobs(content: bytes) -> bytes:
             block = block[254:]
         out += bytes([len(block) + 1]) + block
     return bytes(out) + b"\0"
+
+
+class Dle(Packets):
+    """A cutter of frames DLE STX, content, DLE ETX, check, as in JIS X 5002: a DLE in the content is sent twice.
+
+    The check is the exclusive or of content and ETX.
+
+    Args:
+        table, by, broken: the table of a content, and further arguments of ``Packets``.
+        counters: the device's.
+    """
+
+    def __init__(self, table: Frame | None = None, *, by: str = "", counters: Counter[str], broken: bool = False):
+        super().__init__(b"\x10\x02", _dle_size, _dle_check, by=by, counters=counters, broken=broken, longest=512)
+        self.table = table
+
+    def take(self) -> bytes | None:
+        """Return the next content."""
+        packet = super().take()
+        return packet if packet is None or isinstance(packet, Broken) else self.content(packet)
+
+    def content(self, frame: bytes) -> bytes:
+        """Return the content of a frame."""
+        return frame[2:-3].replace(b"\x10\x10", b"\x10")
+
+
+def _dle_size(data: bytes) -> int | str:
+    """Return the length of a frame: up to the first DLE that is not doubled, ETX and check."""
+    inside = re.match(rb"\x10\x02(?:[^\x10]|\x10\x10)*", data, re.DOTALL)
+    size = (inside.end() if inside else 0) + 3
+    if not b"\x10\x03".startswith(data[size - 3 : size - 1]):
+        return "broken_frames"
+    return size if len(data) >= size else MORE
+
+
+def _dle_check(packet: bytes) -> str:
+    return SOUND if xor8(packet[2:-3].replace(b"\x10\x10", b"\x10") + b"\x03") == packet[-1] else "bad_checksum"
+
+
+def dle(content: bytes) -> bytes:
+    """Return ``content`` as a frame of :class:`Dle`."""
+    doubled = content.replace(b"\x10", b"\x10\x10")
+    return b"\x10\x02" + doubled + b"\x10\x03" + bytes([xor8(content + b"\x03")])
 
 
 @dataclass(frozen=True)
