@@ -94,6 +94,8 @@ class Udp(Connector):
 
     is_framed = True
     port: int
+    is_of_host: bool = False
+    """True if the port is one of the host, where its driver listens: the device sends there unasked."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -25,6 +25,7 @@ TRANSPORTS: dict[str, str] = {
     "socketcand": "tactemu.transports.socketcand:SocketcandTransport",
     "tcp": "tactemu.transports.tcp:TcpTransport",
     "udp": "tactemu.transports.udp:UdpTransport",
+    "udpto": "tactemu.transports.udp_to:UdpToTransport",
     "usbip": "tactemu.transports.usbip:UsbIpTransport",
     "ws": "tactemu.transports.ws:WebSocketTransport [websocket]",
 }

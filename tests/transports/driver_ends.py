@@ -234,6 +234,7 @@ DRIVERS = {
     "ws": [("ws:0", WebSocketEnd), ("ws:[::1]:0", WebSocketEnd)],
     "dds": [("dds:71", DdsEnd), ("dds:lo:72/rt/elsewhere", DdsEnd)],
     "udp": [("udp:0", UdpEnd), ("udp:[::1]:0", UdpEnd)],
+    "udpto": [],  # it receives nothing: test_udp_to.py
     "slcan": [("slcan:{tmp}/can", SlcanEnd)],
     "socketcand": [("socketcand:0", SocketcandEnd)],
     "serial": [],  # a real port: test_serial_port.py

@@ -50,9 +50,20 @@ class UdpLine(NetworkLine, connector=Udp):
 
     kind = "udp"
     title = "UDP"
-    schemes = ("udp",)
+    schemes = ("udp", "udpto")
     likely_faults = ("truncate", "reorder", "stray", "silence")
     is_byte_stream = False
+
+    def usual_port(self, name: str) -> str:
+        """Return the device's own port number on this machine, or its driver's."""
+        return self._to_host(super().usual_port(name))
+
+    def fresh_port(self, name: str) -> str:
+        """Return the address of any free port."""
+        return self._to_host(super().fresh_port(name))
+
+    def _to_host(self, port: str) -> str:
+        return port.replace("udp:", "udpto:") if self.connector.is_of_host else port
 
 
 class WebSocketLine(NetworkLine, connector=WebSocket):

@@ -1,0 +1,91 @@
+"""``udpto:HOST:PORT``: datagrams to a driver that listens on this address and sends none.
+
+``udpto:PORT`` is a port of this machine, on loopback; port 0 takes a free one, on which the driver then has to listen.
+The port counts as opened all the time, as UDP has no connection, and what comes back is discarded.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import socket
+from typing import Any
+
+from firmware_protocols import WireFrame
+from tactemu.base.errors import TransportError
+from tactemu.transports import inet
+from tactemu.transports.forks import close_in_children
+from tactemu.transports.transport import Event, Transport
+
+_MAX_DISCARDED_PER_POLL = 32
+"""Maximum number of datagrams that one poll discards."""
+
+
+class UdpToTransport(Transport):
+    """A UDP socket that sends to a given address."""
+
+    scheme = "udpto"
+
+    def __init__(self, location: str):
+        self.host, self.port = inet.parse(self.scheme, location)
+        self.address = f"udp://{inet.join(self.host, self.port)}"
+        self._socket: socket.socket | None = None
+        self._peer: Any = None
+        """The address of the driver."""
+
+    def open(self) -> None:
+        """Find the address to send to.
+
+        Raises:
+            TransportError: there is no such host, or no free port.
+        """
+        if self._socket is not None:
+            return
+        try:
+            family, self._peer = inet.resolve(self.host, self.port, socket.SOCK_DGRAM)
+            if not self.port:
+                with socket.socket(family, socket.SOCK_DGRAM) as free:
+                    free.bind(self._peer)
+                    self._peer = free.getsockname()
+            self._socket = socket.socket(family, socket.SOCK_DGRAM)
+        except OSError as error:
+            where = inet.join(self.host, self.port)
+            raise TransportError(f"cannot send to {where}: {error.strerror}; choose another address") from None
+        self._socket.setblocking(False)
+        close_in_children(self)
+        self.port = self._peer[1]
+        self.address = f"udp://{inet.join(self.host, self.port)}"
+
+    def close(self) -> None:
+        """Close the socket."""
+        if self._socket is not None:
+            self._socket.close()
+        self._socket = None
+
+    def filenos(self, reading: bool = True) -> list[int]:
+        """Return the socket."""
+        return [self._socket.fileno()] if self._socket is not None else []
+
+    def poll(self, reading: bool = True) -> list[Event]:
+        """Discard what comes back."""
+        if self._socket is not None:
+            with contextlib.suppress(OSError):  # nothing is there
+                for _ in range(_MAX_DISCARDED_PER_POLL):
+                    self._socket.recv(0)
+        return []
+
+    def write(self, frame: WireFrame) -> bool:
+        """Send one datagram, whether or not a driver listens; ``False`` where it is too long."""
+        if not isinstance(frame, bytes):
+            raise TransportError(f"UDP cannot carry the CAN frame {frame}")
+        if self._socket is None:
+            return False
+        try:
+            self._socket.sendto(frame, self._peer)
+        except OSError:
+            return False
+        return True
+
+    @property
+    def has_reader(self) -> bool:
+        """True while it is open."""
+        return self._socket is not None
