@@ -78,6 +78,7 @@ from firmware_protocols.senses import Reading as Reading
 from firmware_protocols.senses import Rollover as Rollover
 from firmware_protocols.senses import Sense as Sense
 from firmware_protocols.senses import Stream as Stream
+from firmware_protocols.senses import wrench as wrench
 from firmware_protocols.senses import xyz as xyz
 from firmware_protocols.stuffing import Cobs as Cobs
 from firmware_protocols.stuffing import Dle as Dle

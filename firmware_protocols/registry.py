@@ -44,6 +44,7 @@ DEVICES: dict[str, str] = {
     "ghand5": f"{_HERE}.ghand5:GHand5",
     "icub_skin": f"{_HERE}.icub_skin:IcubSkin",
     "inspire_rh56dftp": f"{_HERE}.inspire_rh56dftp:InspireRh56dftp",
+    "kunwei_kwr75": f"{_HERE}.kunwei_kwr75:KunweiKwr75",
     "leptrino_cfs": f"{_HERE}.leptrino_cfs:LeptrinoCfs",
     "linker_hand_g20": f"{_HERE}.linker_hand:LinkerHandG20",
     "linker_hand_l10": f"{_HERE}.linker_hand:LinkerHandL10",

@@ -134,6 +134,24 @@ def xyz(names: str, *, push: Literal[-1, 0, 1] = 0, **each: Any) -> tuple[Column
     return x, y, z
 
 
+def wrench(names: str, *, per_unit: tuple[float, float], **each: Any) -> tuple[Column, ...]:
+    """Return the columns of a force [N] and a torque [Nm], with names such as ``"Fx Fy Fz Tx Ty Tz"``.
+
+    Args:
+        names: their names, with spaces between them.
+        per_unit: the counts per newton, and per newton metre.
+        each: further fields of :class:`Column`, one value for all or one for each of the six.
+    """
+    halves = [
+        {name: value if np.ndim(value) == 0 else value[k : k + 3] for name, value in each.items()} for k in (0, 3)
+    ]
+    words = names.split()
+    return (
+        *xyz(" ".join(words[:3]), unit="N", counts_per_unit=per_unit[0], **halves[0]),
+        *xyz(" ".join(words[3:]), unit="Nm", counts_per_unit=per_unit[1], **halves[1]),
+    )
+
+
 @dataclass(frozen=True, kw_only=True)
 class Rollover:
     """A counter or clock on the wire that starts again at 0 when it is full."""

@@ -27,7 +27,7 @@ import numpy as np
 
 from firmware_protocols import (
     Device, Dle, Frame, LowPass, Option, Request, Sense, Serial, Tool, Transmissions, command, dle, fact_table, one_of,
-    points, xyz,
+    points, wrench,
 )  # fmt: skip
 
 REQUEST = Frame("""
@@ -107,10 +107,8 @@ class LeptrinoCfs(Device):
         serial_number: Annotated[str, Option("8 digits")] = "00000001",
     ):
         self.layout = points({"tool": tool})
-        self.columns = (
-            *xyz("Fx Fy Fz", unit="N", counts_per_unit=RATED / rated_force, low=-MOST, high=MOST),
-            *xyz("Mx My Mz", unit="Nm", counts_per_unit=RATED / rated_torque, low=-MOST, high=MOST),
-        )
+        per_unit = (RATED / rated_force, RATED / rated_torque)
+        self.columns = wrench("Fx Fy Fz Mx My Mz", per_unit=per_unit, low=-MOST, high=MOST)
         self.rated = struct.pack("<6f", *[rated_force] * 3, *[rated_torque] * 3)
         self.identity = IDENTITY.pack(
             model=model.encode("ascii").ljust(16), serial=serial_number.encode("ascii").ljust(8), firmware=b"1.00"

@@ -31,7 +31,7 @@ import numpy as np
 
 from firmware_protocols import (
     Device, Frame, LowPass, Option, Packets, Refused, Request, Sense, Serial, Tool, Transmissions,
-    command, fact_table, points, xyz,
+    command, fact_table, points, wrench,
 )  # fmt: skip
 
 REQUEST = Frame("""
@@ -113,10 +113,7 @@ class RobotousRft(Device):
         self.ports, self.rate_hz = (Serial(baud=BAUDS[self.baud]),), float(RATES_HZ[self.flash["rate"]])
         self.low_pass, self.streaming = LowPass(CUTOFFS_HZ[self.flash["filter"][1]]), False
         torque_scale = 1000 if model[:4] == "RFT8" else 2000
-        self.columns = (
-            *xyz("Fx Fy Fz", unit="N", counts_per_unit=50, low=-0x8000, high=0x7FFF),
-            *xyz("Tx Ty Tz", unit="Nm", counts_per_unit=torque_scale, low=-0x8000, high=0x7FFF),
-        )
+        self.columns = wrench("Fx Fy Fz Tx Ty Tz", per_unit=(50, torque_scale), low=-0x8000, high=0x7FFF)
         self.packets = Packets(REQUEST, by="command", counters=self.counters)
         self.packets.others = "refused"
         across, along, torque = RATED[model[:5]]
