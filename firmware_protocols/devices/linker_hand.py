@@ -58,7 +58,8 @@ from typing import Annotated, ClassVar, Literal
 
 from firmware_protocols import Option, assumed, fact_table, stated
 from firmware_protocols.devices.linker_hand_base import (
-    JOINT_STROKES_RAD, OVERLOAD_SHARE, STRENGTH_NM, STROKE_S, TABLE, HasPalm, LinkerHand, SerialNumber, Side, TouchKind,
+    JOINT_STROKES_RAD, OVERLOAD_SHARE, PYTHON, ROS2, SDKS, STRENGTH_NM, STROKE_S, TABLE, HasPalm, LinkerHand,
+    SerialNumber, Side, TouchKind,
 )  # fmt: skip
 from firmware_protocols.devices.linker_hand_joints import (
     BY_TABLE, SIX_JOINTS, TEN_JOINTS, TWENTY_JOINTS, Views, joint_view,
@@ -70,20 +71,8 @@ from firmware_protocols.devices.linker_hand_touch import (
 Shown = Annotated[
     Literal["present", "set"], Option("what speeds and torques answer: the present values, or the limits set")
 ]
-SOURCES = (
-    "linkerbot 0.5.4 hand/{l6,o6}/force_sensor.py, version.py, comm/can/can.py",
-    "linkerbot 0.5.4 hand/l20lite (ten joints, like the L10), hand/l25 (joints by finger)",
-    "linker-bot/linkerhand-python-sdk@b371361 LinkerHand/core/can/linker_hand_{l6,l10,o6,l20,l25,g20}_can.py",
-    "linker-bot/linkerhand-ros2-sdk@bba0b9d LinkerHand/core/can/L20_V10_V11-..._V1.0.5.xlsx, linker_hand_*_can.py",
-    "linker-bot/linkerhand-cpp-sdk@a0100cf docs/API-Reference.md; its library as a driver",
-)
-
 READ = "linkerhand-python-sdk@b371361 and -ros2-sdk@bba0b9d core/can, doc; linkerbot 0.5.4 hand; the vendor's table"
 """The files that were read for what is assumed."""
-ROS2 = "linkerhand-ros2-sdk@bba0b9d"
-PYTHON = "linkerhand-python-sdk@b371361"
-SDKS = f"linkerbot 0.5.4, linker-bot/{PYTHON}, linker-bot/linkerhand-cpp-sdk@a0100cf"
-JUDGES = f"{SDKS}, linker-bot/{ROS2}"
 L21_TOPIC = f"{ROS2} doc/Topic-Reference.md:140, what an L21 published"
 FACTS = fact_table(f"""
     stated touch: raw 0..255, more under more force @ {TABLE} G70
@@ -156,8 +145,6 @@ class LinkerHandL6(LinkerHand):
 
     name = "linker_hand_l6"
     title = "LinkerHand L6, 5 fingertips 12x6"
-    sources = SOURCES
-    judge = JUDGES
     facts = (*FACTS, *OLDER_FACTS, *MOTOR_FACTS)
     model = "L6"
     views = {**SIX_JOINTS, 0x83: joint_view("faults", 6, access="clear")._replace(name="faults of 83")}
@@ -168,8 +155,6 @@ class LinkerHandL10(LinkerHand):
 
     name = "linker_hand_l10"
     title = "LinkerHand L10, 5 fingertips 12x6"
-    sources = SOURCES
-    judge = JUDGES
     model = "L10"
     palms = {}
     has_motors = False
@@ -192,8 +177,6 @@ class LinkerHandO6(LinkerHand):
 
     name = "linker_hand_o6"
     title = "LinkerHand O6, 5 fingertips 10x4"
-    sources = SOURCES
-    judge = JUDGES
     facts = (*FACTS, *OLDER_FACTS, *MOTOR_FACTS)
     model = "O6"
     sensor = "10x4"
@@ -205,8 +188,6 @@ class TableHand(LinkerHand):
     """A hand of the vendor's table: commands for joints of all fingers, of one finger, or for merged fingers."""
 
     evidence = ("vendor document", "driver")
-    sources = SOURCES
-    judge = JUDGES
     facts = (*FACTS, *TABLE_FACTS)
     degrees_of_freedom = 0
     pcb_echoes = False
@@ -275,7 +256,6 @@ class LinkerHandL20(LinkerHand):
 
     name = "linker_hand_l20"
     title = "LinkerHand L20, 5 fingertips 12x6"
-    sources = SOURCES
     judge = SDKS
     model = "L20"
     facts = (*FACTS, *L20_FACTS, *TABLE_FACTS)

@@ -11,7 +11,7 @@ from typing import Annotated, ClassVar, Literal
 import numpy as np
 
 from firmware_protocols import (
-    Can, CanFrame, Column, Command, Counts, Device, Motors, Option, Reading, Transmissions, quantize,
+    Can, CanFrame, Column, Command, Counts, Device, Motors, Option, Reading, Transmissions, command_table, quantize,
 )  # fmt: skip
 from firmware_protocols.devices.linker_hand_joints import (
     AT_POWER_UP, MAX_JOINTS, MOTION, SIX_JOINTS, USED_JOINTS, View, Views,
@@ -36,9 +36,19 @@ OLDER_VERSIONS = b"\x24\x11\x00"
 """The versions in the older identity: software 2.4, hardware 1.1, revision."""
 VALUES_PER_FRAME = 5
 """The number of matrix values in a frame that gives their start."""
-TABLE = "linkerhand-ros2-sdk@bba0b9d core/can/L20_V10_V11-..._V1.0.5.xlsx"
-SDK = "linkerhand-python-sdk@b371361"
+ROS2 = "linkerhand-ros2-sdk@bba0b9d"
+PYTHON = "linkerhand-python-sdk@b371361"
 LINKERBOT = "linkerbot 0.5.4"
+CPP = "linkerhand-cpp-sdk@a0100cf"
+TABLE = f"{ROS2} core/can/L20_V10_V11-..._V1.0.5.xlsx"
+SDKS = f"{LINKERBOT}, linker-bot/{PYTHON}, linker-bot/{CPP}"
+SOURCES = (
+    f"{LINKERBOT} hand/{{l6,o6}}/force_sensor.py, version.py, comm/can/can.py",
+    f"{LINKERBOT} hand/l20lite (ten joints, like the L10), hand/l25 (joints by finger)",
+    f"linker-bot/{PYTHON} LinkerHand/core/can/linker_hand_{{l6,l10,o6,l20,l25,g20}}_can.py",
+    f"linker-bot/{ROS2} LinkerHand/core/can/L20_V10_V11-..._V1.0.5.xlsx, linker_hand_*_can.py",
+    f"linker-bot/{CPP} docs/API-Reference.md; its library as a driver",
+)
 
 Side = Annotated[Literal["left", "right"], Option("which hand; sets the id")]
 TouchKind = Annotated[
@@ -54,9 +64,12 @@ SerialNumber = Annotated[
 class LinkerHand(Device[CanFrame]):
     """A hand of five fingertips, which each answer a request with their matrix."""
 
-    columns = (Column(name="touch", low=0, high=255, push=1),)
+    columns = (Column(name="touch", low=0, high=255, assumed_per_unit=COUNTS_PER_NEWTON, push=1),)
     evidence = ("driver",)
     kind = "hand"
+    sources = SOURCES
+    judge = f"{SDKS}, linker-bot/{ROS2}"
+    documented_with = None
     model: ClassVar[str]
     sensor: ClassVar[str] = "12x6"
     """The key of its own touch sensor."""
@@ -131,11 +144,10 @@ class LinkerHand(Device[CanFrame]):
             )  # fmt: skip
 
     def measure(self, reading: Reading, t_ns: int) -> Counts:
-        """Return raw counts 0..255 of the normal force on each taxel, uint8, shape ``(n_taxels,)``."""
+        """Return raw counts 0..255 of the normal force on each taxel, shape ``(n_taxels,)``."""
         tips = self.layout.to_taxel_frame(reading["force"])[: len(FINGERS) * np.prod(self.touch.finger)]
-        self.counts = quantize(self.layout.push(reading["force"]), COUNTS_PER_NEWTON, 0, 255).astype(np.uint8)
-        self.quantities = four_quantities(tips.reshape(len(FINGERS), -1, 3).sum(axis=1))
-        return self.counts
+        self.tip_forces = tips.reshape(len(FINGERS), -1, 3).sum(axis=1)
+        return super().measure(reading, t_ns)
 
     def receive(self, data: CanFrame, t_ns: int, port: str) -> Transmissions[CanFrame]:
         """Answer one request frame; frames for other hands, and undocumented ones, get no answer."""
@@ -164,7 +176,7 @@ class LinkerHand(Device[CanFrame]):
             case _ if 0 <= part <= PALM_PART:
                 return self._matrix(part, payload)
             case _, b"" if 0 <= quantity < len(QUANTITIES):
-                return [] if self.has_matrix else [self.quantities[quantity].tobytes()]
+                return [] if self.has_matrix else [four_quantities(self.tip_forces)[quantity].tobytes()]
             case 0xB0, b"":
                 return [bytes([self.touch.number])]
             case 0xC0, b"":
@@ -188,13 +200,11 @@ class LinkerHand(Device[CanFrame]):
 
     def _matrix(self, part: int, payload: bytes) -> list[bytes] | None:
         """Return the matrix of one sample, so that all rows are of the same time."""
-        size, parts = self.touch.finger, self.touch.finger_parts
-        if part == PALM_PART:
-            size, parts = self.touch.palm, self.touch.palm_parts
-        if not self.has_matrix or not any(size):
+        (rows, columns), parts = self.touch.part(part)
+        if not self.has_matrix or not rows:
             return None
-        matrix = self.layout.on_wire(self.counts)[self.layout.patches[part].taxels].reshape(size)
-        rows, columns = size
+        matrix = self.layout.on_wire(self.counts.astype(np.uint8))[self.layout.patches[part].taxels]
+        matrix = matrix.reshape(rows, columns)
         if not payload:
             return [sums(matrix, (rows,))]
         if not parts and part != PALM_PART:
@@ -265,63 +275,48 @@ class LinkerHand(Device[CanFrame]):
     @property
     def commands(self) -> tuple[Command, ...]:
         """Requests for identity, joints, and matrices or quantities."""
-        to, touch = f"{self.arbitration_id:03X}#", self.touch
-        source = TABLE if self.in_table else SDK
-
-        def command(name: str, request: str, *replies: str, origin: str = source) -> Command:
-            answers = [to + reply for reply in replies]
-            reads = bool(answers) and not name.startswith(("set", "clear", "forget")) and name != "id"
-            return Command(name=name, request=to + request, reply=answers or None, origin=origin, safe=reads)
-
-        listed = [
-            command("serial number", "C0", *(f"C0 {k * self.serial_step:02X} *" for k in range(4))),
-            *(command(f"{what} version", f"{code:02X}", f"{code:02X} {self.versions[code].hex(' ')}", origin=LINKERBOT)
-              for code, what in ((0xC1, "PCB"), (0xC2, "firmware"), (0xC4, "mechanical"))),
-            command("touch sensor", "B0", f"B0 {touch.number:02X}"),
-        ]  # fmt: skip
-        if self.degrees_of_freedom:
-            listed.append(command("identity (older)", "64", f"64 {self.degrees_of_freedom:02X} 06 16 .. 24 11 00"))
+        rows = [f"@ {LINKERBOT}"]
+        for code, what in ((0xC1, "PCB"), (0xC2, "firmware"), (0xC4, "mechanical")):
+            rows.append(f"? {what} version  {code:02X}  {code:02X} {self.versions[code].hex()}")
         if self.pcb_echoes:
-            listed.append(command("PCB version with 01", "C1 01", "C1 01 01 00 04", origin=LINKERBOT))
+            rows.append("? PCB version with 01  C1 01  C1 01 01 00 04")
+        rows += [
+            f"@ {TABLE if self.in_table else PYTHON}",
+            "? serial number  C0  " + ", ".join(f"C0 {k * self.serial_step:02X} *" for k in range(4)),
+            f"? touch sensor  B0  B0 {self.touch.number:02X}",
+        ]
+        if self.degrees_of_freedom:
+            rows.append(f"? identity (older)  64  64 {self.degrees_of_freedom:02X} 06 16 .. 24 11 00")
         if self.has_id:
-            listed.append(command("id", "C3", f"C3 {self.arbitration_id:02X}"))
+            rows.append(f"id  C3  C3 {self.arbitration_id:02X}")
         if self.in_table:
-            listed.append(command("forget the calibration", "CD", "CD 72 65 73 74 61 72 74"))
-            listed.append(Command(name="id, asked of all", request="0FF#C3", reply=f"{to}C3..", origin=TABLE))
+            rows.append("forget the calibration  CD  CD 72 65 73 74 61 72 74")
         for code, view in self.views.items():
-            n = len(view.groups)
-            answer = f"{code:02X} ..{{{n}}}"
-            answers = [answer] if view.answers else []
-            listed.append(command(view.name, f"{code:02X}", *answers))
-            if view.access:
-                verb, byte = ("set", " 40") if view.access == "set" else ("clear", " 01")
-                listed.append(command(f"{verb} {view.name} by {code:02X}", f"{code:02X}" + n * byte, *answers))
+            rows += view.commands(code)
         for code, others in self.together.items():
-            answers = [f"{other:02X} ..{{{len(self.views[other].groups)}}}" for other in others]
-            listed.append(command("all of these", f"{code:02X}", *answers))
+            answers = ", ".join(self.views[other].answer(other) for other in others)
+            rows.append(f"? all of these  {code:02X}  {answers}")
         for k, quantity in enumerate(QUANTITIES, self.first_quantity):
-            answers = [] if self.has_matrix else [f"{k:02X} ..{{5}}"]
-            listed.append(command(quantity, f"{k:02X}", *answers))
+            rows.append(f"{quantity}  {k:02X}" if self.has_matrix else f"? {quantity}  {k:02X}  {k:02X} ..{{5}}")
         if self.has_matrix:
-            listed += [
-                command(*each) for part in range(PALM_PART + any(touch.palm)) for each in self._matrix_commands(part)
-            ]
-        return tuple(listed)
+            for part in range(PALM_PART + any(self.touch.palm)):
+                rows += self._matrix_commands(part)
+        to = f"{self.arbitration_id:03X}#"
+        to_all = Command(name="id, asked of all", request="0FF#C3", reply=f"{to}C3..", origin=TABLE)
+        return (*command_table("\n".join(rows), head=to), *[to_all] * self.in_table)
 
-    def _matrix_commands(self, part: int) -> list[tuple[str, ...]]:
-        """Return name, request and answers of each request for one matrix."""
+    def _matrix_commands(self, part: int) -> list[str]:
+        """Return the rows of requests for one matrix."""
         name, code = (*FINGERS, "palm")[part], f"{FIRST_MATRIX_COMMAND + part:02X}"
-        (rows, columns), parts = self.touch.finger, self.touch.finger_parts
-        if part == PALM_PART:
-            (rows, columns), parts = self.touch.palm, self.touch.palm_parts
-        probe = f"sum of the {name}", code, f"{code} ..{{2}}"
+        (rows, columns), parts = self.touch.part(part)
+        probe = f"? sum of the {name}  {code}  {code} ..{{2}}"
         if not parts and part != PALM_PART:
-            selector = f"{code} {rows << 4 | columns:02X}"
-            return [probe, (f"matrix {name}", selector, *(f"{code} {row:X}0 ..{{{columns}}}" for row in range(rows)))]
+            answers = ", ".join(f"{code} {row:X}0 ..{{{columns}}}" for row in range(rows))
+            return [probe, f"? matrix {name}  {code} {rows << 4 | columns:02X}  {answers}"]
         selector, n = f"{code} {rows:02X} {columns:02X}", rows * columns
-        pieces = [
+        pieces = ", ".join(
             f"{code} {k // columns:02X} {k % columns:02X} ..{{{min(VALUES_PER_FRAME, n - k)}}}"
             for k in range(0, n, VALUES_PER_FRAME)
-        ]
-        with_sums = f"matrix {name} and sums", f"{selector} 01", *pieces, f"{code} FF ..{{{2 * len(parts)}}}"
-        return [probe, (f"matrix {name}", selector, *pieces), *([with_sums] if parts else [])]
+        )
+        with_sums = f"? matrix {name} and sums  {selector} 01  {pieces}, {code} FF ..{{{2 * len(parts)}}}"
+        return [probe, f"? matrix {name}  {selector}  {pieces}", *[with_sums] * bool(parts)]

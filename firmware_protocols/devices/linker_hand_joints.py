@@ -30,6 +30,19 @@ class View(NamedTuple):
     least: int = 0
     """The number of bytes that suffices to set the first joints; 0 if all are needed."""
 
+    def answer(self, code: int) -> str:
+        """Return the pattern of the answer to its command."""
+        return f"{code:02X} ..{{{len(self.groups)}}}"
+
+    def commands(self, code: int) -> list[str]:
+        """Return the rows of its query and its setting in a table of commands."""
+        answer = self.answer(code) if self.answers else ""
+        rows = [f"{'? ' if answer else ''}{self.name}  {code:02X}  {answer}"]
+        if self.access:
+            byte = " 40" if self.access == "set" else " 01"
+            rows.append(f"{self.access} {self.name} by {code:02X}  {code:02X}{len(self.groups) * byte}  {answer}")
+        return rows
+
 
 Views = Mapping[int, View]
 

@@ -22,11 +22,8 @@ Try it: ``tactemu run linker_hand_l10_rs485``, then ``28 06 00 46 00 02 EE 27`` 
 from collections.abc import Sequence
 from typing import Annotated, Literal
 
-import numpy as np
-
 from firmware_protocols import (
-    Column, Command, Counts, Device, Option, Reading, RegisterMap, Registers, Rs485, Transmissions, fact_table,
-    quantize,
+    Column, Device, Option, RegisterMap, Registers, Rs485, Transmissions, command_table, fact_table,
 )  # fmt: skip
 from firmware_protocols.devices.linker_hand_base import OLDER_IDENTITY, OLDER_VERSIONS
 from firmware_protocols.devices.linker_hand_touch import COUNTS_PER_NEWTON, FINGER_SPACING_M, PITCH_M, pads
@@ -48,6 +45,36 @@ MAP = RegisterMap(
 BAUD = 115200
 SDK_FILE = "linkerhand-python-sdk@b371361 LinkerHand/core/rs485/linker_hand_l10_rs485.py"
 READ = "linkerhand-python-sdk@b371361 and linkerhand-ros2-sdk@bba0b9d core/rs485, doc"
+COMMANDS = command_table(
+    f"""
+    @ {SDK_FILE} l.110-170
+    select finger 1                    06 00 46 00 01 AE 26                        =
+    select finger 2                    06 00 46 00 02 EE 27                        =
+    select finger 3                    06 00 46 00 03 2F E7                        =
+    select finger 4                    06 00 46 00 04 6E 25                        =
+    select finger 5                    06 00 46 00 05 AF E5                        =
+    matrix of finger 1                 06 00 46 00 01 AE 26; 04 00 48 00 60 77 CD  04 C0 ..{{192}} ..{{2}}
+    matrix of finger 2                 06 00 46 00 02 EE 27; 04 00 48 00 60 77 CD  04 C0 ..{{192}} ..{{2}}
+    matrix of finger 3                 06 00 46 00 03 2F E7; 04 00 48 00 60 77 CD  04 C0 ..{{192}} ..{{2}}
+    matrix of finger 4                 06 00 46 00 04 6E 25; 04 00 48 00 60 77 CD  04 C0 ..{{192}} ..{{2}}
+    matrix of finger 5                 06 00 46 00 05 AF E5; 04 00 48 00 60 77 CD  04 C0 ..{{192}} ..{{2}}
+    ? angles                           04 00 00 00 0A 77 F4                        04 14 ..{{20}} ..{{2}}
+    ? temperatures                     04 00 28 00 0A F7 FC                        04 14 ..{{20}} ..{{2}}
+    ? faults                           04 00 32 00 0A D6 3B                        04 14 ..{{20}} ..{{2}}
+    ? version                          04 00 9E 00 06 16 1F                        04 0C ..{{12}} ..{{2}}
+    set a torque                       06 00 0A 00 80 AF 91                        =
+    set a speed                        06 00 14 00 40 CF C7                        =
+    set two angles                     10 00 00 00 02 04 00 40 00 40 76 D7         10 00 00 00 02 46 31
+    @ Modbus application protocol V1.1b3, 7
+    ? matrix as holding registers      03 00 48 00 60 C2 0D                        03 C0 ..{{192}} ..{{2}}
+    write a matrix: illegal address    06 00 48 00 01 CF E5                        86 02 12 69
+    finger 6: illegal value            06 00 46 00 06 EF E4                        86 03 D3 A9
+    ? beyond the map: illegal address  04 00 A8 00 01 B7 D3                        84 02 13 09
+    write a coil: illegal function     05 00 00 00 00 CA 33                        85 01 52 98
+    """,
+    head="28",
+)
+"""Requests to a left hand."""
 
 
 class LinkerHandL10Rs485(Device):
@@ -57,7 +84,7 @@ class LinkerHandL10Rs485(Device):
     kind = "hand"
     title = "LinkerHand L10 on RS-485, 5 fingertips 12x6"
     ports = (Rs485(baud=BAUD),)
-    columns = (Column(name="touch", low=0, high=255, push=1),)
+    columns = (Column(name="touch", low=0, high=255, assumed_per_unit=COUNTS_PER_NEWTON, push=1),)
     evidence = ("driver",)
     sources = (
         "linker-bot/linkerhand-python-sdk@b371361 LinkerHand/core/rs485/linker_hand_l10_rs485.py l.110-170",
@@ -65,6 +92,7 @@ class LinkerHandL10Rs485(Device):
         "Modbus application protocol V1.1b3; Modbus over serial line V1.02",
     )
     judge = "linker-bot/linkerhand-python-sdk@b371361"
+    documented_with = None
     facts = fact_table(f"""
         stated touch: 70 selects, 8 ms, 96 numbers from 72 on, 82..153 are 12 rows of 6 @ {SDK_FILE}:110-170
         stated touch: low bytes @ {SDK_FILE}:151
@@ -89,13 +117,7 @@ class LinkerHandL10Rs485(Device):
         self.registers = Registers(MAP)
         self.registers["version"] = [10, *OLDER_IDENTITY, ord(side[0].upper()), *OLDER_VERSIONS[:2]]
         self.rtu = Rtu(counters=self.counters, gap_ns=silence_ns(BAUD))
-        self.counts = np.zeros(len(self.layout), np.uint8)
-
-    def measure(self, reading: Reading, t_ns: int) -> Counts:
-        """Return raw counts 0..255 of the normal force on each taxel, uint8, shape ``(360,)``."""
-        push = self.layout.push(reading["force"])
-        self.counts = quantize(push, COUNTS_PER_NEWTON, 0, 255).astype(np.uint8)
-        return self.counts
+        self.documented = COMMANDS if side == "left" else ()
 
     def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
         """Answer Modbus requests, which arrive in chunks of any size."""
@@ -111,50 +133,3 @@ class LinkerHandL10Rs485(Device):
     def write(self, address: int, data: bytes, t_ns: int) -> Sequence[str]:
         """Store what the host writes; joints answer what was set."""
         return self.registers.write(address, data)
-
-    @property
-    def commands(self) -> tuple[Command, ...]:
-        """Requests to a left hand."""
-        if self.unit != 0x28:
-            return ()
-        return tuple(
-            Command(
-                name=name,
-                request=f"28 {request}",
-                reply=f"28 {reply or request}",
-                after=after,
-                origin=origin,
-                safe=not after and request[:2] in ("03", "04"),
-            )
-            for name, request, reply, after, origin in _EXAMPLES
-        )
-
-
-_SDK = LinkerHandL10Rs485.sources[0]
-_STANDARD = "Modbus application protocol V1.1b3, 7"
-_SELECT = (
-    "06 00 46 00 01 AE 26",
-    "06 00 46 00 02 EE 27",
-    "06 00 46 00 03 2F E7",
-    "06 00 46 00 04 6E 25",
-    "06 00 46 00 05 AF E5",
-)
-_MATRIX = "04 00 48 00 60 77 CD"
-_SHOWN = "04 C0 ..{192} ..{2}"
-_EXAMPLES = (
-    # without the unit; a write of one register comes back as it was
-    *((f"select finger {k}", select, "", (), _SDK) for k, select in enumerate(_SELECT, 1)),
-    *((f"matrix of finger {k}", _MATRIX, _SHOWN, (f"28 {select}",), _SDK) for k, select in enumerate(_SELECT, 1)),
-    ("angles", "04 00 00 00 0A 77 F4", "04 14 ..{20} ..{2}", (), _SDK),
-    ("temperatures", "04 00 28 00 0A F7 FC", "04 14 ..{20} ..{2}", (), _SDK),
-    ("faults", "04 00 32 00 0A D6 3B", "04 14 ..{20} ..{2}", (), _SDK),
-    ("version", "04 00 9E 00 06 16 1F", "04 0C ..{12} ..{2}", (), _SDK),
-    ("set a torque", "06 00 0A 00 80 AF 91", "", (), _SDK),
-    ("set a speed", "06 00 14 00 40 CF C7", "", (), _SDK),
-    ("set two angles", "10 00 00 00 02 04 00 40 00 40 76 D7", "10 00 00 00 02 46 31", (), _SDK),
-    ("matrix as holding registers", "03 00 48 00 60 C2 0D", "03 C0 ..{192} ..{2}", (), _STANDARD),
-    ("write a matrix: illegal address", "06 00 48 00 01 CF E5", "86 02 12 69", (), _STANDARD),
-    ("finger 6: illegal value", "06 00 46 00 06 EF E4", "86 03 D3 A9", (), _STANDARD),
-    ("beyond the map: illegal address", "04 00 A8 00 01 B7 D3", "84 02 13 09", (), _STANDARD),
-    ("write a coil: illegal function", "05 00 00 00 00 CA 33", "85 01 52 98", (), _STANDARD),
-)

@@ -31,6 +31,10 @@ class Touch(NamedTuple):
     """The rows of each part with a sum; two bytes request such a finger."""
     palm_parts: tuple[int, ...] = ()
 
+    def part(self, part: int) -> tuple[tuple[int, int], tuple[int, ...]]:
+        """Return rows and columns of a finger, or of the palm behind them, and the rows of its parts with a sum."""
+        return (self.finger, self.finger_parts) if part < len(FINGERS) else (self.palm, self.palm_parts)
+
 
 QUANTITIES = ("normal forces", "tangential forces", "directions", "approach")
 SENSORS = {"quantities": Touch(1, "A", (12, 6)), "12x6": Touch(2, "B", (12, 6)), "10x4": Touch(4, "F", (10, 4))}
