@@ -41,10 +41,13 @@ class Declared:
 
 
 def declared(device: type) -> dict[str, Declared]:
-    """Return the options of a device class, by name."""
-    hints = typing.get_type_hints(device.__init__, include_extras=True)
-    found = {}
-    for name, parameter in list(inspect.signature(device.__init__).parameters.items())[1:]:
+    """Return the options of a device class, by name; with ``**options`` those of its base class are before its own."""
+    owner = next(cls for cls in device.__mro__ if "__init__" in vars(cls))
+    init = vars(owner)["__init__"]
+    hints, found = typing.get_type_hints(init, include_extras=True), {}
+    for name, parameter in list(inspect.signature(init).parameters.items())[1:]:
+        if parameter.kind == parameter.VAR_KEYWORD and owner is not object:
+            found = {**declared(owner.__mro__[1]), **found}
         if parameter.kind in (parameter.VAR_KEYWORD, parameter.VAR_POSITIONAL):
             continue
         annotation = hints.get(name, Any)

@@ -92,6 +92,8 @@ def _is_registered(cls: type[Device], name: str) -> bool:
 def _options(cls: type[Device]) -> Iterator[str]:
     hints = typing.get_type_hints(cls.__init__, include_extras=True)
     for name, option in list(inspect.signature(cls.__init__).parameters.items())[1:]:
+        if option.kind == option.VAR_KEYWORD:
+            continue  # those of the base class
         if option.kind != option.KEYWORD_ONLY or option.default is option.empty:
             yield f"option {name!r}: make it keyword-only, with a default"
         elif name not in hints:

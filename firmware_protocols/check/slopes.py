@@ -92,7 +92,7 @@ def _slope_fault(subject: Subject, stream: str, sense: Sense, columns: list[Colu
     way = -1 if component == AXES.index("z") and column.push and sense.quantity in (*VECTORS, "wrench") else 1
     assert sense.at is not None
     n = len(sense.at)
-    rest = _settled(subject, stream, sense, None)
+    rest, silent, responding = _settled(subject, stream, sense, None), list[str](), False
     for point in dict.fromkeys((0, n // 2, n - 1)):
         counts = _settled(subject, stream, sense, (point, component, way * amount))
         if counts.shape != rest.shape or counts.reshape(n, -1).shape[1] != len(columns):
@@ -101,8 +101,13 @@ def _slope_fault(subject: Subject, stream: str, sense: Sense, columns: list[Colu
         expected = amount * (column.scale or 0.0) * (column.push or 1)
         found = abs(change[point, k]) if sense.quantity == "load" else change[point, k]
         if _differs(found, expected, column):
-            return _described(subject, sense, columns, k, point, change, amount, expected)
-    return ""
+            text = _described(subject, sense, columns, k, point, change, amount, expected)
+            if change.any():
+                return text
+            silent.append(text)  # a point may lack an axis that others have
+        else:
+            responding = True
+    return silent[0] if silent and not responding else ""
 
 
 def _amount(column: Column, sense: Sense) -> float | None:

@@ -54,12 +54,11 @@ Try it: ``tactemu run linker_hand_l6 --port can:udp_multicast:239.74.163.2``, th
 ``linkerbot.L6("left", "239.74.163.2", "udp_multicast").force_sensor.get_blocking()``.
 """
 
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from firmware_protocols import Option, assumed, fact_table, stated
 from firmware_protocols.devices.linker_hand_base import (
-    JOINT_STROKES_RAD, OVERLOAD_SHARE, PYTHON, ROS2, SDKS, STRENGTH_NM, STROKE_S, TABLE, HasPalm, LinkerHand,
-    SerialNumber, Side, TouchKind,
+    JOINT_STROKES_RAD, OVERLOAD_SHARE, PYTHON, ROS2, SDKS, STRENGTH_NM, STROKE_S, TABLE, LinkerHand,
 )  # fmt: skip
 from firmware_protocols.devices.linker_hand_joints import (
     BY_TABLE, SIX_JOINTS, TEN_JOINTS, TWENTY_JOINTS, Views, joint_view,
@@ -199,17 +198,9 @@ class TableHand(LinkerHand):
     series = "010"
     views = BY_TABLE
 
-    def __init__(
-        self,
-        *,
-        side: Side = "left",
-        touch: TouchKind = "matrix",
-        palm: HasPalm = False,
-        serial_number: SerialNumber = "",
-        shown: Shown = "present",
-    ):
+    def __init__(self, *, shown: Shown = "present", **options: Any):
         self.shows_limits = shown == "set"
-        self._power_up(side, touch, palm, serial_number)
+        super().__init__(**options)
 
 
 class LinkerHandL25(TableHand):
@@ -230,16 +221,12 @@ class LinkerHandL25(TableHand):
     def __init__(
         self,
         *,
-        side: Side = "left",
-        touch: TouchKind = "matrix",
-        palm: HasPalm = False,
-        serial_number: SerialNumber = "",
-        shown: Shown = "present",
         version_numbers: Annotated[
             int, Option("numbers in C1, C2, C4: 3 as in the vendor's table, 4 for its C++ library", low=3, high=4)
         ] = 3,
+        **options: Any,
     ):
-        super().__init__(side=side, touch=touch, palm=palm, serial_number=serial_number, shown=shown)
+        super().__init__(**options)
         self.versions = {code: numbers.ljust(version_numbers, b"\0") for code, numbers in self.versions.items()}
 
 
@@ -269,15 +256,12 @@ class LinkerHandL20(LinkerHand):
     def __init__(
         self,
         *,
-        side: Side = "left",
-        touch: TouchKind = "matrix",
-        palm: HasPalm = False,
-        serial_number: SerialNumber = "",
         hardware: Annotated[Literal["first", "V10"], Option("V10, like V11, follows the vendor's table")] = "first",
         shown: Shown = "present",
+        **options: Any,
     ):
         if hardware == "V10":
             self.in_table, self.zero_asks, self.palms = True, False, TABLE_SENSORS
             self.first_quantity, self.views, self.shows_limits = 0x90, BY_TABLE, shown == "set"
             self.series = "010"
-        self._power_up(side, touch, palm, serial_number)
+        super().__init__(**options)

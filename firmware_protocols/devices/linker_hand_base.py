@@ -109,9 +109,6 @@ class LinkerHand(Device[CanFrame]):
         palm: HasPalm = False,
         serial_number: SerialNumber = "",
     ):
-        self._power_up(side, touch, palm, serial_number)
-
-    def _power_up(self, side: str, touch: str, palm: bool, serial_number: str) -> None:
         if len(serial_number) > MAX_SERIAL_CHARACTERS or not serial_number.isascii():
             raise ValueError(
                 f"option serial_number: expected {MAX_SERIAL_CHARACTERS} characters of ASCII, got {serial_number!r}"

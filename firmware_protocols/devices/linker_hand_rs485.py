@@ -22,6 +22,8 @@ Try it: ``tactemu run linker_hand_l10_rs485``, then ``28 06 00 46 00 02 EE 27`` 
 from collections.abc import Sequence
 from typing import Annotated, Literal
 
+import numpy as np
+
 from firmware_protocols import (
     Column, Device, Option, RegisterMap, Registers, Rs485, Transmissions, command_table, fact_table,
 )  # fmt: skip
@@ -117,6 +119,7 @@ class LinkerHandL10Rs485(Device):
         self.registers = Registers(MAP)
         self.registers["version"] = [10, *OLDER_IDENTITY, ord(side[0].upper()), *OLDER_VERSIONS[:2]]
         self.rtu = Rtu(counters=self.counters, gap_ns=silence_ns(BAUD))
+        self.counts = np.zeros(len(self.layout), np.int64)
         self.documented = COMMANDS if side == "left" else ()
 
     def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:

@@ -170,10 +170,11 @@ class OptoForce(Device):
         """Return the serial number."""
         return SERIAL_NUMBER.pack(characters=self.serial_number)
 
-    @command(pattern=re.escape(CONFIGURE.head) + b"(.)(.)(.)..")
+    @command(pattern=re.escape(CONFIGURE.head) + b".....")
     def configure(self, request: Request):
         """Set speed, filter and zero."""
-        (speed,), (cutoff,), (zero,) = request.values
+        wanted = CONFIGURE.unpack(request.packet) or {}
+        speed, cutoff, zero = wanted["speed"], wanted["cutoff"], wanted["zero"]
         if speed not in PERIODS_MS or cutoff >= len(CUTOFF_HZ) or zero not in (ZERO, NO_ZERO):
             raise Refused("value")
         self.streaming = speed > 0  # conversion continues, so that a later zero takes the force at that time

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import firmware_protocols as fp
+from firmware_protocols.options import declared
 from tests.firmware.feeding import sample, send
 
 L6, L10, O6 = "linker_hand_l6", "linker_hand_l10", "linker_hand_o6"
@@ -225,7 +226,7 @@ def test_a_matrix_with_places_and_sums(name, options, sensor, finger, palm, part
         felt, request = device.counts[patch.taxels].reshape(size), f"028#{code:02X}{size[0]:02X}{size[1]:02X}"
         frames = [bytes.fromhex(frame[4:]) for frame in ask(device, request)]
         assert [divmod(5 * k, size[1]) for k in range(len(frames))] == [tuple(frame[1:3]) for frame in frames]
-        assert b"".join(frame[3:] for frame in frames) == felt.tobytes()
+        assert b"".join(frame[3:] for frame in frames) == felt.astype("u1").tobytes()
         with_sums = [bytes.fromhex(frame[4:]) for frame in ask(device, request + "01")]
         if not rows:
             assert with_sums == []
@@ -237,7 +238,10 @@ def test_a_matrix_with_places_and_sums(name, options, sensor, finger, palm, part
     felt = device.counts[device.layout.patches[5].taxels].reshape(palm)
     turned = ask(device, f"028#B6{columns:02X}{rows:02X}" + "01" * bool(palm_parts))
     turned_felt = felt if rows == columns else felt.T
-    assert b"".join(bytes.fromhex(frame[10:]) for frame in turned if frame[6:8] != "FF") == turned_felt.tobytes()
+    assert (
+        b"".join(bytes.fromhex(frame[10:]) for frame in turned if frame[6:8] != "FF")
+        == turned_felt.astype("u1").tobytes()
+    )
     assert not palm_parts or turned[-1] == ask(device, f"028#B6{rows:02X}{columns:02X}01")[-1]
     assert device.layout.patches[5].link == "palm"
 
@@ -265,3 +269,10 @@ def test_quantities_of_the_newer_hands_have_other_commands():
 def test_bad_options_are_refused(options):
     with pytest.raises(ValueError, match=next(iter(options))):
         fp.create(L6, **options)
+
+
+def test_a_hand_has_the_options_of_its_base_class_before_its_own():
+    names = ["side", "touch", "palm", "serial_number", "shown", "version_numbers"]
+    assert list(declared(fp.device_class("linker_hand_l25"))) == names
+    with pytest.raises(ValueError, match="shown"):
+        fp.create("linker_hand_l6", shown="set")
