@@ -81,7 +81,6 @@ BROADCAST = 0xFF
 FIRST_HAND = 0x80
 FIRST_TIP = 0x11
 DONE = b"\x10\0"
-MOVE_EXAMPLE = f"55 AA FE 80 02 20 01 {'00' * 288} 05 FD"
 JOINTS = 12
 N_TIPS = 5
 POINTS_PER_TIP = 120
@@ -110,8 +109,23 @@ class RoboteraXhand(Device):
         f"{_SDK} include/communiation_interface.hpp, data_type.hpp, lib/libxhand_control.so 1.2.10 (the vendor's own)",
         "wanweiwei07/wrs@552ce47 wrs/robot_con/xhand/xhand_x.py, data_type.py",
     )
-    origin = "as the vendor's library 1.2.10 sends it, and takes the answer"
-    documented = command_table("no such register  55 AA FE 80 15 04 00 00 02 01 00 6F E6", origin="CRC by crcmod")
+    documented = command_table(
+        f"""
+        @ xhand_x.py, data_type.py
+        state                 FE 80 02 20 01 {"00" * 288} 05 FD          80 FE 02 A0 08 ..{{2208}} ..{{2}}
+        @ as the vendor's library 1.2.10 sends it, and takes the answer
+        save                  FE 80 05 00 00 2C 32                       80 FE 05 02 00 10 00 D4 1B
+        zero the thumb's tip  FE 11 12 00 00 F4 44
+        ? version             FE 80 13 00 00 EF C3                       80 FE 13 04 00 03 00 01 01 A4 EC
+        ? version of joint 0  FE 00 13 00 00 D7 1E                       80 FE 13 04 00 07 00 00 01 64 15
+        ? search              FE FF 15 04 00 14 00 BA 00 A2 4A           80 FE 15 BC 00 14 00 52 ..{{185}} ..{{2}}
+        ? side                FE 80 15 04 00 14 00 01 00 9B E1           80 FE 15 03 00 14 00 52 F8 61
+        name xhand            FE 80 16 07 00 36 00 78 68 61 6E 64 39 00  80 FE 16 02 00 10 00 5C F1
+        @ CRC by crcmod
+        no such register      FE 80 15 04 00 00 02 01 00 6F E6
+        """,
+        head="55 AA",
+    )
     judge = "yoimika/xhand_control_python@b61a82d (RobotEra's libxhand_control.so 1.2.10), wanweiwei07/wrs@552ce47"
     facts = fact_table(f"""
         stated touch: x and y of a point are int8, z is uint8 @ {_SDK} include/data_type.hpp:62
@@ -153,8 +167,8 @@ class RoboteraXhand(Device):
         self.present = self.zero = np.zeros((len(self.layout), 3))
         self.tip = TIP.bind(taxels=POINTS_PER_TIP)
         self.packets = Packets(MESSAGE, by="command", counters=self.counters, gap_ns=50_000_000)
-        kept = {"id": hand_id, **self.flash}
-        self.registers = Registers(MAP, kept={"side": ord(side[0].upper()), "serial": _text(serial), **kept})
+        delivered = {"side": ord(side[0].upper()), "serial": serial.encode("ascii"), "id": hand_id}
+        self.registers = Registers(MAP, kept={**delivered, **self.flash})
         low, high = (np.deg2rad(self.registers.all(name)) for name in ("low", "high"))
         self.motors = Motors(np.zeros(JOINTS), low=low, high=high, time_constant_s=0.0, speed_limit=5.0)
         self.counts = np.zeros((len(self.layout), 3), np.int64)
@@ -169,7 +183,7 @@ class RoboteraXhand(Device):
         self.warmth = quantize(reading["temperature"], 1.0, 0, 255)
         return self.counts
 
-    @command(MOVE_EXAMPLE, "55 AA 80 FE 02 A0 08 ..{2208} ..{2}", name="state", origin="xhand_x.py, data_type.py")
+    @command(on=0x02, data="288s")
     def move(self, request: Request):
         """Go where the orders say, and return the state."""
         goals = np.full(JOINTS, np.nan)
@@ -179,13 +193,13 @@ class RoboteraXhand(Device):
         self.motors.go(goals, request.t_ns)
         return self._state(request.t_ns)
 
-    @command("55 AA FE 80 05 00 00 2C 32", "55 AA 80 FE 05 02 00 10 00 D4 1B")
+    @command(on=0x05, data="")
     def save(self, request: Request):
         """Keep what was written."""
         self.flash.update(self.registers.kept())
         return DONE
 
-    @command("55 AA FE 11 12 00 00 F4 44", name="zero the thumb's tip")
+    @command(on=0x12, data="")
     def set_zero(self, request: Request):
         """Make the present forces on one tip, or on all, the zero."""
         zero = self.zero.copy().reshape(N_TIPS, POINTS_PER_TIP, 3)
@@ -194,10 +208,7 @@ class RoboteraXhand(Device):
         self.zero = zero.reshape(self.present.shape)
         return ()
 
-    @command("55 AA FE 80 13 00 00 EF C3", "55 AA 80 FE 13 04 00 03 00 01 01 A4 EC", name="version", safe=True)
-    @command(
-        "55 AA FE 00 13 00 00 D7 1E", "55 AA 80 FE 13 04 00 07 00 00 01 64 15", name="version of joint 0", safe=True
-    )
+    @command(on=0x13, data="")
     def version_of(self, request: Request):
         """Return the version of a joint, or of the palm."""
         return JOINT_VERSION if request.target < FIRST_HAND else self.version
@@ -207,29 +218,12 @@ class RoboteraXhand(Device):
         """Restart the hand."""
         return [Restart(RESTART_NS)]
 
-    @command(
-        "55 AA FE FF 15 04 00 14 00 BA 00 A2 4A",
-        "55 AA 80 FE 15 BC 00 14 00 52 ..{185} ..{2}",
-        name="search",
-        safe=True,
-    )
-    @command(
-        "55 AA FE 80 15 04 00 14 00 01 00 9B E1",
-        "55 AA 80 FE 15 03 00 14 00 52 F8 61",
-        name="side",
-        data="<HH",
-        safe=True,
-    )
+    @command(on=0x15, data="<HH")
     def read_registers(self, request: Request):
         """Return registers."""
         return request.data[:2] + self.registers.read(*request.values)
 
-    @command(
-        "55 AA FE 80 16 07 00 36 00 78 68 61 6E 64 39 00",
-        "55 AA 80 FE 16 02 00 10 00 5C F1",
-        name="name xhand",
-        data="*",
-    )
+    @command(on=0x16, data="*")
     def write_registers(self, request: Request):
         """Store registers."""
         self.registers.write(int.from_bytes(request.data[:2], "little"), request.data[2:])
@@ -260,7 +254,3 @@ class RoboteraXhand(Device):
     def joints(self, t_ns: int) -> Mapping[str, float]:
         """Return the angles of the joints [rad], by name."""
         return {f"joint {k}": position for k, position in enumerate(self.motors.positions(t_ns).tolist())}
-
-
-def _text(text: str) -> np.ndarray:
-    return np.frombuffer(text.encode("ascii")[:32].ljust(32, b"\0"), np.uint8)
