@@ -55,6 +55,7 @@ DEVICES: dict[str, str] = {
     "linker_hand_l6": f"{_HERE}.linker_hand:LinkerHandL6",
     "linker_hand_o6": f"{_HERE}.linker_hand:LinkerHandO6",
     "matsense": f"{_HERE}.matsense:MatSense",
+    "me_gsv8": f"{_HERE}.me_gsv8:MeGsv8",
     "nibotics_prvs01": f"{_HERE}.nibotics_prvs01:NiboticsPrvs01",
     "onrobot_hex": f"{_HERE}.ati_net_ft:OnrobotHex",
     "optoforce": f"{_HERE}.optoforce:OptoForce",
