@@ -54,6 +54,7 @@ DEVICES: dict[str, str] = {
     "linker_hand_l25": f"{_HERE}.linker_hand:LinkerHandL25",
     "linker_hand_l6": f"{_HERE}.linker_hand:LinkerHandL6",
     "linker_hand_o6": f"{_HERE}.linker_hand:LinkerHandO6",
+    "m1616_array": f"{_HERE}.m1616_array:M1616Array",
     "matsense": f"{_HERE}.matsense:MatSense",
     "me_gsv8": f"{_HERE}.me_gsv8:MeGsv8",
     "nibotics_prvs01": f"{_HERE}.nibotics_prvs01:NiboticsPrvs01",

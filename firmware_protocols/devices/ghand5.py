@@ -53,7 +53,7 @@ INPUTS = RegisterMap("""
     8192  u1 x 16   name         r
     8208  u1 x 16   hardware     r
     8224  u1 x 16   firmware     r
-    8240  >u4 x 4   serial       r
+    8240  u1 x 16   serial       r
     8256  >u2       side         r
     8258  u1        running      r
     8259  u1        fault        r
