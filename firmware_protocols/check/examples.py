@@ -9,10 +9,11 @@
 A vector belongs to ``device``, or to the device that the file is named after. A frame is hex, or a CAN frame in candump
 notation. A new device with ``options`` receives ``after`` on ``port``; its skin is pushed by ``newtons`` (one number,
 one per taxel, or x, y, z of the force on each taxel in the frame of its link) or by ``pushes`` (images of patches by
-name [N], as seen from outside, or ``{"row,column": push}`` of the pushed taxels alone; none elsewhere), or its
-converter reads ``counts`` (one per value of its first sense, or ``"index"``: 0, 1, 2 ...). Then, at ``t_ns`` (1 s), it
-must answer ``request`` with exactly ``reply``, or its next conversion must send exactly ``stream`` (one conversion of
-each stream, in the order of ``Device.streams``), and convert ``rate_hz`` times a second, if that is given.
+name [N], as seen from outside, or ``{"row,column": push}`` of the pushed taxels alone; none elsewhere), or ``counts``
+(one per value of its first sense, or ``"index"``: 0, 1, 2 ...) take the place of what ``measure`` returned. Then, at
+``t_ns`` (1 s), it must answer ``request`` with exactly ``reply``, or its next conversion must send exactly ``stream``
+(one conversion of each stream, in the order of ``Device.streams``), and convert ``rate_hz`` times a second, if that is
+given.
 ``acceleration`` [m/s²], ``angular_velocity`` [rad/s] and ``temperature`` [°C], and any other sense by its key in
 ``senses``, have the values given, one for all points or for each.
 
