@@ -3,13 +3,12 @@
 ``usbip attach -r HOST -b 1-1`` makes it a true USB device of that machine: the machine's own driver binds to it, udev
 names it, libusb sees it. The connector says what is soldered on (``Serial(usb=USB(...))``): a board with USB of its own
 (CDC-ACM), or an FTDI, CP210x or CH340 chip; ``usbip:ftdi@PORT`` takes another. Several devices on one address are ports
-of one hub: 1-1, 1-2 ... ``usbip:`` alone listens on port 3240 of the loopback interface.
+of one hub: 1-1, 1-2 ...; two with an FT2232 and the same identity are the two channels of one chip. ``usbip:`` alone
+listens on port 3240 of the loopback interface.
 """
 
 from __future__ import annotations
 
-import os
-import socket
 from collections import deque
 
 from firmware_protocols import USB, Connector, Serial, WireFrame
@@ -29,8 +28,9 @@ from tactemu.transports.transport import (
 )  # fmt: skip
 from tactemu.transports.usb.chip import Chip
 from tactemu.transports.usb.link import HostLink
+from tactemu.transports.usb.plug import Plug
 from tactemu.transports.usb.serial_chips import CHIPS, chip_of
-from tactemu.transports.usb.usbip_server import Export, UsbIpServer, shared_server
+from tactemu.transports.usb.usbip_server import UsbIpServer, shared_server
 
 USUAL_PORT = 3240
 MAX_TO_HOST_BYTES = 4096
@@ -51,16 +51,14 @@ class UsbIpPort(Transport):
     def __init__(self, location: str, chip: Chip):
         self._host, self._port = inet.parse(self.scheme, location or str(USUAL_PORT))
         self.address = f"{self.scheme}:{location}"
-        self._chip = chip
+        self._device = chip
+        self._channel_number: int | None = None
+        """The number of the port's channel on a chip with several; None: the first one that is free."""
+        self._plug: Plug | None = None
+        self._chip = chip.channels[0]
+        """The channel, once the port is open: mostly the device itself."""
         self._server: UsbIpServer | None = None
-        self._export: Export | None = None
         self._link: HostLink | None = None
-        self._is_taken = False
-        """True while a host has the device."""
-        self._attached: deque[socket.socket] = deque()
-        """Connections of hosts that another thread may have accepted."""
-        self._wake = -1
-        """A file descriptor that is readable while there is such a connection."""
         self._has_reader = False
         self._events: deque[Event] = deque()
 
@@ -74,72 +72,77 @@ class UsbIpPort(Transport):
         """
         if self._server is not None:
             return
-        self._server = shared_server(self._host, self._port)
-        self._port = self._server.port  # after the fault `unplug`, too
-        self._wake = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
-        self._export = self._server.add(self._chip, self._attach, lambda: not self._is_taken)
-        host = inet.join(self._server.host, self._server.port).rpartition(":")[0]
-        self.address = f"usbip --tcp-port {self._server.port} attach -r {host} -b {self._export.busid}"
+        server = shared_server(self._host, self._port)
+        self._port = server.port  # after the fault `unplug`, too
+        if self._plug is None:
+            self._plug, self._chip = self._taken_from(server)
+        busid = server.plug_in(self._plug, self._chip)
+        self._server = server
+        host = inet.join(server.host, server.port).rpartition(":")[0]
+        self.address = f"usbip --tcp-port {server.port} attach -r {host} -b {busid}"
+
+    def _taken_from(self, server: UsbIpServer) -> tuple[Plug, Chip]:
+        """Return a free channel of a device that is there, or of a new one."""
+        number = self._channel_number
+        if len(self._device.channels) > 1 and (found := server.shared(self._device, number)):
+            return found
+        plug = Plug(self._device)
+        channel = plug.take(number)
+        if channel is None:
+            raise TransportError(f"port '{self.address}': the chip has no interface {number}")
+        return plug, channel
 
     def close(self) -> None:
         """Pull the cable: the host's node goes. Safe to call twice."""
-        self._drop_link()
-        if self._server is not None and self._export is not None:
-            self._server.remove(self._export)
-            os.close(self._wake)
-        self._server = self._export = None
-        while self._attached:
-            self._attached.popleft().close()
+        if self._server is not None and self._plug is not None:
+            self._server.unplug(self._plug, self._chip)
+        self._server = self._link = None
+        self._has_reader = False
         self._events.clear()
-
-    def _attach(self, connection: socket.socket) -> None:
-        self._is_taken = True
-        os.eventfd_write(self._wake, 1)  # first: whoever finds the connection resets what woke it
-        self._attached.append(connection)
-
-    def _drop_link(self) -> None:
-        if self._link is not None:
-            self._link.close()
-            self._link = None
-        self._has_reader = self._is_taken = False
 
     def filenos(self, reading: bool = True) -> list[int]:
         """Return the server's file descriptor and those of the host."""
-        if self._server is None:
+        if self._server is None or self._plug is None:
             return []
-        own = [self._link.fileno()] if self._link is not None else []
-        return [self._server.fileno(), self._wake, *own]
+        own = [self._link.fileno()] if self._link is not None and self._link.is_alive else []
+        return [self._server.fileno(), self._plug.fileno(self._chip), *own]
 
     # -- events ----------------------------------------------------------------------------------------------------
 
     def poll(self, reading: bool = True) -> list[Event]:
         """Return hosts that come and go, a driver that opens and closes the port, its settings and its bytes."""
-        if self._server is None:
+        if self._server is None or self._plug is None:
             return []
         self._server.serve()
-        if self._attached:
-            os.eventfd_read(self._wake)
-            self._link = HostLink(self._attached.popleft(), self._chip)
-            self._events.append(Noted("attached by a host"))
-        link = self._link
-        if link is not None:
-            link.receive()
-            self._note_reader(link.has_reader)
-            self._events += self._chip.events
-            self._chip.events.clear()
-            room = MAX_CHUNK_BYTES if reading else 0
-            while room > 0 and (data := link.take()) is not None:
-                self._events += self._decode(data)
-                room -= len(data)
-            link.pump()
-            link.send()
-            if not link.is_alive:
-                self._note_reader(False)
-                self._drop_link()
-                self._events.append(Noted("detached by the host"))
+        with self._plug.lock:
+            newest = self._plug.link(self._chip)
+            if self._link is None and newest is not None:
+                self._link = newest
+                self._events.append(Noted("attached by a host"))
+            if self._link is not None:
+                self._work(self._plug, self._link, reading)
         events = list(self._events)
         self._events.clear()
         return events
+
+    def _work(self, plug: Plug, link: HostLink, reading: bool) -> None:
+        """Take what the host has sent, and send what waits for it."""
+        if link.receive():
+            plug.wake(but=self._chip)
+        self._note_reader(link.has_reader(self._chip))
+        self._events += self._chip.events
+        self._chip.events.clear()
+        room = MAX_CHUNK_BYTES if reading else 0
+        while room > 0 and (data := link.take(self._chip)) is not None:
+            self._events += self._decode(data)
+            room -= len(data)
+        link.pump(self._chip)
+        link.send()
+        if not link.is_alive:
+            self._note_reader(False)
+            self._link = None
+            plug.drop(link)
+            self._events.append(Noted("detached by the host"))
 
     def _note_reader(self, has_reader: bool) -> None:
         if has_reader == self._has_reader:
@@ -159,16 +162,20 @@ class UsbIpPort(Transport):
 
     def _put(self, data: bytes, most: int) -> bool:
         """Hand a frame to the host; return False if more than ``most`` bytes would wait for it."""
-        if self._link is None or self._link.to_host_bytes + len(data) > most:
+        if self._link is None or self._plug is None:
             return False
-        self._reply(data)
+        with self._plug.lock:
+            if self._link.to_host_bytes(self._chip) + len(data) > most:
+                return False
+            self._reply(data)
         return True
 
     def _reply(self, data: bytes) -> None:
         """Hand data to the host, however many wait."""
-        if self._link is not None:
-            self._link.put(data)
-            self._link.send()
+        if self._link is not None and self._plug is not None:
+            with self._plug.lock:
+                self._link.put(self._chip, data)
+                self._link.send()
 
     @property
     def has_reader(self) -> bool:
@@ -206,7 +213,10 @@ class UsbIpTransport(UsbIpPort):
         own = chip_of(connector.usb)
         kind = CHIPS[self._chip_name] if self._chip_name else own
         usb = connector.usb
-        self._chip = kind(usb if kind is own and isinstance(usb, USB) else None)  # another chip has its maker's ids
+        identity = usb if kind is own and isinstance(usb, USB) else None  # another chip has its maker's ids
+        self._device = kind(identity)
+        self._chip = self._device.channels[0]
+        self._channel_number = identity.interface if identity and len(self._device.channels) > 1 else None
 
     def write(self, frame: WireFrame) -> bool:
         """Write one frame; ``False`` where no driver has the port open, or does not read."""

@@ -22,6 +22,8 @@ BOARD = Serial(
 )
 BRIDGE = Serial(baud=115_200, usb=USB(vid=0x0403, pid=0x6001, node="ttyUSB"))
 UART = Serial(baud=115_200)
+SECOND = Serial(baud=1_000_000, usb=USB(0x0403, 0x6010, interface=1, node="ttyUSB"))
+FIRST = Serial(baud=1_000_000, usb=USB(0x0403, 0x6010, node="ttyUSB"))
 
 
 class Polled:
@@ -76,15 +78,20 @@ def asks(handle, address, length, got):
     return thread
 
 
-# Fields of real devices (lsusb -v): a QT Py is CDC-ACM; FT232RL: ksksue.hatenadiary.org 2012-02-12; CP2102:
-# mvp/uhubctl#526; CH340: memtest86plus#387.
+# Fields of real devices (lsusb -v): a QT Py is CDC-ACM; FT232RL: ksksue.hatenadiary.org 2012-02-12; FT2232C:
+# /proc/bus/usb/devices in community.sparkfun.com topic 5031 (a board's EEPROM sets the current, there 300 mA; the number
+# of the interfaces' string is that of a clone, enjoy-digital/litex#1793); CP2102: mvp/uhubctl#526; CH340:
+# memtest86plus#387.
 DEVICE_DESCRIPTORS = {
     "ftdi": "12 01 0002 00 00 00 08 0304 0160 0006 01 02 00 01",
+    "ft2232": "12 01 0002 00 00 00 08 0304 1060 0005 01 02 00 01",
     "cp210x": "12 01 1001 00 00 00 40 c410 60ea 0001 01 02 03 01",
     "ch341": "12 01 1001 ff 00 00 08 861a 2375 6202 00 02 00 01",
 }
 CONFIGURATIONS = {
     "ftdi": "09 02 2000 01 01 00 a0 2d 09 04 00 00 02 ff ff ff 02 07 05 81 02 4000 00 07 05 02 02 4000 00",
+    "ft2232": "09 02 3700 02 01 00 80 32 09 04 00 00 02 ff ff ff 02 07 05 81 02 4000 00 07 05 02 02 4000 00"
+    " 09 04 01 00 02 ff ff ff 02 07 05 83 02 4000 00 07 05 04 02 4000 00",
     "cp210x": "09 02 2000 01 01 00 80 32 09 04 00 00 02 ff 00 00 02 07 05 81 02 4000 00 07 05 01 02 4000 00",
     "ch341": "09 02 2700 01 01 00 80 31 09 04 00 00 03 ff 01 02 00 07 05 82 02 2000 00 07 05 02 02 2000 00"
     " 07 05 81 03 0800 01",
@@ -163,6 +170,54 @@ def test_several_devices_on_one_address_are_ports_of_one_hub():
         with second.client() as handle:
             handle.bulk_out(0x02, b"to the second")
             assert second.wait(Received).data == b"to the second" and not first.events
+
+
+def test_two_devices_are_the_two_channels_of_one_chip():
+    with Polled("0", SECOND) as second, Polled(str(second.number), FIRST) as first:
+        assert [each.busid for each in vhci.listed("127.0.0.1", first.number)] == ["1-1"]
+        with second.client() as handle:
+            got = []
+            thread = asks(handle, 0x83, 64, got)
+            second.wait(Opened)
+            assert second.write(b"of B") and not first.write(b"nobody reads A")
+            thread.join()
+            assert got == [b"\x31\x60of B"]
+            handle.bulk_out(0x02, b"to A")
+            handle.bulk_out(0x04, b"to B")
+            assert first.wait(Received).data == b"to A" and second.wait(Received).data == b"to B"
+            # Speeds and latency timers as ftdi_sio sets them: bit 16 of the divisor beside the number of the channel.
+            handle.control(0x40, 3, 0x001A, 0x0001, b"")
+            handle.control(0x40, 3, 0xC01A, 0x0102, b"")
+            assert first.wait(SettingChanged).setting.baud == 115_385
+            assert second.wait(SettingChanged).setting.baud == round(3_000_000 / 26.875)
+            handle.control(0x40, 9, 1, 2, b"")
+            assert [handle.control(0xC0, 10, 0, channel, 1) for channel in (1, 2)] == [b"\x10", b"\x01"]
+        for port in (first, second):
+            port.wait(Noted, what="detached by the host")
+
+
+def test_a_chip_is_unplugged_with_either_channel_and_back_with_both():
+    with Polled("0", FIRST) as first, Polled(str(first.number), SECOND) as second:
+        handle = first.client()
+        second.wait(Noted, what="attached by a host")
+        with first._lock:
+            first.port.close()
+        second.wait(Noted, what="detached by the host")
+        with pytest.raises(usbip.USBError):
+            second.client()
+        with first._lock:
+            first.port.open()
+        handle.close()
+        with second.client() as handle:
+            handle.bulk_out(0x02, b"to A again")
+            assert first.wait(Received).data == b"to A again"
+
+
+def test_a_third_device_is_on_a_chip_of_its_own():
+    with Polled("ft2232@0", UART) as first, Polled(f"ft2232@{first.number}", UART) as second:
+        with Polled(f"ft2232@{first.number}", UART) as third:
+            busids = [each.port.address.split()[-1] for each in (first, second, third)]
+            assert busids == ["1-1", "1-1", "1-2"]
 
 
 def test_a_device_is_given_to_one_host_and_again_when_it_has_gone():

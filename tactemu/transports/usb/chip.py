@@ -47,6 +47,8 @@ class Chip(ABC):
 
     def __init__(self, identity: USB | None = None):
         self.identity = identity
+        self.channels: tuple[Chip, ...] = (self,)
+        """The parts with a stream of bytes each, in the order of their interfaces; mostly the chip alone."""
         self.setting = SerialSetting()
         self.lines = LinesChanged(False, False)
         self.events: deque[Event] = deque()
@@ -128,6 +130,11 @@ class Chip(ABC):
         if own is None:
             return manufacturer, product, serial
         return own.manufacturer or manufacturer, own.product or product, own.serial or serial
+
+    def is_same_device(self, other: Chip) -> bool:
+        """Return True if both may be channels of one device: their identities differ in the interface at most."""
+        own = self.identity and replace(self.identity, interface=0)
+        return own == (other.identity and replace(other.identity, interface=0))
 
     def ids(self, vid: int, pid: int) -> tuple[int, int]:
         """Return the vendor and product ids: those of the sensor's maker, else those of the chip."""

@@ -17,6 +17,43 @@ MAX_REQUESTS = 1024
 _SET_CONFIGURATION = 9
 
 
+class Stream:
+    """The data of one channel of a device: requests for data wait for data, and data for requests."""
+
+    def __init__(self, chip: Chip):
+        self.chip = chip
+        self.waiting: dict[int, int] = {}
+        """The numbers of waiting requests for data, each with the room for them [byte]."""
+        self.held: deque[tuple[int, int, bytes]] = deque()
+        """Requests with data that the device has not taken: number, length, data."""
+        self.to_host = bytearray()
+        """Data that wait for a request."""
+        self._answered: deque[int] = deque(maxlen=MAX_REQUESTS)
+        """The numbers of the last requests that got data: a driver may withdraw one at the same moment."""
+        self.has_reader = False
+        """True while a driver of the host wants data: between two of its requests, too."""
+
+    def next(self) -> tuple[int, bytes] | None:
+        """Return the number of a waiting request and the data that it gets, or None if either is missing."""
+        if not self.to_host or not self.waiting:
+            return None
+        number = next(iter(self.waiting))
+        self._answered.append(number)
+        return number, self.chip.packets_to_host(self.to_host, self.waiting.pop(number))
+
+    def withdraw(self, number: int) -> bool:
+        """Forget a request; return False if it is not of this channel, or done."""
+        was_held = [each for each in self.held if each[0] == number]
+        for each in was_held:
+            self.held.remove(each)
+        was_waiting = self.waiting.pop(number, None) is not None
+        is_of_reader = was_waiting or number in self._answered
+        if is_of_reader and not self.chip.listens_when_configured and not self.waiting:
+            self.has_reader = False  # a driver withdraws all of its requests when the port is closed
+            self.to_host.clear()
+        return was_waiting or bool(was_held)
+
+
 class HostLink:
     """The requests of one host.
 
@@ -31,14 +68,11 @@ class HostLink:
     def __init__(self, connection: socket.socket, chip: Chip):
         self._socket, self._chip = connection, chip
         self._input, self._unsent = bytearray(), bytearray()
-        self._waiting: dict[int, dict[int, int]] = {}
-        """The numbers of waiting requests for data, each with the room for them [byte], by endpoint address."""
-        self._held: deque[tuple[int, int, bytes]] = deque()
-        """Requests with data that the device has not taken: number, length, data."""
-        self._to_host = bytearray()
-        """Data that wait for a request."""
-        self.has_reader = False
-        """True while a driver of the host wants data: between two of its requests, too."""
+        self._streams = {each: Stream(each) for each in chip.channels}
+        self._inputs = {each.data_in: stream for each, stream in self._streams.items()}
+        self._outputs = {each.data_out: stream for each, stream in self._streams.items()}
+        self._others: dict[int, None] = {}
+        """The numbers of waiting requests to endpoints that never have data: of notifications."""
         self.is_alive = True
 
     def fileno(self) -> int:
@@ -48,20 +82,26 @@ class HostLink:
     def close(self) -> None:
         """Cut the connection: the device is unplugged."""
         self._socket.close()
-        self.is_alive = self.has_reader = False
+        self.is_alive = False
+        for stream in self._streams.values():
+            stream.has_reader = False
 
-    @property
-    def to_host_bytes(self) -> int:
-        """The number of bytes that wait for the host."""
-        return len(self._to_host)
+    def has_reader(self, channel: Chip) -> bool:
+        """Return True while a driver of the host wants data of a channel."""
+        return self._streams[channel].has_reader
+
+    def to_host_bytes(self, channel: Chip) -> int:
+        """Return the number of bytes of a channel that wait for the host."""
+        return len(self._streams[channel].to_host)
 
     # -- from the host -------------------------------------------------------------------------------------------------
 
-    def receive(self) -> None:
-        """Read what has come, and answer it. Never blocks.
+    def receive(self) -> bool:
+        """Read what has come, and answer it; return True if there was something. Never blocks.
 
         A connection that ends, and one that does not speak USB/IP, is closed.
         """
+        had = len(self._input)
         try:
             while len(self._input) < MAX_HELD_BYTES and (chunk := self._socket.recv(_CHUNK_BYTES)):
                 self._input += chunk
@@ -70,7 +110,7 @@ class HostLink:
             is_ended = False
         except OSError:
             is_ended = True
-        at = 0
+        at, has_news = 0, is_ended or len(self._input) > had
         try:
             while (found := protocol.parsed(self._input, at)) is not None:
                 message, at = found
@@ -84,28 +124,33 @@ class HostLink:
         self.send()
         if is_ended or self._is_flooded:
             self.close()
+        return has_news
 
     @property
     def _is_flooded(self) -> bool:
         """True if the host asks for more than a driver would, or does not take its answers."""
-        waiting = len(self._held) + sum(map(len, self._waiting.values()))
-        return waiting > MAX_REQUESTS or len(self._unsent) > MAX_HELD_BYTES
+        waiting = sum(len(stream.held) + len(stream.waiting) for stream in self._streams.values())
+        return waiting + len(self._others) > MAX_REQUESTS or len(self._unsent) > MAX_HELD_BYTES
 
     def _submit(self, request: protocol.Submit) -> None:
         if request.endpoint == 0:
             self._control(request)
         elif request.to_host:
-            self._waiting.setdefault(request.endpoint | 0x80, {})[request.number] = request.length
-            self.has_reader |= request.endpoint | 0x80 == self._chip.data_in
-        elif request.endpoint == self._chip.data_out:
-            self._held.append((request.number, request.length, request.data))
+            if stream := self._inputs.get(request.endpoint | 0x80):
+                stream.waiting[request.number] = request.length
+                stream.has_reader = True
+            else:
+                self._others[request.number] = None
+        elif stream := self._outputs.get(request.endpoint):
+            stream.held.append((request.number, request.length, request.data))
         else:
             self._answer(request.number, -errno.EPIPE, 0)
 
     def _control(self, request: protocol.Submit) -> None:
         setup = Setup(*request.setup[:2], *(int.from_bytes(request.setup[at : at + 2], "little") for at in (2, 4, 6)))
         if setup.type == STANDARD and setup.request == _SET_CONFIGURATION:
-            self.has_reader = self._chip.listens_when_configured
+            for stream in self._streams.values():
+                stream.has_reader = stream.chip.listens_when_configured
         answer = self._chip.answer(setup, request.data)
         if answer is None:
             self._answer(request.number, -errno.EPIPE, 0)
@@ -116,38 +161,35 @@ class HostLink:
             self._answer(request.number, 0, request.length)
 
     def _unlink(self, request: protocol.Unlink) -> None:
-        was_waiting = any(queue.pop(request.withdrawn, None) is not None for queue in self._waiting.values())
-        for entry in [each for each in self._held if each[0] == request.withdrawn]:
-            self._held.remove(entry)
+        was_waiting = any([stream.withdraw(request.withdrawn) for stream in self._streams.values()])
+        if request.withdrawn in self._others:
+            del self._others[request.withdrawn]
             was_waiting = True
-        if not self._chip.listens_when_configured and not self._waiting.get(self._chip.data_in):
-            self.has_reader = False  # a driver withdraws all of its requests when the port is closed
-            self._to_host.clear()
         self._unsent += protocol.unlinked(request.number, -errno.ECONNRESET if was_waiting else 0)
 
-    def take(self) -> bytes | None:
-        """Return the data of the host's next request, which is then done, or None if it has sent none."""
-        if not self._held:
+    def take(self, channel: Chip) -> bytes | None:
+        """Return the data of the host's next request to a channel, which is then done, or None if there is none."""
+        held = self._streams[channel].held
+        if not held:
             return None
-        number, length, data = self._held.popleft()
+        number, length, data = held.popleft()
         self._answer(number, 0, length)
-        return self._chip.from_host(data)
+        return channel.from_host(data)
 
     # -- to the host ---------------------------------------------------------------------------------------------------
 
-    def put(self, data: bytes) -> None:
-        """Hand data to the host as it asks for them; on a device of frames, one in each transfer."""
-        self._to_host += data
-        queue = self._waiting.get(self._chip.data_in)
-        while self._to_host and queue:
-            number = next(iter(queue))
-            transfer = self._chip.packets_to_host(self._to_host, queue.pop(number))
+    def put(self, channel: Chip, data: bytes) -> None:
+        """Hand data of a channel to the host as it asks for them; on a device of frames, one in each transfer."""
+        stream = self._streams[channel]
+        stream.to_host += data
+        while (found := stream.next()) is not None:
+            number, transfer = found
             self._answer(number, 0, len(transfer), transfer)
 
-    def pump(self) -> None:
+    def pump(self, channel: Chip) -> None:
         """Fill requests that have come since with data that wait."""
-        if self._to_host:
-            self.put(b"")
+        if self._streams[channel].to_host:
+            self.put(channel, b"")
 
     def _answer(self, number: int, status: int, length: int, data: bytes = b"") -> None:
         self._unsent += protocol.submitted(number, status, length, data)

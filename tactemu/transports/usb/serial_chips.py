@@ -1,8 +1,8 @@
-"""USB-serial chips: CDC-ACM, FT232R, CP2102, CH340, each as its Linux driver and its published descriptors show it.
+"""USB-serial chips: CDC-ACM, FT232R, FT2232C, CP2102, CH340, each as its Linux driver and its published descriptors show it.
 
 Requests and divisors are those of Linux 6.1, ``drivers/usb/class/cdc-acm.c`` and ``drivers/usb/serial/{ftdi_sio,cp210x,
-ch341}.c``; descriptors are ``lsusb -v`` of real chips: FT232RL (ksksue.hatenadiary.org, 2012-02-12), CP2102
-(mvp/uhubctl issue 526), CH340 (memtest86plus pull request 387).
+ch341}.c``; descriptors are ``lsusb -v`` of real chips: FT232RL (ksksue.hatenadiary.org, 2012-02-12), FT2232C
+(community.sparkfun.com topic 5031; a board's EEPROM sets its current), CP2102 (mvp/uhubctl issue 526), CH340 (memtest86plus pull request 387).
 """
 
 from __future__ import annotations
@@ -130,6 +130,31 @@ class Ft232R(Chip):
         return bytes(packets)
 
 
+class Ft2232(Chip):
+    """An FT2232C or FT2232D: two UARTs, channels A and B, each with an interface and a node of its own."""
+
+    def __init__(self, identity: USB | None = None):
+        super().__init__(identity)
+        self.channels = Ft232R(identity), Ft232R(identity)
+        for number, each in enumerate(self.channels):
+            each.data_in, each.data_out = 0x81 + 2 * number, 0x02 + 2 * number
+
+    def descriptors(self) -> Descriptors:
+        """Return the descriptors of an FT2232C."""
+        vid, pid = self.ids(0x0403, 0x6010)
+        code = (_VENDOR_SPECIFIC, _VENDOR_SPECIFIC, _VENDOR_SPECIFIC)
+        interfaces = [
+            Interface(code, (Endpoint(each.data_in, "bulk", 64), Endpoint(each.data_out, "bulk", 64)), string=2)
+            for each in self.channels
+        ]
+        return Descriptors(vid, pid, 0x0500, interfaces, self.named("FTDI", "Dual RS232"), control_bytes=8)
+
+    def control(self, setup: Setup, data: bytes) -> bytes | None:
+        """Carry out a request of the channel that the low byte of ``wIndex`` names: 1 is A, 2 is B."""
+        number = min(max(setup.target & 0xFF, 1), 2) - 1
+        return self.channels[number].control(setup._replace(target=setup.target >> 8), data)
+
+
 class Cp2102(Chip):
     """A CP2102: the vendor's requests to its interface."""
 
@@ -238,13 +263,16 @@ class Ch340(Chip):
             self.set(bytesize=5 + (line & 3), parity=parity, stopbits=2 if line & 4 else 1)
 
 
-CHIPS: dict[str, type[Chip]] = {"cdc": CdcAcm, "ftdi": Ft232R, "cp210x": Cp2102, "ch341": Ch340}
-"""The chips by the name of their driver in Linux."""
+CHIPS: dict[str, type[Chip]] = {"cdc": CdcAcm, "ftdi": Ft232R, "ft2232": Ft2232, "cp210x": Cp2102, "ch341": Ch340}
+"""The chips by the name of their driver in Linux; FTDI's second one by its own."""
 _VENDORS = {0x0403: "ftdi", 0x10C4: "cp210x", 0x1A86: "ch341"}
+_PRODUCTS = {(0x0403, 0x6010): "ft2232"}
 
 
 def chip_of(usb: bool | USB) -> type[Chip]:
     """Return the chip of a connector: CDC-ACM where its node is ttyACM, else that of the vendor, else an FT232R."""
     if usb is True or (isinstance(usb, USB) and usb.node == "ttyACM"):
         return CdcAcm
-    return CHIPS[_VENDORS.get(usb.vid, "ftdi")] if isinstance(usb, USB) else Ft232R
+    if not isinstance(usb, USB):
+        return Ft232R
+    return CHIPS[_PRODUCTS.get((usb.vid, usb.pid)) or _VENDORS.get(usb.vid, "ftdi")]

@@ -12,13 +12,13 @@ import contextlib
 import select
 import socket
 import threading
-from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from tactemu.transports import inet
 from tactemu.transports.forks import close_in_children
 from tactemu.transports.usb import usbip_protocol as protocol
 from tactemu.transports.usb.chip import Chip
+from tactemu.transports.usb.plug import Plug
 
 MAX_GREETINGS = 16
 """Maximum number of clients that have connected and not asked for anything yet; further ones are closed."""
@@ -30,20 +30,16 @@ class Export:
 
     busid: str
     number: int
-    chip: Chip
-    take: Callable[[socket.socket], None]
-    """Takes over the connection of the host that attaches the device; may be called in another thread."""
-    is_free: Callable[[], bool]
-    """Returns True if a host may attach it: it is plugged in, and no host has it."""
+    plug: Plug
 
     def about(self) -> bytes:
         """Return what a list says of it."""
-        own = self.chip.descriptors()
+        own = self.plug.chip.descriptors()
         return protocol.about(self.busid, self.number, own.device(), len(own.interfaces))
 
     def interfaces(self) -> bytes:
         """Return the class codes of its interfaces."""
-        return b"".join(bytes((*each.code, 0)) for each in self.chip.descriptors().interfaces)
+        return b"".join(bytes((*each.code, 0)) for each in self.plug.chip.descriptors().interfaces)
 
 
 @dataclass(eq=False)
@@ -75,20 +71,35 @@ class UsbIpServer:
         close_in_children(self)
         inet.warn_if_reachable(f"usbip:{inet.join(self.host, self.port)}", where[0])
 
-    def add(self, chip: Chip, take: Callable[[socket.socket], None], is_free: Callable[[], bool]) -> Export:
-        """Offer a device, on the first free port of the hub."""
+    def plug_in(self, plug: Plug, channel: Chip) -> str:
+        """Offer a device with a channel of it, on the first free port of the hub, and return the port's name."""
         with self._lock:
-            number = next(n for n in range(1, 128) if f"1-{n}" not in self.exports)
-            export = Export(f"1-{number}", number + 1, chip, take, is_free)
-            self.exports[export.busid] = export
-        return export
+            if plug.open(channel):
+                number = next(n for n in range(1, 128) if f"1-{n}" not in self.exports)
+                self.exports[f"1-{number}"] = Export(f"1-{number}", number + 1, plug)
+            return next(each.busid for each in self.exports.values() if each.plug is plug)
 
-    def remove(self, export: Export) -> None:
-        """Withdraw a device; the server closes with the last one."""
+    def unplug(self, plug: Plug, channel: Chip) -> None:
+        """Close a channel of a device, which is withdrawn with its last one; the server closes with the last device."""
         with self._lock:
-            self.exports.pop(export.busid, None)
+            if plug.close(channel):
+                self.exports = {busid: each for busid, each in self.exports.items() if each.plug is not plug}
         if not self.exports:
             self.close()
+
+    def shared(self, chip: Chip, number: int | None) -> tuple[Plug, Chip] | None:
+        """Return a device of the same kind and identity that has this channel free, and the channel.
+
+        Args:
+            chip: what is wanted.
+            number: the number of the channel; None: any.
+        """
+        with self._lock:
+            for each in self.exports.values():
+                other = each.plug.chip
+                if type(other) is type(chip) and other.is_same_device(chip) and (channel := each.plug.take(number)):
+                    return each.plug, channel
+        return None
 
     def close(self) -> None:
         """Stop listening. Safe to call twice."""
@@ -156,13 +167,13 @@ class UsbIpServer:
     def _import(self, client: socket.socket, busid: str) -> bool:
         self._ready.unregister(client)
         export = self.exports.get(busid)
-        is_given = export is not None and export.is_free()
+        is_given = export is not None and export.plug.is_free
         client.sendall(
             protocol.OP.pack(protocol.VERSION, protocol.OP_REP_IMPORT, 0 if is_given else 1)
             + (export.about() if is_given and export else b"")
         )
         if is_given and export:
-            export.take(client)
+            export.plug.give(client)
         return is_given or client.close() is None
 
 
