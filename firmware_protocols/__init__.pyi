@@ -12,9 +12,11 @@ from firmware_protocols.commands import Command as Command
 from firmware_protocols.commands import command as command
 from firmware_protocols.commands import command_table as command_table
 from firmware_protocols.connectors import USB as USB
+from firmware_protocols.connectors import Bulk as Bulk
 from firmware_protocols.connectors import Can as Can
 from firmware_protocols.connectors import Connector as Connector
 from firmware_protocols.connectors import Dds as Dds
+from firmware_protocols.connectors import Hid as Hid
 from firmware_protocols.connectors import I2c as I2c
 from firmware_protocols.connectors import Rs485 as Rs485
 from firmware_protocols.connectors import Serial as Serial

@@ -129,6 +129,37 @@ class Dds(Connector):
 
 
 @dataclass(frozen=True, kw_only=True)
+class Hid(Connector):
+    """A USB device of the class HID: each frame is a report.
+
+    A device whose reports have numbers begins each frame with the number, in both directions.
+    """
+
+    is_framed = True
+    usb: USB
+    report_descriptor: bytes
+    """The format of the reports (HID 1.11, chapter 6.2.2), as the device tells it."""
+    input_bytes: int = 64
+    """The packet size of the endpoint to the host; a report is at most as long [byte]."""
+    output_bytes: int = 64
+    """The packet size of the endpoint from the host; 0: none, output reports come as control requests [byte]."""
+    interval_ms: int = 1
+    """The time between two reports in one direction."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Bulk(Connector):
+    """A USB device of a class of the vendor's own, read by libusb: each frame is a transfer on a bulk endpoint."""
+
+    is_framed = True
+    usb: USB
+    endpoint_in: int = 0x81
+    """The address of the endpoint to the host."""
+    endpoint_out: int = 0x02
+    packet_bytes: int = 64
+
+
+@dataclass(frozen=True, kw_only=True)
 class I2c(Connector):
     """A target on an I2C bus, which answers to one or several addresses. Several devices may share the bus.
 

@@ -2,7 +2,8 @@
 
 ``usbip attach -r HOST -b 1-1`` makes it a true USB device of that machine: the machine's own driver binds to it, udev
 names it, libusb sees it. The connector says what is soldered on (``Serial(usb=USB(...))``): a board with USB of its own
-(CDC-ACM), or an FTDI, CP210x or CH340 chip; ``usbip:ftdi@PORT`` takes another. Several devices on one address are ports
+(CDC-ACM), or an FTDI, CP210x or CH340 chip; ``usbip:ftdi@PORT`` takes another. A HID, or a device of a
+vendor's class, is that (``Hid``, ``Bulk``). Several devices on one address are ports
 of one hub: 1-1, 1-2 ...; two with an FT2232 and the same identity are the two channels of one chip. ``usbip:`` alone
 listens on port 3240 of the loopback interface.
 """
@@ -11,7 +12,7 @@ from __future__ import annotations
 
 from collections import deque
 
-from firmware_protocols import USB, Connector, Serial, WireFrame
+from firmware_protocols import Connector, WireFrame
 from tactemu.base.errors import TransportError, nearest
 from tactemu.transports import inet
 from tactemu.transports.transport import (
@@ -27,9 +28,10 @@ from tactemu.transports.transport import (
     Transport,
 )  # fmt: skip
 from tactemu.transports.usb.chip import Chip
+from tactemu.transports.usb.devices import device_of
 from tactemu.transports.usb.link import HostLink
-from tactemu.transports.usb.plug import Plug
-from tactemu.transports.usb.serial_chips import CHIPS, chip_of
+from tactemu.transports.usb.serial_chips import CHIPS
+from tactemu.transports.usb.shared_device import SharedDevice
 from tactemu.transports.usb.usbip_server import UsbIpServer, shared_server
 
 USUAL_PORT = 3240
@@ -54,7 +56,7 @@ class UsbIpPort(Transport):
         self._device = chip
         self._channel_number: int | None = None
         """The number of the port's channel on a chip with several; None: the first one that is free."""
-        self._plug: Plug | None = None
+        self._shared: SharedDevice | None = None
         self._chip = chip.channels[0]
         """The channel, once the port is open: mostly the device itself."""
         self._server: UsbIpServer | None = None
@@ -74,61 +76,61 @@ class UsbIpPort(Transport):
             return
         server = shared_server(self._host, self._port)
         self._port = server.port  # after the fault `unplug`, too
-        if self._plug is None:
-            self._plug, self._chip = self._taken_from(server)
-        busid = server.plug_in(self._plug, self._chip)
+        if self._shared is None:
+            self._shared, self._chip = self._taken_from(server)
+        busid = server.plug_in(self._shared, self._chip)
         self._server = server
         host = inet.join(server.host, server.port).rpartition(":")[0]
         self.address = f"usbip --tcp-port {server.port} attach -r {host} -b {busid}"
 
-    def _taken_from(self, server: UsbIpServer) -> tuple[Plug, Chip]:
+    def _taken_from(self, server: UsbIpServer) -> tuple[SharedDevice, Chip]:
         """Return a free channel of a device that is there, or of a new one."""
         number = self._channel_number
         if len(self._device.channels) > 1 and (found := server.shared(self._device, number)):
             return found
-        plug = Plug(self._device)
-        channel = plug.take(number)
+        shared = SharedDevice(self._device)
+        channel = shared.take(number)
         if channel is None:
             raise TransportError(f"port '{self.address}': the chip has no interface {number}")
-        return plug, channel
+        return shared, channel
 
     def close(self) -> None:
         """Pull the cable: the host's node goes. Safe to call twice."""
-        if self._server is not None and self._plug is not None:
-            self._server.unplug(self._plug, self._chip)
+        if self._server is not None and self._shared is not None:
+            self._server.unplug(self._shared, self._chip)
         self._server = self._link = None
         self._has_reader = False
         self._events.clear()
 
     def filenos(self, reading: bool = True) -> list[int]:
         """Return the server's file descriptor and those of the host."""
-        if self._server is None or self._plug is None:
+        if self._server is None or self._shared is None:
             return []
         own = [self._link.fileno()] if self._link is not None and self._link.is_alive else []
-        return [self._server.fileno(), self._plug.fileno(self._chip), *own]
+        return [self._server.fileno(), self._shared.fileno(self._chip), *own]
 
     # -- events ----------------------------------------------------------------------------------------------------
 
     def poll(self, reading: bool = True) -> list[Event]:
         """Return hosts that come and go, a driver that opens and closes the port, its settings and its bytes."""
-        if self._server is None or self._plug is None:
+        if self._server is None or self._shared is None:
             return []
         self._server.serve()
-        with self._plug.lock:
-            newest = self._plug.link(self._chip)
+        with self._shared.lock:
+            newest = self._shared.link(self._chip)
             if self._link is None and newest is not None:
                 self._link = newest
                 self._events.append(Noted("attached by a host"))
             if self._link is not None:
-                self._work(self._plug, self._link, reading)
+                self._work(self._shared, self._link, reading)
         events = list(self._events)
         self._events.clear()
         return events
 
-    def _work(self, plug: Plug, link: HostLink, reading: bool) -> None:
+    def _work(self, shared: SharedDevice, link: HostLink, reading: bool) -> None:
         """Take what the host has sent, and send what waits for it."""
         if link.receive():
-            plug.wake(but=self._chip)
+            shared.wake(but=self._chip)
         self._note_reader(link.has_reader(self._chip))
         self._events += self._chip.events
         self._chip.events.clear()
@@ -141,7 +143,7 @@ class UsbIpPort(Transport):
         if not link.is_alive:
             self._note_reader(False)
             self._link = None
-            plug.drop(link)
+            shared.drop(link)
             self._events.append(Noted("detached by the host"))
 
     def _note_reader(self, has_reader: bool) -> None:
@@ -162,9 +164,9 @@ class UsbIpPort(Transport):
 
     def _put(self, data: bytes, most: int) -> bool:
         """Hand a frame to the host; return False if more than ``most`` bytes would wait for it."""
-        if self._link is None or self._plug is None:
+        if self._link is None or self._shared is None:
             return False
-        with self._plug.lock:
+        with self._shared.lock:
             if self._link.to_host_bytes(self._chip) + len(data) > most:
                 return False
             self._reply(data)
@@ -172,8 +174,8 @@ class UsbIpPort(Transport):
 
     def _reply(self, data: bytes) -> None:
         """Hand data to the host, however many wait."""
-        if self._link is not None and self._plug is not None:
-            with self._plug.lock:
+        if self._link is not None and self._shared is not None:
+            with self._shared.lock:
                 self._link.put(self._chip, data)
                 self._link.send()
 
@@ -184,7 +186,7 @@ class UsbIpPort(Transport):
 
 
 class UsbIpTransport(UsbIpPort):
-    """A USB device with a serial port.
+    """A USB device with a serial port, a HID, or one of a vendor's class.
 
     Raises:
         TransportError: the address cannot be parsed, or there is no such chip.
@@ -206,22 +208,15 @@ class UsbIpTransport(UsbIpPort):
         """Take the chip and its identity from the device.
 
         Raises:
-            TransportError: the device has no serial port.
+            TransportError: the device is none on USB, or the address names a chip that has no place in it.
         """
-        if not isinstance(connector, Serial):
-            raise TransportError(f"port '{self.address}': the device has no serial port")
-        own = chip_of(connector.usb)
-        kind = CHIPS[self._chip_name] if self._chip_name else own
-        usb = connector.usb
-        identity = usb if kind is own and isinstance(usb, USB) else None  # another chip has its maker's ids
-        self._device = kind(identity)
+        self._device, self._channel_number = device_of(connector, self.address, self._chip_name)
         self._chip = self._device.channels[0]
-        self._channel_number = identity.interface if identity and len(self._device.channels) > 1 else None
 
     def write(self, frame: WireFrame) -> bool:
         """Write one frame; ``False`` where no driver has the port open, or does not read."""
         if not isinstance(frame, bytes):
-            raise TransportError(f"a serial port cannot carry the CAN frame {frame}")
+            raise TransportError(f"a USB device cannot carry the CAN frame {frame}")
         return self._has_reader and self._put(frame, MAX_TO_HOST_BYTES)
 
     @property

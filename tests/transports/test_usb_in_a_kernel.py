@@ -25,8 +25,12 @@ def told():
         first = stack.enter_context(Played("anyskin", "usbip:cdc@0"))
         number = first.wire.transport.address.split("--tcp-port ")[1].split()[0]
         others = [stack.enter_context(Played("anyskin", f"usbip:{chip}@{number}")) for chip in list(NODES.values())[1:]]
+        own = [
+            stack.enter_context(Played(f"tests/transports/usb_devices.py:{name}", f"usbip:{number}"))
+            for name in ("ForceKeys", "BulkPad")
+        ]
         board = stack.enter_context(Played("xela_uskin", f"gsusb:{number}"))
-        modules = "vhci-hcd cdc-acm ftdi_sio cp210x ch341 gs_usb can-raw"
+        modules = "vhci-hcd cdc-acm ftdi_sio cp210x ch341 usbhid hid-generic gs_usb can-raw"
         program = [sys.executable, str(ROOT / "tests/transports/usb_guest.py"), number, str(READINGS), *NODES]
         done = subprocess.run(
             [ROOT / "scripts/kernel-guest", "-m", "1G", "-t", "500", "-M", modules, "--", *program],
@@ -38,7 +42,7 @@ def told():
         lines = [json.loads(line) for line in done.stdout.splitlines() if line.startswith("{")]
         yield (
             {line.pop("node"): line for line in lines if "node" in line},
-            dict(zip([*NODES, "can0"], [first, *others, board])),
+            dict(zip([*NODES, "hid", "bulk", "can0"], [first, *others, *own, board])),
         )
 
 
@@ -65,6 +69,35 @@ def test_the_kernel_lists_the_ids_of_maker_and_chips(told):
         "ttyUSB1": ("10c4", "ea60"), "ttyUSB2": ("1a86", "7523"),
         "ttyUSB3": ("0403", "6010"), "ttyUSB4": ("0403", "6010"),
     }  # fmt: skip
+
+
+@pytest.mark.parametrize("way", ["hid", "hidraw", "hidraw0", "bulk"])
+def test_every_report_and_transfer_is_a_sample(told, way):
+    said, played = told
+    samples = played[way if way == "bulk" else "hid"].samples()
+    readings = [np.array(reading, float).tobytes() for reading in said[way]["readings"]]
+    assert sum(reading in samples for reading in readings) == len(readings) == READINGS // 3
+
+
+def test_pyserial_pyudev_libusb_and_hidapi_find_the_devices(told):
+    said, _ = told
+    found = said["listed"]
+    hand = [0x16C0, 0x0486, "Teensyduino", "Teensyduino RawHID", "12345", 0]
+    assert found["hidapi"] == [hand] and found["hidraw"] == [[0x16C0, 0xFFAB, 0x0200]]
+    ports = {port[5]: tuple(port[:5]) for port in found["pyserial"]}
+    assert ports == {
+        "ttyACM0": ("239a", "80cb", "Adafruit", "QT Py M0", None),
+        "ttyUSB0": ("0403", "6001", "FTDI", "FT232R USB UART", None),
+        "ttyUSB1": ("10c4", "ea60", "Silicon Labs", "CP2102 USB to UART Bridge Controller", "0001"),
+        "ttyUSB2": ("1a86", "7523", None, "USB2.0-Serial", None),
+        "ttyUSB3": ("0403", "6010", "FTDI", "Dual RS232", None),
+        "ttyUSB4": ("0403", "6010", "FTDI", "Dual RS232", None),
+    }
+    ids = {(port[0], port[1]) for port in found["pyserial"]} | {("16c0", "0486"), ("1209", "0002"), ("1d50", "606f")}
+    assert {tuple(each) for each in found["pyudev"]} - {("1d6b", "0002"), ("1d6b", "0003")} == ids
+    assert {tuple(each[:2]) for each in found["pyusb"]} >= ids
+    names = {tuple(each[2:]) for each in found["pyusb"]}
+    assert names >= {("bytewerk", "candleLight USB to CAN adapter"), ("Nobody", "Bulk pad"), ("FTDI", "Dual RS232")}
 
 
 def test_a_board_on_can_is_read_through_an_adapter(told):

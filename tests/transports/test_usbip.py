@@ -3,7 +3,6 @@
 import contextlib
 import socket
 import struct
-import threading
 import time
 
 import pytest
@@ -16,6 +15,7 @@ from tactemu.base.errors import TactemuError, TransportError
 from tactemu.transports.transport import Closed, LinesChanged, Noted, Opened, Received, SerialSetting, SettingChanged
 from tactemu.transports.usb import usbip_protocol as protocol
 from tactemu.transports.usb import vhci
+from tests.transports.usbip_ends import Polled, asks
 
 BOARD = Serial(
     baud=115_200, usb=USB(vid=0x239A, pid=0x80CB, manufacturer="Adafruit", product="QT Py M0", serial="AB12")
@@ -26,61 +26,9 @@ SECOND = Serial(baud=1_000_000, usb=USB(0x0403, 0x6010, interface=1, node="ttyUS
 FIRST = Serial(baud=1_000_000, usb=USB(0x0403, 0x6010, node="ttyUSB"))
 
 
-class Polled:
-    """A port with a thread that polls it, as the loop would."""
-
-    def __init__(self, location, connector):
-        self.port = transports.create(f"usbip:{location}")
-        self.port.set_connector(connector)
-        self.events, self._stop = [], threading.Event()
-        self._lock = threading.Lock()
-        self._thread = threading.Thread(target=self._run)
-
-    def _run(self):
-        while not self._stop.is_set():
-            with self._lock:
-                self.events += self.port.poll()
-            time.sleep(0.001)
-
-    def __enter__(self):
-        self.port.open()
-        self.number = int(self.port.address.split("--tcp-port ")[1].split()[0])
-        self._thread.start()
-        return self
-
-    def __exit__(self, *_):
-        self._stop.set()
-        self._thread.join()
-        self.port.close()
-
-    def write(self, data):
-        with self._lock:
-            return self.port.write(data)
-
-    def wait(self, kind, seconds=5.0, **fields):
-        """Return the last event of a kind with these fields, once there is one."""
-        deadline = time.monotonic() + seconds
-        while time.monotonic() < deadline:
-            found = [event for event in list(self.events) if isinstance(event, kind)]
-            if found := [each for each in found if all(getattr(each, key) == fields[key] for key in fields)]:
-                return found[-1]
-            time.sleep(0.002)
-        raise AssertionError(f"no {kind.__name__} among {self.events}")
-
-    def client(self):
-        return usbip.attach("127.0.0.1", self.port.address.split()[-1], port=self.number)
-
-
-def asks(handle, address, length, got):
-    """Ask for data in another thread, as a driver's request waits in the device."""
-    thread = threading.Thread(target=lambda: got.append(handle.bulk_in(address, length)))
-    thread.start()
-    return thread
-
-
 # Fields of real devices (lsusb -v): a QT Py is CDC-ACM; FT232RL: ksksue.hatenadiary.org 2012-02-12; FT2232C:
-# /proc/bus/usb/devices in community.sparkfun.com topic 5031 (a board's EEPROM sets the current, there 300 mA; the number
-# of the interfaces' string is that of a clone, enjoy-digital/litex#1793); CP2102: mvp/uhubctl#526; CH340:
+# /proc/bus/usb/devices in community.sparkfun.com topic 5031 (a board's EEPROM sets the current, there 300 mA; the
+# number of the interfaces' string is that of a clone, enjoy-digital/litex#1793); CP2102: mvp/uhubctl#526; CH340:
 # memtest86plus#387.
 DEVICE_DESCRIPTORS = {
     "ftdi": "12 01 0002 00 00 00 08 0304 0160 0006 01 02 00 01",

@@ -33,6 +33,7 @@ class Candle(Chip):
     """The adapter, between a host's frames and the bus."""
 
     listens_when_configured = True
+    is_framed = True
 
     def __init__(self, identity: USB | None = None):
         super().__init__(identity)
@@ -83,10 +84,6 @@ class Candle(Chip):
                 self.note("channel started" if self.is_started else "channel stopped")
                 return DONE
         return None
-
-    def packets_to_host(self, data: bytearray, length: int) -> bytes:
-        """Return one frame: a transfer carries no more."""
-        return super().packets_to_host(data, min(length, FD_BYTES if data[10] & _FD else CLASSIC_BYTES))
 
 
 def _rate(timing: bytes) -> int:

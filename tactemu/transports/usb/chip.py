@@ -44,6 +44,8 @@ class Chip(ABC):
     listens_when_configured: bool = False
     """True if a driver is there as soon as it has configured the device; else from its first request for data until it
     withdraws them, as a tty's driver does. Programs that read by libusb have none between two reads."""
+    is_framed: bool = False
+    """True if a transfer to the host carries one frame, or a piece of it."""
 
     def __init__(self, identity: USB | None = None):
         self.identity = identity
@@ -72,6 +74,10 @@ class Chip(ABC):
         taken = bytes(data[:length])
         del data[:length]
         return taken
+
+    def takes(self, setup: Setup) -> bool:
+        """Return True if the data of a control request are data for the device, as those of its endpoint."""
+        return False
 
     def from_host(self, data: bytes) -> bytes:
         """Return the data of a transfer of the host."""

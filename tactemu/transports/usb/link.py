@@ -28,6 +28,8 @@ class Stream:
         """Requests with data that the device has not taken: number, length, data."""
         self.to_host = bytearray()
         """Data that wait for a request."""
+        self._ends: deque[int] = deque()
+        """The lengths of the frames that wait, on a device of frames [byte]."""
         self._answered: deque[int] = deque(maxlen=MAX_REQUESTS)
         """The numbers of the last requests that got data: a driver may withdraw one at the same moment."""
         self.has_reader = False
@@ -39,7 +41,24 @@ class Stream:
             return None
         number = next(iter(self.waiting))
         self._answered.append(number)
-        return number, self.chip.packets_to_host(self.to_host, self.waiting.pop(number))
+        room = self.waiting.pop(number)
+        if self._ends:
+            room = min(room, self._ends[0])
+            self._ends[0] -= room
+            if not self._ends[0]:
+                self._ends.popleft()
+        return number, self.chip.packets_to_host(self.to_host, room)
+
+    def put(self, data: bytes) -> None:
+        """Let data wait for a request."""
+        self.to_host += data
+        if self.chip.is_framed and data:
+            self._ends.append(len(data))
+
+    def clear(self) -> None:
+        """Drop what waits for the host."""
+        self.to_host.clear()
+        self._ends.clear()
 
     def withdraw(self, number: int) -> bool:
         """Forget a request; return False if it is not of this channel, or done."""
@@ -50,7 +69,7 @@ class Stream:
         is_of_reader = was_waiting or number in self._answered
         if is_of_reader and not self.chip.listens_when_configured and not self.waiting:
             self.has_reader = False  # a driver withdraws all of its requests when the port is closed
-            self.to_host.clear()
+            self.clear()
         return was_waiting or bool(was_held)
 
 
@@ -151,6 +170,9 @@ class HostLink:
         if setup.type == STANDARD and setup.request == _SET_CONFIGURATION:
             for stream in self._streams.values():
                 stream.has_reader = stream.chip.listens_when_configured
+        if taker := next((stream for stream in self._streams.values() if stream.chip.takes(setup)), None):
+            taker.held.append((request.number, request.length, request.data))
+            return
         answer = self._chip.answer(setup, request.data)
         if answer is None:
             self._answer(request.number, -errno.EPIPE, 0)
@@ -161,7 +183,7 @@ class HostLink:
             self._answer(request.number, 0, request.length)
 
     def _unlink(self, request: protocol.Unlink) -> None:
-        was_waiting = any([stream.withdraw(request.withdrawn) for stream in self._streams.values()])
+        was_waiting = any(stream.withdraw(request.withdrawn) for stream in self._streams.values())
         if request.withdrawn in self._others:
             del self._others[request.withdrawn]
             was_waiting = True
@@ -181,7 +203,7 @@ class HostLink:
     def put(self, channel: Chip, data: bytes) -> None:
         """Hand data of a channel to the host as it asks for them; on a device of frames, one in each transfer."""
         stream = self._streams[channel]
-        stream.to_host += data
+        stream.put(data)
         while (found := stream.next()) is not None:
             number, transfer = found
             self._answer(number, 0, len(transfer), transfer)

@@ -1,8 +1,9 @@
-"""USB-serial chips: CDC-ACM, FT232R, FT2232C, CP2102, CH340, each as its Linux driver and its published descriptors show it.
+"""USB-serial chips: CDC-ACM, FT232R, FT2232C, CP2102, CH340.
 
-Requests and divisors are those of Linux 6.1, ``drivers/usb/class/cdc-acm.c`` and ``drivers/usb/serial/{ftdi_sio,cp210x,
-ch341}.c``; descriptors are ``lsusb -v`` of real chips: FT232RL (ksksue.hatenadiary.org, 2012-02-12), FT2232C
-(community.sparkfun.com topic 5031; a board's EEPROM sets its current), CP2102 (mvp/uhubctl issue 526), CH340 (memtest86plus pull request 387).
+Each is as its Linux driver and its published descriptors show it. Requests and divisors are those of Linux 6.1,
+``drivers/usb/class/cdc-acm.c`` and ``drivers/usb/serial/{ftdi_sio,cp210x,ch341}.c``; descriptors are ``lsusb -v`` of
+real chips: FT232RL (ksksue.hatenadiary.org, 2012-02-12), FT2232C (community.sparkfun.com topic 5031; a board's EEPROM
+sets its current), CP2102 (mvp/uhubctl issue 526), CH340 (memtest86plus pull request 387).
 """
 
 from __future__ import annotations

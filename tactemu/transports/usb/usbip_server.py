@@ -18,7 +18,7 @@ from tactemu.transports import inet
 from tactemu.transports.forks import close_in_children
 from tactemu.transports.usb import usbip_protocol as protocol
 from tactemu.transports.usb.chip import Chip
-from tactemu.transports.usb.plug import Plug
+from tactemu.transports.usb.shared_device import SharedDevice
 
 MAX_GREETINGS = 16
 """Maximum number of clients that have connected and not asked for anything yet; further ones are closed."""
@@ -30,16 +30,16 @@ class Export:
 
     busid: str
     number: int
-    plug: Plug
+    shared: SharedDevice
 
     def about(self) -> bytes:
         """Return what a list says of it."""
-        own = self.plug.chip.descriptors()
+        own = self.shared.chip.descriptors()
         return protocol.about(self.busid, self.number, own.device(), len(own.interfaces))
 
     def interfaces(self) -> bytes:
         """Return the class codes of its interfaces."""
-        return b"".join(bytes((*each.code, 0)) for each in self.plug.chip.descriptors().interfaces)
+        return b"".join(bytes((*each.code, 0)) for each in self.shared.chip.descriptors().interfaces)
 
 
 @dataclass(eq=False)
@@ -71,23 +71,23 @@ class UsbIpServer:
         close_in_children(self)
         inet.warn_if_reachable(f"usbip:{inet.join(self.host, self.port)}", where[0])
 
-    def plug_in(self, plug: Plug, channel: Chip) -> str:
+    def plug_in(self, shared: SharedDevice, channel: Chip) -> str:
         """Offer a device with a channel of it, on the first free port of the hub, and return the port's name."""
         with self._lock:
-            if plug.open(channel):
+            if shared.open(channel):
                 number = next(n for n in range(1, 128) if f"1-{n}" not in self.exports)
-                self.exports[f"1-{number}"] = Export(f"1-{number}", number + 1, plug)
-            return next(each.busid for each in self.exports.values() if each.plug is plug)
+                self.exports[f"1-{number}"] = Export(f"1-{number}", number + 1, shared)
+            return next(each.busid for each in self.exports.values() if each.shared is shared)
 
-    def unplug(self, plug: Plug, channel: Chip) -> None:
+    def unplug(self, shared: SharedDevice, channel: Chip) -> None:
         """Close a channel of a device, which is withdrawn with its last one; the server closes with the last device."""
         with self._lock:
-            if plug.close(channel):
-                self.exports = {busid: each for busid, each in self.exports.items() if each.plug is not plug}
+            if shared.close(channel):
+                self.exports = {busid: each for busid, each in self.exports.items() if each.shared is not shared}
         if not self.exports:
             self.close()
 
-    def shared(self, chip: Chip, number: int | None) -> tuple[Plug, Chip] | None:
+    def shared(self, chip: Chip, number: int | None) -> tuple[SharedDevice, Chip] | None:
         """Return a device of the same kind and identity that has this channel free, and the channel.
 
         Args:
@@ -96,9 +96,9 @@ class UsbIpServer:
         """
         with self._lock:
             for each in self.exports.values():
-                other = each.plug.chip
-                if type(other) is type(chip) and other.is_same_device(chip) and (channel := each.plug.take(number)):
-                    return each.plug, channel
+                other = each.shared.chip
+                if type(other) is type(chip) and other.is_same_device(chip) and (channel := each.shared.take(number)):
+                    return each.shared, channel
         return None
 
     def close(self) -> None:
@@ -167,13 +167,13 @@ class UsbIpServer:
     def _import(self, client: socket.socket, busid: str) -> bool:
         self._ready.unregister(client)
         export = self.exports.get(busid)
-        is_given = export is not None and export.plug.is_free
+        is_given = export is not None and export.shared.is_free
         client.sendall(
             protocol.OP.pack(protocol.VERSION, protocol.OP_REP_IMPORT, 0 if is_given else 1)
             + (export.about() if is_given and export else b"")
         )
         if is_given and export:
-            export.plug.give(client)
+            export.shared.give(client)
         return is_given or client.close() is None
 
 

@@ -1,7 +1,7 @@
 """A USB device and the host that has it; each channel of a chip with several may belong to another emulator.
 
 The emulators may run in threads of their own. Whoever reads the connection reads it for all channels, and wakes the
-others; :attr:`Plug.lock` is held meanwhile.
+others; :attr:`SharedDevice.lock` is held meanwhile.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from tactemu.transports.usb.link import HostLink
 
 @dataclass
 class _Wake:
-    """What wakes the loop of a channel."""
+    """An alarm for the loop of a channel."""
 
     fileno: int
     """A file descriptor, readable from :meth:`set` until :meth:`clear`."""
@@ -36,7 +36,7 @@ class _Wake:
                 os.eventfd_read(self.fileno)
 
 
-class Plug:
+class SharedDevice:
     """A device, plugged in while all channels that a port has taken are open.
 
     Args:
