@@ -30,6 +30,7 @@ Measure this tree on this machine. Figures are medians; compare those of one run
   python -m benchmarks judge    trials of `tactemu judge` a minute, one and two at once
   python -m benchmarks infer    what `tactemu infer` finds in captures of every device
   python -m benchmarks bus      a robot's complete skin on CAN: how many boards are in time
+  python -m benchmarks wires    echo, rate and jitter of UARTs and USB chips in a guest's kernel
   python -m benchmarks same     what this tree and another commit transmit and measure, byte for byte
   python -m benchmarks mutants  defects that the tests must find, each tried in a copy of the tree
 """,
@@ -54,6 +55,17 @@ def loop(
     if only not in ("", "open", "closed"):
         raise typer.BadParameter(f"expected open or closed, got {only!r}", param_hint="--only")
     save(run(typer.echo, seconds=seconds, repeats=repeats, questions=questions, only=only), out)
+
+
+@bench.command()
+def wires(
+    repeats: Annotated[int, typer.Option(metavar="N", min=1, help="Measurements, of which the quietest counts.")] = 3,
+    out: Out = None,
+) -> None:
+    """Measure UARTs and USB-serial chips in a guest with Debian's kernel: echo, rate and jitter, each with a plug."""
+    from benchmarks.wires import run
+
+    save(run(typer.echo, repeats), out)
 
 
 @bench.command()

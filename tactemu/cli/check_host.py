@@ -9,8 +9,8 @@ import os
 import platform
 import shutil
 import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
 
 from tactemu.base.clock import RealClock
 from tactemu.base.errors import TactemuError
@@ -35,6 +35,8 @@ class Finding:
     """The facility found, or why it is missing."""
     helps: str = ""
     """The command that installs it, or another remedy."""
+    values: Mapping[str, float] = field(default_factory=dict)
+    """The measured values by name and unit: ``{"p50_ms": 0.7}``."""
 
 
 def check_host(wanted: Sequence[str], *, json: bool = False) -> bool:

@@ -29,7 +29,7 @@ ROUNDS, FRAMES, FRAME_BYTES, FRAME_S, STREAM_S = 200, 100, 64, 0.01, 1.0
 """Rounds of one byte; frames, their size and their period for the jitter; time of a stream without a pause [s]."""
 WAIT_S = 1.0
 """The longest wait for bytes that should come back."""
-SLOW_S = 0.005
+SLOW_MS = 5.0
 """The median time of a round trip, without that of the line, from which an adapter gathers bytes."""
 
 
@@ -185,17 +185,18 @@ def _round_trip(loop: _Loop, node: str, baud: int) -> Finding:
         if not loop.wait_for(count + 1):
             return Finding("echo", False, f"byte {k + 1} of {ROUNDS} did not come back at {baud} bit/s")
         times.append(time.monotonic() - began)
-    p50, p99 = np.percentile(times, (50, 99))
-    line = BITS_PER_BYTE / baud
+    p50, p99 = map(float, np.percentile(times, (50, 99)) * 1e3)
+    line = BITS_PER_BYTE / baud * 1e3
+    values = {"p50_ms": p50, "p99_ms": p99}
     says = (
-        f"one byte at {baud} bit/s comes back after {p50 * 1e3:.2f} ms (median), {p99 * 1e3:.2f} ms (99 of 100); "
-        f"the line takes {line * 1e3:.2f} ms of it"
+        f"one byte at {baud} bit/s comes back after {p50:.2f} ms (median), {p99:.2f} ms (99 of 100); "
+        f"the line takes {line:.2f} ms of it"
     )
-    if p50 - line <= SLOW_S:
-        return Finding("echo", True, says)
+    if p50 - line <= SLOW_MS:
+        return Finding("echo", True, says, values=values)
     timer = uart_settings.latency_timer_ms(node) is not None
     helps = f"echo 1 | sudo tee {_timer_of(node)}" if timer else "stop what keeps the machine busy"
-    return Finding("echo", False, says, helps)
+    return Finding("echo", False, says, helps, values)
 
 
 def _stream(loop: _Loop, baud: int) -> Finding:
@@ -212,7 +213,8 @@ def _stream(loop: _Loop, baud: int) -> Finding:
     share = rate * BITS_PER_BYTE / baud
     what = "all equal" if is_equal else f"{len(loop.received)} of {len(sent)} came back, or others"
     says = f"{rate / 1e3:.1f} kB/s at {baud} bit/s, {share:.1%} of the line, {what}"
-    return Finding("stream", is_equal, says, "" if is_equal else "another adapter, a shorter wire, or a lower speed")
+    helps = "" if is_equal else "another adapter, a shorter wire, or a lower speed"
+    return Finding("stream", is_equal, says, helps, {"kB_per_s": rate / 1e3, "share_of_line": share})
 
 
 def _jitter(loop: _Loop, baud: int) -> Finding:
@@ -230,12 +232,12 @@ def _jitter(loop: _Loop, baud: int) -> Finding:
     took = np.array(ends) - sent
     if np.isnan(took).any():
         return Finding("jitter", False, f"frames are missing at {baud} bit/s")
-    low, middle, high = np.percentile(took, (1, 50, 99)) * 1e3
+    low, middle, high = map(float, np.percentile(took, (1, 50, 99)) * 1e3)
     says = (
         f"{FRAME_BYTES} bytes, {1 / FRAME_S:.0f} times a second at {baud} bit/s: {middle:.2f} ms (median), "
         f"{low:.2f} to {high:.2f} ms (98 of 100)"
     )
-    return Finding("jitter", True, says)
+    return Finding("jitter", True, says, values={"p1_ms": low, "p50_ms": middle, "p99_ms": high})
 
 
 # -- a CAN interface ---------------------------------------------------------------------------------------------------

@@ -1,6 +1,6 @@
-"""The guest's part of ``test_cable_in_a_kernel.py``: ``cable_guest.py PORT COUNT``. Prints a JSON object a line.
+"""The guest's part of ``test_cable_in_a_kernel.py``: ``cable_guest PORT READINGS``, or ``PORT SECONDS PULLS`` for long.
 
-``serial:`` has one end of a null-modem cable between two FT232R, drivers have the other.
+``serial:`` has one end of a null-modem cable between two FT232R, drivers have the other. Prints a JSON object a line.
 """
 
 import json
@@ -8,7 +8,9 @@ import os
 import subprocess
 import sys
 import time
+import zlib
 from collections import Counter
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -18,12 +20,12 @@ from firmware_protocols import Serial
 from tactemu import transports
 from tactemu.base.errors import TransportError
 from tactemu.transports.transport import Closed, Counted, LinesChanged, Opened, Received
+from tactemu.transports.uart_settings import errors as errors_of
 from tactemu.wire.wire import Wire
 from tests.transports.played import Played
 
 ROOT = Path(__file__).parents[2]
 NEAR, FAR = "/dev/ttyUSB0", "/dev/ttyUSB1"
-number, count = sys.argv[1:3]
 
 
 def wait(condition, seconds=30.0):
@@ -59,10 +61,10 @@ def counted(seen):
     return counts
 
 
-def readings():
+def readings(count):
     """Every reading of a sensor's own driver."""
     with Played("anyskin", f"serial:{NEAR}") as played:
-        read = [sys.executable, ROOT / "tests/drivers/scripts/anyskin_read.py", "anyskin", FAR, count]
+        read = [sys.executable, ROOT / "tests/drivers/scripts/anyskin_read.py", "anyskin", FAR, str(count)]
         done = subprocess.run(read, capture_output=True, text=True, timeout=120, check=True)
     got = json.loads(done.stdout.splitlines()[-1])["readings"]
     samples = played.samples()
@@ -135,7 +137,10 @@ def fills():
         for _ in range(frames):
             wire.send([frame], 0, "skin")
         arrivals, size, start = [], 0, time.monotonic_ns()
-        while size < frames * len(frame) and (now := time.monotonic_ns() - start) < 6 * 10**10:
+        while size < (frames - wire.counters["dropped_unread"]) * len(frame):
+            now = time.monotonic_ns() - start
+            if now > 6 * 10**10:
+                break
             wire.receive(now)
             wire.flush(now)
             if data := driver.read(4096):
@@ -168,14 +173,92 @@ def stays_open():
         tell("pulled", gone=Closed() in gone, back=Opened() in back, is_read=is_read)
 
 
-keeper = subprocess.Popen(
-    [sys.executable, "-m", "tactemu", "attach", f"{os.environ['KERNEL_GUEST_HOST']}:{number}"], cwd=ROOT
-)
-try:
-    for node in (NEAR, FAR):
-        assert wait(lambda node=node: os.path.exists(node), 240), f"no {node}"
-    for part in (both_ways, lines, errors, speeds, fills, readings, stays_open):
-        part()
-finally:
-    keeper.terminate()
-    keeper.wait()
+READER = """
+import os, signal, sys, termios, tty, zlib
+fd = os.open(sys.argv[1], os.O_RDWR | os.O_NOCTTY)
+tty.setraw(fd)
+mode = termios.tcgetattr(fd)
+mode[4] = mode[5] = termios.B115200
+mode[2] |= termios.CLOCAL
+mode[6][termios.VMIN], mode[6][termios.VTIME] = 0, 100
+termios.tcsetattr(fd, termios.TCSANOW, mode)
+print("ready", flush=True)
+size = check = 0
+while not (data := os.read(fd, 65536)):
+    pass
+while data:
+    size, check = size + len(data), zlib.crc32(data, check)
+    data = os.read(fd, 65536)
+print(size, check)
+"""
+"""A program that reads until nothing has come for ten seconds."""
+
+
+def soak(seconds):
+    """A sensor that streams for long; the bytes at the other end are those that were sent."""
+    reader = subprocess.Popen([sys.executable, "-c", READER, FAR], stdout=subprocess.PIPE, text=True)
+    reader.stdout.readline()
+    with Played("anyskin", f"serial:{NEAR}") as played:
+        time.sleep(seconds)
+    size, check = map(int, reader.communicate(timeout=60)[0].split())
+    sent = b"".join(frame for _, _, frame in played.truth.frames)
+    with serial.Serial(FAR) as driver:
+        overrun = errors_of(driver.fileno())
+    tell(
+        "soak", sent=len(sent), received=size, equal=zlib.crc32(sent) == check, counters=dict(played.wire.counters),
+        samples=len(played.truth.samples), overrun=overrun.buffer_overrun + overrun.uart_overrun,
+    )  # fmt: skip
+
+
+def pulls(count):
+    """Either adapter is pulled out many times: ours is taken again, the driver's is opened again, and bytes pass."""
+    passed = 0
+    with opened() as port:
+        port.poll()
+        for k in range(count):
+            driver = serial.Serial(FAR, 115_200, timeout=5)
+            tell("pull", end=k % 2)
+            if k % 2:
+                is_seen = wait(lambda driver=driver: is_lost(driver))
+                driver.close()
+                is_seen &= wait(lambda: not os.path.exists(FAR)) and wait(lambda: os.path.exists(FAR))
+                driver = serial.Serial(FAR, 115_200, timeout=5)
+            else:
+                seen = events_until(port, lambda seen: "is back" in str(seen), 60)
+                is_seen = "has gone" in str(seen) and "is back" in str(seen)
+            message = b"%06d" % k
+            port.poll()
+            is_read = port.write(message) and driver.read(len(message)) == message
+            driver.close()
+            passed += is_seen and is_read
+            if not (is_seen and is_read):
+                tell(f"pull {k}", is_seen=is_seen, is_read=is_read)
+    tell("pulls", count=count, passed=passed)
+
+
+def is_lost(driver):
+    try:
+        return bool(driver.read(1)) and False
+    except (serial.SerialException, OSError):
+        return True
+
+
+def main(number, *words):
+    command = [sys.executable, "-m", "tactemu", "attach", f"{os.environ['KERNEL_GUEST_HOST']}:{number}"]
+    keeper = subprocess.Popen(command, cwd=ROOT)
+    try:
+        for node in (NEAR, FAR):
+            assert wait(lambda node=node: os.path.exists(node), 240), f"no {node}"
+        if len(words) > 1:
+            soak(float(words[0]))
+            pulls(int(words[1]))
+        else:
+            for part in (both_ways, lines, errors, speeds, fills, partial(readings, int(words[0])), stays_open):
+                part()
+    finally:
+        keeper.terminate()
+        keeper.wait()
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
