@@ -65,6 +65,7 @@ DEVICES: dict[str, str] = {
     "paxini_gen2": f"{_HERE}.paxini_gen2:PaxiniGen2",
     "paxini_high_speed": f"{_HERE}.paxini_high_speed:PaxiniHighSpeed",
     "paxini_px6ax": f"{_HERE}.paxini_px6ax:PaxiniPx6ax",
+    "resense_hex": f"{_HERE}.resense_hex:ResenseHex",
     "robotera_xhand": f"{_HERE}.robotera_xhand:RoboteraXhand",
     "robotiq_ft300": f"{_HERE}.robotiq_ft300:RobotiqFt300",
     "robotiq_tsf85": f"{_HERE}.robotiq_tsf85:RobotiqTsf85",
