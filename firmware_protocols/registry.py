@@ -59,6 +59,7 @@ DEVICES: dict[str, str] = {
     "me_gsv8": f"{_HERE}.me_gsv8:MeGsv8",
     "nibotics_prvs01": f"{_HERE}.nibotics_prvs01:NiboticsPrvs01",
     "onrobot_hex": f"{_HERE}.ati_net_ft:OnrobotHex",
+    "onrobot_rg2_ft": f"{_HERE}.onrobot_rg2_ft:OnrobotRg2Ft",
     "optoforce": f"{_HERE}.optoforce:OptoForce",
     "orca_touch": f"{_HERE}.paxini_high_speed:OrcaTouch",
     "osmo_glove": f"{_HERE}.osmo_glove:OsmoGlove",

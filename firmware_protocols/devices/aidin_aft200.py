@@ -21,7 +21,7 @@ from typing import Annotated
 
 from firmware_protocols import (
     Can, CanFrame, CanRequests, Device, Frame, Option, Refused, Request, Sense, Tool, Transmissions, command,
-    fact_table, points, xyz,
+    fact_table, points, wrench,
 )  # fmt: skip
 
 AXES = Frame("""
@@ -46,10 +46,7 @@ class AidinAft200(Device[CanFrame]):
     kind = "force-torque sensor"
     ports = (Can(filters=((COMMANDS_ID, 0x7FF),)),)
     senses = (Sense("wrench", at=points({"origin": (0.0, 0.0, 0.0)})),)
-    columns = (
-        *xyz("Fx Fy Fz", unit="N", counts_per_unit=100.0, low=0, high=0xFFFF, rest=30_000),
-        *xyz("Tx Ty Tz", unit="Nm", counts_per_unit=500.0, low=0, high=0xFFFF, rest=25_000),
-    )
+    columns = wrench("Fx Fy Fz Tx Ty Tz", per_unit=(100, 500), low=0, high=0xFFFF, rest=[30_000] * 3 + [25_000] * 3)
     evidence = ("driver",)
     sources = (f"{DRIVER} rise_aft_can/sensors.py", f"{EXAMPLE} sample.py, main.py")
     judge = f"{DRIVER}, {EXAMPLE}"

@@ -26,7 +26,7 @@ import numpy as np
 
 from firmware_protocols import (
     Device, Frame, Packets, Refused, Request, Restart, Rollover, Sense, Sent, Tcp, Tool, Transmissions, Udp, command,
-    fact_table, points, xyz,
+    fact_table, points, wrench,
 )  # fmt: skip
 
 MESSAGE = Frame("""
@@ -51,7 +51,8 @@ PARAMETERS = {b"\x01\0\0": b"FTS", b"\x01\0\3": b"\1\0\0\0", b"\x40\0\0": b"\0",
 NOT_ALLOWED, NO_INDEX, NO_SUBINDEX = 0x10, 0x13, 0x14
 ERRORS = {"unknown_command": 0x01, "bad_length": 0x02, "refused": 0x03}
 READY, OVERRANGE = 1, 16
-RANGE_N, RANGE_NM = 1000.0, 50.0
+RANGE = [1000.0] * 3 + [50.0] * 3
+"""The largest force [N] and torque [Nm]."""
 VENDOR = "SCHUNK-SE-Co-KG/schunk_force_torque_sensor@b0e4359"
 LIBRARY = f"{VENDOR} schunk_fts_library/schunk_fts_library"
 DUMMY = f"{VENDOR} schunk_fts_dummy/src"
@@ -67,10 +68,7 @@ class SchunkFts(Device):
     ports = (Tcp(name="tcp", port=82), Udp(name="stream", port=54843, is_of_host=True))
     senses = (Sense("wrench", at=points({"origin": (0.0, 0.0, 0.0)})),)
     rate_hz = 1000.0
-    columns = (
-        *xyz("Fx Fy Fz", unit="N", counts_per_unit=1.0, is_float=True, low=-RANGE_N, high=RANGE_N),
-        *xyz("Tx Ty Tz", unit="Nm", counts_per_unit=1.0, is_float=True, low=-RANGE_NM, high=RANGE_NM),
-    )
+    columns = wrench("Fx Fy Fz Tx Ty Tz", per_unit=(1, 1), is_float=True, low=[-each for each in RANGE], high=RANGE)
     rollovers = (Rollover(name="counter", bits=16, state="counter"),)
     boot_s = 0.1
     evidence = ("driver",)
@@ -82,7 +80,7 @@ class SchunkFts(Device):
         stated touch: N and Nm @ {VENDOR} schunk_fts_library/README.md:32-37
         stated touch: bits of the status @ {LIBRARY}/driver.py:36-56
         assumed touch: the id is 1, as in the vendor's tests (its dummy counts); the counter goes on while no reading is
-            sent; {RANGE_N:g} N and {RANGE_NM:g} Nm; touched at `tool`, z out of the tool side @ {ALL}
+            sent; {RANGE[0]:g} N and {RANGE[3]:g} Nm; touched at `tool`, z out of the tool side @ {ALL}
         stated identity: name in 0001/00, FTS or KMS; product id in 0001/03 @ {LIBRARY}/driver.py:123-137;
             {LIBRARY}/tests/test_parameters.py:24-29
         assumed identity: four bytes of the product id @ {ALL}
@@ -111,8 +109,7 @@ class SchunkFts(Device):
     def stream(self, t_ns: int, name: str) -> Transmissions:
         """Return a reading, between start and stop."""
         self.counter = (self.counter + 1) & 0xFFFF
-        limits = [column.high for column in self.columns]
-        status = READY | OVERRANGE * bool((np.abs(self.counts[0]) >= limits).any())
+        status = READY | OVERRANGE * bool((np.abs(self.counts[0]) >= RANGE).any())
         reading = READING.pack(counter=self.counter, status=status, wrench=self.counts[0])
         return [Sent(reading, port="stream")] if self.streaming else ()
 

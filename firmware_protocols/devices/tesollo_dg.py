@@ -24,7 +24,7 @@ import numpy as np
 
 from firmware_protocols import (
     Column, CountsPerNewton, Device, Frame, Motors, Option, Packets, Refused, Request, Sense, Tcp, Transmissions,
-    command, fact_table, grid_layout, on_fingers, points, xyz,
+    command, fact_table, grid_layout, on_fingers, points, wrench,
 )  # fmt: skip
 
 PACKET = Frame("""
@@ -134,11 +134,8 @@ class TesolloDg(Device):
         else:
             self.layout, tips = on_fingers(points({"": (0, 0.003, 0.012)}), *names), 0
             self.senses = (Sense("wrench", at=on_fingers(points({"": (0, 0, 0)}), *names)),)
-            low, high = ([end * on for on in TORQUES[sensor]] for end in (-0x8000, 0x7FFF))
-            self.columns = (
-                *xyz("Fx Fy Fz", unit="N", counts_per_unit=10.0, low=-0x8000, high=0x7FFF),
-                *xyz("Tx Ty Tz", unit="Nm", counts_per_unit=1000.0, low=low, high=high),
-            )
+            low, high = ([end * on for on in (1, 1, 1, *TORQUES[sensor])] for end in (-0x8000, 0x7FFF))
+            self.columns = wrench("Fx Fy Fz Tx Ty Tz", per_unit=(10, 1000), low=low, high=high)
         self.tips = TIPS[tips].bind(wire_order=self.layout.wire_order)
         self.per_degree = 100.0 if "-S" in hand else 10.0
         self.motors = Motors(np.zeros(motors), low=-90, high=90, time_constant_s=0)
