@@ -40,7 +40,8 @@ class ResenseHex(Device):
         stated touch: 28 bytes, six floats of force and torque in the first 24 @ {LIBRARY} src/resense/sensor.py:101
         stated touch: N and Nm where a switch of the electronics says so @ {LIBRARY} src/resense/sensor.py:83-88
         assumed touch: low byte first; the seventh float is the temperature, as in the maker's recordings
-            (importer.py:48); forces act on the tool, z points out; 90 N and 0.5 Nm, or 500 N and 5 Nm, at most
+            (importer.py:48); forces act on the tool, which is touched beside the
+            axis; z points out; 90 N and 0.5 Nm, or 500 N and 5 Nm, at most
             @ {LIBRARY}, all files
         stated configuration: 2000000 baud @ {LIBRARY} src/resense/sensor.py:6
         assumed configuration: it ignores all bytes @ {LIBRARY}, all files
@@ -51,7 +52,7 @@ class ResenseHex(Device):
     def __init__(
         self,
         *,
-        tool: Tool = (0.0, 0.0, 0.02),
+        tool: Tool = (0.01, 0.005, 0.02),
         model: Annotated[Literal["HEX12", "HEX21"], Option("diameter in mm; sets the ranges")] = "HEX21",
         samples_per_s: Annotated[Literal[1000, 500, 100], Option("as the switches are set", unit="Hz")] = 1000,
     ):
