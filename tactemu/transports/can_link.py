@@ -24,6 +24,8 @@ _TIMING = struct.Struct("=II")
 STATES = ("ERROR-ACTIVE", "ERROR-WARNING", "ERROR-PASSIVE", "BUS-OFF", "STOPPED", "SLEEPING")
 COUNTS = ("bus_error", "error_warning", "error_passive", "bus_off", "arbitration_lost", "restarts")
 """The counters of ``struct can_device_stats``."""
+USUAL_SAMPLE_POINTS = (0.7, 0.9)
+"""Places in a bit at which nodes of a bus sample, from the earliest to the latest that go together."""
 SHORT_QUEUE = 100
 """Length of a transmit queue below which a burst of a hand finds no room; Linux gives a new interface 10."""
 _MAX_REPLY_BYTES = 65_536
@@ -145,6 +147,12 @@ def advice(link: CanLink, name: str) -> list[str]:
     words = []
     if link.state == "ERROR-PASSIVE":
         words.append(f"{name} {can_errors.ADVICE['error_passive']}")
+    low, high = USUAL_SAMPLE_POINTS
+    if link.sample_point and not low <= link.sample_point <= high:
+        words.append(
+            f"{name} samples at {link.sample_point:.0%} of a bit, most nodes at {low:.0%} to {high:.0%}; that makes "
+            f"errors on long wires: sudo ip link set {name} type can bitrate {link.bitrate} sample-point 0.8"
+        )
     if link.queue_length < SHORT_QUEUE:
         words.append(
             f"the transmit queue of {name} holds {link.queue_length} frames, fewer than a burst of a hand: "

@@ -197,7 +197,9 @@ def test_a_real_bus_is_compared_with_the_device(link, device, says):
 def test_a_real_bus_gets_advice():
     passive, short = advice(CanLink("can", 1_000_000, state="ERROR-PASSIVE", queue_length=10), "can0")
     assert "120 Ohm" in passive and "txqueuelen 1000" in short
-    assert not advice(CanLink("can", 1_000_000, state="ERROR-ACTIVE", queue_length=1000), "can0")
+    assert not advice(CanLink("can", 1_000_000, 0.875, state="ERROR-ACTIVE", queue_length=1000), "can0")
+    (early,) = advice(CanLink("can", 1_000_000, 0.5, state="ERROR-ACTIVE", queue_length=1000), "can0")
+    assert "samples at 50% of a bit, most nodes at 70% to 90%" in early and "bitrate 1000000 sample-point 0.8" in early
 
 
 @pytest.mark.parametrize(

@@ -104,6 +104,32 @@ def test_error_frames_of_a_real_controller_are_counted_and_frames_still_come(mon
     }  # fmt: skip
 
 
+def test_two_emulators_and_another_node_hear_each_other_on_one_real_bus(monkeypatch):
+    """A bus that paces itself: neither emulator waits for the frames of the other, which the bus has done."""
+    link = CanLink("can", 1_000_000, state="ERROR-ACTIVE", queue_length=1000)
+    monkeypatch.setattr("tactemu.transports.can_link.can_link", lambda name: link)
+    wires, heard = [Wire(create("can:socketcan:vcan0"), Can()) for _ in range(2)], [[], []]
+    with can.Bus(interface="socketcan", channel="vcan0") as node:
+        for k, wire in enumerate(wires):
+            wire.open()
+            wire.send([CanFrame(arbitration_id=0x100 + k, data=bytes([j])) for j in range(20)], 0, "skin")
+        node.send(can.Message(arbitration_id=0x200, data=[7], is_extended_id=False))
+        start, end = time.monotonic_ns(), time.monotonic() + 5
+        while min(map(len, heard)) < 21 and time.monotonic() < end:
+            for wire, frames in zip(wires, heard):
+                now = time.monotonic_ns() - start
+                frames += [event.data for event in wire.receive(now) if isinstance(event, ReceivedData)]
+                wire.flush(now)
+        got = [message for _ in range(40) if (message := node.recv(1))]
+        for wire in wires:
+            wire.close()
+    for k, frames in enumerate(heard):
+        peer = [frame.data[0] for frame in frames if frame.arbitration_id == 0x101 - k]
+        assert peer == list(range(20)) and sum(frame.arbitration_id == 0x200 for frame in frames) == 1
+    for k in range(2):
+        assert [message.data[0] for message in got if message.arbitration_id == 0x100 + k] == list(range(20))
+
+
 def test_candump_prints_what_was_sent(port):
     classic = FRAMES[:3]
     dump = subprocess.Popen(["candump", "-L", "-n", str(len(classic)), "vcan0"], stdout=subprocess.PIPE, text=True)
