@@ -76,6 +76,7 @@ DEVICES: dict[str, str] = {
     "schunk_fts": f"{_HERE}.schunk_fts:SchunkFts",
     "seed_fts3": f"{_HERE}.seed_fts3:SeedFts3",
     "sensel_morph": f"{_HERE}.sensel_morph:SenselMorph",
+    "sensing_tex_mat": f"{_HERE}.sensing_tex_mat:SensingTexMat",
     "singletact": f"{_HERE}.singletact:SingleTact",
     "sun_fingertip": f"{_HERE}.sun_fingertip:SunFingertip",
     "synria_60": f"{_HERE}.synria_60:Synria60",
