@@ -1,7 +1,8 @@
 """Resense (Wittenstein) HEX: force-torque sensors of a fingertip's size, with their electronics on USB.
 
-Wire: serial, 2000000 8N1. Device to host only: one ``SAMPLE`` after another from power-up, without a head, a counter or
-a sum: a reader that loses a byte reads all that follows at the wrong places.
+Wire: a serial port of USB, which the library opens at 2000000 8N1, without effect. Device to host only: one ``SAMPLE``
+after another from power-up, without a head, a counter or a sum: a reader that loses a byte reads all that follows at
+the wrong places.
 
 Evidence: the maker's library.
 
@@ -31,7 +32,7 @@ class ResenseHex(Device):
     name = "resense_hex"
     title = "Resense HEX force-torque sensor"
     kind = "force-torque sensor"
-    ports = (Serial(baud=2_000_000),)
+    ports = (Serial(baud=2_000_000, usb=True),)
     senses = (Sense("wrench", at=ORIGIN), Sense("temperature", at=ORIGIN))
     evidence = ("driver",)
     sources = (f"{LIBRARY} src/resense/sensor.py, importer.py",)
@@ -43,7 +44,8 @@ class ResenseHex(Device):
             (importer.py:48); forces act on the tool, which is touched beside the
             axis; z points out; 90 N and 0.5 Nm, or 500 N and 5 Nm, at most
             @ {LIBRARY}, all files
-        stated configuration: 2000000 baud @ {LIBRARY} src/resense/sensor.py:6
+        stated configuration: an electronics box on USB, opened at 2000000 baud @ {LIBRARY} README.md:24, src/resense/
+            sensor.py:6
         assumed configuration: it ignores all bytes @ {LIBRARY}, all files
         assumed timing: as many samples a second as the switches say; 1000 in the example @ {LIBRARY}
             src/example_connect_sensor.py:13
