@@ -1,4 +1,4 @@
-"""LinkerHand L6, L10, L20, L25, G20 (fingertips of 12 x 6 taxels) and O6 (10 x 4): CAN, polled, a matrix row per frame.
+"""LinkerHand L6 to L25, G20 (fingertips of 12 x 6 taxels) and O6 (10 x 4): CAN, polled, a matrix row per frame.
 
 Wire: classic CAN, 1 Mbit/s, one standard id per hand in both directions: 0x28 left, 0x27 right. Byte 0 is the command;
 an answer repeats id and command. ``f`` = 0 thumb .. 4 little finger, 5 palm.
@@ -14,9 +14,9 @@ an answer repeats id and command. ``f`` = 0 thumb .. 4 little finger, 5 palm.
     C0               4 x [C0, i, 6 ASCII]                               serial number, NUL padded; i = 0, 1, 2, 3
     C1, C2, C4       [cmd, major, minor, patch]                         PCB, firmware, mechanical version; C1 as a ping
     C1 01 (L6, L10)  [C1, 01, major, minor, patch]                      PCB version
-    64 (L6 L10 O6)   [64, dof, mech, serial, 'L'|'R', sw, hw, rev]      older identity; versions in nibbles
+    64 (L6-L10 O6)   [64, dof, mech, serial, 'L'|'R', sw, hw, rev]      older identity; versions in nibbles
     01 02 05         [cmd, 6 x u8]                                      joint angles, torques, speeds
-    33 35 36         [cmd, 6 x u8]                                      temperatures, faults, currents
+    33 35 36         [cmd, 6 x u8]                                      temperatures, faults, currents (not L7)
     cmd n x u8       [cmd, n x u8]                                      set; answered like a query after it
 
 Two bytes request a matrix of R rows and C columns in the palm, and on all fingers of the sensors 5 and 7; one byte, R
@@ -27,13 +27,13 @@ the hands in the vendor's table 90..93.
 
 L10: ``i`` of the serial number is 0, 6, 12, 18. Its ten joints come in two parts: angles 01 (6) and 04 (4); torques
 02 03, speeds 05 06, temperatures 33 34 and faults 35 36 (5 and 5); 09 answers as 01, 04, 02, 03. L6: 83 01 x 6 clears
-faults. O6: 87 are accelerations.
+faults. O6: 87 are accelerations. L7: 01 02 05 33 35 have seven bytes.
 
 L20: five bytes, a finger each: angles 01 pitch, 02 yaw, 03 roll, 04 tip; 05 speeds, 06 currents, 07 faults (01 clears);
 11..17 set the same without an answer; temperatures 09 0B 0C 0D.
 
-L25, G20, and the L20 as V10 or V11, have six joints on each finger (yaw, roll, root 1, 2, 3, tip; used: all four of the
-thumb but root 2 and 3, of the others yaw, root 1, tip), and three ways to each quantity:
+L25, L21, G20, and the L20 as V10 or V11, have six joints on each finger (yaw, roll, root 1, 2, 3, tip; used: all four
+of the thumb but root 2 and 3, of the others yaw, root 1, tip), and three ways to each quantity:
 
     quantity      one joint of all fingers, 5 bytes        one finger, 6 bytes    whole fingers, 5 bytes
     angles        01 roll 02 yaw 03 04 05 roots 06 tip     41+f
@@ -44,7 +44,7 @@ thumb but root 2 and 3, of the others yaw, root 1, tip), and three ways to each 
 
 A set changes the goal or the limit, an answer has the present value: speeds and torques are 0 in a still hand. They
 answer to id FF, too, under their own. ``C3`` answers ``C3 id``, ``C3 n`` sets it from the next power-up, ``CD`` answers
-"restart" and drops the calibration. L25: 85 with 5 x 01 disables, with 00 enables fingers.
+"restart" and drops the calibration. L25, L21: 85 with 5 x 01 disables, with 00 enables fingers.
 
 The fifth field of the serial number is the kind of touch sensor: A four quantities, B 12 x 6, F and J 10 x 4, Z none;
 B1, F1 with a palm.
@@ -61,7 +61,7 @@ from firmware_protocols.devices.linker_hand_base import (
     JOINT_STROKES_RAD, OVERLOAD_SHARE, PYTHON, ROS2, SDKS, STRENGTH_NM, STROKE_S, TABLE, LinkerHand,
 )  # fmt: skip
 from firmware_protocols.devices.linker_hand_joints import (
-    BY_TABLE, SIX_JOINTS, TEN_JOINTS, TWENTY_JOINTS, Views, joint_view,
+    BY_TABLE, SEVEN_JOINTS, SIX_JOINTS, TEN_JOINTS, TWENTY_JOINTS, Views, joint_view,
 )  # fmt: skip
 from firmware_protocols.devices.linker_hand_touch import (
     COUNTS_PER_NEWTON, FINGER_SPACING_M, PALM_DISTANCE_M, PITCH_M, TABLE_SENSORS,
@@ -149,6 +149,29 @@ class LinkerHandL6(LinkerHand):
     views = {**SIX_JOINTS, 0x83: joint_view("faults", 6, access="clear")._replace(name="faults of 83")}
 
 
+class LinkerHandL7(LinkerHand):
+    """An L7: 12 x 6 fingertips, seven joints."""
+
+    name = "linker_hand_l7"
+    title = "LinkerHand L7, 5 fingertips 12x6"
+    judge = f"linker-bot/{PYTHON}"
+    facts = (
+        *FACTS,
+        *OLDER_FACTS,
+        *fact_table(f"""
+        stated configuration: seven values of angles, torques, speeds, temperatures, faults; no fault is cleared @
+            {PYTHON} linker_hand_l7_can.py:136-170, 406
+        stated configuration: the order is thumb flexion, abduction, four fingers, thumb rotation @ {PYTHON}
+            linker_hand_l7_can.py:400
+        """),
+    )
+    model = "L7"
+    palms = {}
+    degrees_of_freedom = 7
+    has_motors = False
+    views = SEVEN_JOINTS
+
+
 class LinkerHandL10(LinkerHand):
     """An L10: 12 x 6 fingertips, ten joints."""
 
@@ -228,6 +251,26 @@ class LinkerHandL25(TableHand):
     ):
         super().__init__(**options)
         self.versions = {code: numbers.ljust(version_numbers, b"\0") for code, numbers in self.versions.items()}
+
+
+class LinkerHandL21(LinkerHandL25):
+    """An L21: 12 x 6 fingertips, joints by finger, versions of four numbers."""
+
+    name = "linker_hand_l21"
+    title = "LinkerHand L21, 5 fingertips 12x6"
+    judge = f"linker-bot/{PYTHON}"
+    model = "L21"
+    versions = dict.fromkeys(LinkerHandL25.versions, b"\x07\0\0\0")
+    facts = (
+        *FACTS,
+        *TABLE_FACTS,
+        *L25_FACTS,
+        *fact_table(f"""
+        assumed identity: C2 and C4 answer as C1 @ {READ}
+        assumed configuration: what no source says of an L21 is as of an L25: its driver sends the same requests @
+            {PYTHON} linker_hand_l21_can.py, linker_hand_l25_can.py, both whole
+        """),
+    )
 
 
 class LinkerHandG20(TableHand):

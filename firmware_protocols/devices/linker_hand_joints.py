@@ -61,6 +61,12 @@ SIX_JOINTS: Views = {
     0x35: joint_view("faults", 6),
     0x36: joint_view("currents", 6),
 }
+SEVEN_JOINTS: Views = {
+    **{
+        code: joint_view(quantity, 7, access="set") for code, quantity in ((1, "angles"), (2, "torques"), (5, "speeds"))
+    },
+    **{code: joint_view(quantity, 7) for code, quantity in ((0x33, "temperatures"), (0x35, "faults"))},
+}
 TEN_JOINTS: Views = {
     0x01: joint_view("angles", 6, access="set"),
     0x04: joint_view("angles", 4, 6, "set"),
