@@ -22,6 +22,7 @@ DEVICES: dict[str, str] = {
     "agibot_omnihand_o10": f"{_HERE}.agibot_omnihand:AgibotOmniHandO10",
     "agibot_omnihand_pro": f"{_HERE}.agibot_omnihand:AgibotOmniHandPro",
     "aidin_aft200": f"{_HERE}.aidin_aft200:AidinAft200",
+    "allegro_v5_plus": f"{_HERE}.allegro_v5_plus:AllegroV5Plus",
     "allegro_v5_sense": f"{_HERE}.allegro_v5_sense:AllegroV5Sense",
     "anyskin": f"{_HERE}.anyskin:AnySkin",
     "ati_net_ft": f"{_HERE}.ati_net_ft:AtiNetFt",

@@ -32,17 +32,15 @@ from typing import Annotated, Literal
 import numpy as np
 
 from firmware_protocols import (
-    Can, CanFrame, CanRequests, Column, Counts, Device, Frame, Motors, Option, Reading, Request, Transmissions, command,
-    fact_table, points, quantize, stack,
+    CanFrame, Column, Counts, Frame, Option, Reading, Request, Transmissions, command, fact_table, points, stack,
+)  # fmt: skip
+from firmware_protocols.devices.allegro_v5 import (
+    FINGER_SPACING_M, FINGERS, JOINTS, POSITIONS, SPEED_COUNTS_PER_S, TORQUES, AllegroV5,
 )  # fmt: skip
 
 EIGHT = Frame("""
     eight channels
     0     u1 x 8     channels     0 to 254, FF invalid
-""")
-POSE = Frame("""
-    joints of a finger
-    0     <i2 x 4    joints       [0.088 deg], from the palm to the tip
 """)
 INFORMATION = Frame("""
     information
@@ -53,15 +51,8 @@ INFORMATION = Frame("""
     7     00         reserved
 """)
 CHANNEL_IDS = (0x150, 0x154)
-JOINTS, TORQUES, POSITIONS = (range(first, first + 0x10, 4) for first in (0x80, 0x180, 0x380))
-"""The identifiers of the fingers."""
-RAD_PER_COUNT = np.radians(0.088)
-STOP_COUNTS = 2045
-SPEED_COUNTS_PER_S = 4000.0
 INVALID_BYTE = 0xFF
-FINGERS = ("index", "middle", "ring", "thumb")
 PITCH_M = 0.018
-FINGER_SPACING_M = 0.03
 COUNTS_PER_NEWTON = 25.0
 DRIVER, SOCKET = "AllegroHandDrv.cpp", "candrv/socket_can.cpp"
 
@@ -80,13 +71,11 @@ def _are_poses(frames: list[CanFrame]) -> bool:
     return [frame.arbitration_id for frame in frames] == list(JOINTS) * (len(frames) // 4)
 
 
-class AllegroV5Sense(Device[CanFrame]):
+class AllegroV5Sense(AllegroV5):
     """Sixteen channels that the hand transmits unasked, and sixteen joints."""
 
     name = "allegro_v5_sense"
-    kind = "hand"
     title = "Wonik Allegro Hand V5 Sense, touch"
-    ports = (Can(),)
     evidence = ("driver",)
     sources = (
         "Wonikrobotics-git/allegro_hand_ros2_V5_Sense@db81588 AllegroHandDrv.cpp, candrv/socket_can.cpp, candef.h",
@@ -121,14 +110,8 @@ class AllegroV5Sense(Device[CanFrame]):
         self.columns = (
             Column(name="channel", low=0, high=0xFE, assumed_per_unit=COUNTS_PER_NEWTON, push=0 if invalid else 1),
         )
-        self.serial = b"V5S" + (b"R" if side == "right" else b"L") + b"0001"
-        self.servo, self.takes_positions, self.joints_ns = False, False, 0
-        self.packets, self.rest = CanRequests(), np.zeros(16)
-        names = [f"{finger} {k}" for finger in FINGERS for k in range(4)]
-        self.motors = Motors(
-            [0.0] * 16, low=-STOP_COUNTS, high=STOP_COUNTS, time_constant_s=0.0, speed_limit=SPEED_COUNTS_PER_S,
-            names=names, unit=RAD_PER_COUNT,
-        )  # fmt: skip
+        self._power_up(f"V5S{'R' if side == 'right' else 'L'}0001")
+        self.takes_positions, self.joints_ns = False, 0
 
     def measure(self, reading: Reading, t_ns: int) -> Counts:
         """Return raw counts of the normal force on each channel, 0..254; 0 for an invalid one; shape ``(16,)``."""
@@ -148,16 +131,6 @@ class AllegroV5Sense(Device[CanFrame]):
         """Return versions, and whether the servos are on."""
         return INFORMATION.pack(hardware=0x0500, firmware=0x0100, servo=self.servo)
 
-    @command("220#R", "220#563553..30303031", safe=True)
-    def serial_number(self, request: Request):
-        """Return the serial number."""
-        return self.serial
-
-    @command("08C#R", "08C#..{8}", name="joints of the thumb", on=JOINTS, safe=True, origin=SOCKET)
-    def joints_of_finger(self, request: Request):
-        """Return the joints of a finger."""
-        return self._pose(JOINTS.index(request.id), request.t_ns)
-
     @command("204#030000000000", _are_poses, name="joints every 3 ms", data="<3H")
     @command("204#000000000000", name="stop")
     def periods_ms(self, request: Request):
@@ -168,21 +141,7 @@ class AllegroV5Sense(Device[CanFrame]):
     def wake(self, t_ns: int) -> Transmissions[CanFrame]:
         """Return the joints of all fingers, once each period."""
         self.wake_ns = t_ns + self.joints_ns
-        return [self.packets.frame(ident, self._pose(k, t_ns)) for k, ident in enumerate(JOINTS)]
-
-    def _pose(self, finger: int, t_ns: int) -> bytes:
-        counts = quantize(self.motors.positions(t_ns) - self.rest, 1.0, -0x8000, 0x7FFF)
-        return POSE.pack(joints=counts[4 * finger :][:4])
-
-    @command("100#")
-    def servo_on(self, request: Request):
-        """Switch the servos on."""
-        self.servo = True
-
-    @command("104#")
-    def servo_off(self, request: Request):
-        """Switch the servos off."""
-        self.servo = False
+        return self.poses(t_ns)
 
     @command("224#")
     def calibration(self, request: Request):
@@ -205,10 +164,6 @@ class AllegroV5Sense(Device[CanFrame]):
     def positions(self, request: Request):
         """Obey positions of a finger."""
         self._go(POSITIONS.index(request.id), request)
-
-    def _go(self, finger: int, request: Request) -> None:
-        own = slice(4 * finger, 4 * finger + 4)
-        self.motors.go(request.values + self.rest[own], request.t_ns, at=own)
 
     @command("22C#0000000000000000", name="gravity")
     @command("1A0#810000000000", name="device number", origin=SOCKET)
