@@ -57,6 +57,7 @@ DEVICES: dict[str, str] = {
     "linker_hand_l6": f"{_HERE}.linker_hand:LinkerHandL6",
     "linker_hand_l7": f"{_HERE}.linker_hand:LinkerHandL7",
     "linker_hand_o6": f"{_HERE}.linker_hand:LinkerHandO6",
+    "loadstar_di": f"{_HERE}.loadstar_di:LoadstarDi",
     "m1616_array": f"{_HERE}.m1616_array:M1616Array",
     "matsense": f"{_HERE}.matsense:MatSense",
     "me_gsv8": f"{_HERE}.me_gsv8:MeGsv8",
