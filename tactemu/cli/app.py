@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from tactemu.cli import attaching, compare, explaining, infer, information, judging, logs, new, running, scenes
+from tactemu.cli import attaching, compare, explaining, gadgets, infer, information, judging, logs, new, running, scenes
 from tactemu.cli.benches import bench
 from tactemu.cli.service import service
 from tactemu.version import __version__
@@ -37,7 +37,7 @@ A simulated tactile skin at the far end of a wire: the bytes and CAN frames of r
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
-for each in (running, judging, compare, information, explaining, new, scenes, infer, logs, attaching):
+for each in (running, judging, compare, information, explaining, new, scenes, infer, logs, attaching, gadgets):
     app.add_typer(each.commands)
 app.add_typer(service, name="service")
 app.add_typer(bench, name="bench")

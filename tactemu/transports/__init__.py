@@ -15,6 +15,7 @@ TRANSPORTS: dict[str, str] = {
     # install for an optional library
     "can": "tactemu.transports.can:CanTransport",
     "dds": "tactemu.transports.dds:DdsTransport [dds]",
+    "gadget": "tactemu.transports.gadget:GadgetTransport",
     "gsusb": "tactemu.transports.gsusb:GsUsbTransport",
     "i2cdriver": "tactemu.transports.i2cdriver:I2cDriverTransport",
     "memory": "tactemu.transports.memory:MemoryTransport",

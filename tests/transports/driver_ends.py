@@ -238,6 +238,7 @@ DRIVERS = {
     "slcan": [("slcan:{tmp}/can", SlcanEnd)],
     "socketcand": [("socketcand:0", SocketcandEnd)],
     "serial": [],  # a real port: test_serial_port.py
+    "gadget": [],  # a USB device of the machine: test_gadget.py
     "gsusb": [],  # a USB device: test_usb_in_a_kernel.py
     "usbip": [],  # a USB device: test_usbip.py
     "rfc2217": [("rfc2217:127.0.0.1:0", PySerialEnd)],

@@ -8,10 +8,9 @@ from tactemu import transports
 from tactemu.base.errors import TransportError
 from tactemu.transports.transport import Closed, Noted, Opened, Received
 from tactemu.transports.usbip import MAX_TO_HOST_BYTES
-from tests.transports.usb_devices import REPORTS, TEENSY
+from tests.transports.usb_devices import RAW_HID, REPORTS, TEENSY
 from tests.transports.usbip_ends import Polled, asks
 
-RAW_HID = Hid(usb=TEENSY, report_descriptor=REPORTS)
 BULK = Bulk(usb=USB(0x59E3, 0x74C7, product="TakkTile"), endpoint_in=0x81, endpoint_out=0x02)
 
 

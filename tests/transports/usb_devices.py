@@ -6,11 +6,13 @@ apart: ``>Lh20H`` in the first 46 of 64 bytes. ``BulkPad``: a device of a vendor
 
 import struct
 
-from firmware_protocols import USB, Bulk, Column, Device, Hid, fact_table, grid_layout
+from firmware_protocols import USB, Bulk, Column, Device, Hid, Serial, fact_table, grid_layout
+from firmware_protocols.devices.anyskin import AnySkin
 
 # The reports of PJRC's Teensy as "Raw HID": 64 bytes each way, no numbers (PaulStoffregen/cores usb_rawhid/usb.c).
 REPORTS = bytes.fromhex("06ABFF 0A0002 A101 7508 1500 26FF00 9540 0901 8102 9540 0902 9102 C0")
 TEENSY = USB(0x16C0, 0x0486, manufacturer="Teensyduino", product="Teensyduino RawHID", serial="12345")
+RAW_HID = Hid(usb=TEENSY, report_descriptor=REPORTS)
 PAD = USB(0x1209, 0x0002, manufacturer="Nobody", product="Bulk pad", serial="P1")
 
 
@@ -32,7 +34,7 @@ class ForceKeys(_Pushed):
 
     name = "force_keys"
     title = "Force keys"
-    ports = (Hid(usb=TEENSY, report_descriptor=REPORTS),)
+    ports = (RAW_HID,)
 
     def __init__(self):
         self.layout = grid_layout(5, 4, pitch=0.01)
@@ -57,3 +59,21 @@ class BulkPad(_Pushed):
 
     def stream(self, t_ns: int, name: str):
         return [struct.pack(">100H", *self.counts.ravel())]
+
+
+class AnySkinFtdi(AnySkin):
+    """AnySkin's frames behind an FT232R."""
+
+    ports = (Serial(baud=115_200, usb=USB(0x0403, 0x6001, node="ttyUSB")),)
+
+
+class AnySkinCp210x(AnySkin):
+    """AnySkin's frames behind a CP2102."""
+
+    ports = (Serial(baud=115_200, usb=USB(0x10C4, 0xEA60, node="ttyUSB")),)
+
+
+class AnySkinCh341(AnySkin):
+    """AnySkin's frames behind a CH340."""
+
+    ports = (Serial(baud=115_200, usb=USB(0x1A86, 0x7523, node="ttyUSB")),)

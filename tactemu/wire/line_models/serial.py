@@ -15,7 +15,7 @@ class SerialLine(LineModel, connector=Serial):
     """A serial line; each direction is a line by itself."""
 
     kind = "serial"
-    schemes = ("pty", "rfc2217", "tcp", "serial", "usbip")
+    schemes = ("pty", "rfc2217", "tcp", "serial", "usbip", "gadget")
     faults = ("garbage", "split", "chunk", "merge", "latency", "halfopen")
     only_modelled = {
         "unplug": "the driver's adapter stays in its socket; pull it out, or use 'halfopen'",

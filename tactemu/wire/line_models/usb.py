@@ -13,7 +13,7 @@ class UsbLine(LineModel):
 
     title: ClassVar[str] = ""
     """The name of the class of devices."""
-    schemes = ("usbip",)
+    schemes = ("usbip", "gadget")
     likely_faults = ("flip", "truncate", "silence", "unplug")
 
     def duration_ns(self, frame: WireFrame) -> int:
