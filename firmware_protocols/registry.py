@@ -83,6 +83,7 @@ DEVICES: dict[str, str] = {
     "sensing_tex_mat": f"{_HERE}.sensing_tex_mat:SensingTexMat",
     "singletact": f"{_HERE}.singletact:SingleTact",
     "sun_fingertip": f"{_HERE}.sun_fingertip:SunFingertip",
+    "sunrise_m8128": f"{_HERE}.sunrise_m8128:SunriseM8128",
     "synria_60": f"{_HERE}.synria_60:Synria60",
     "tesollo_dg": f"{_HERE}.tesollo_dg:TesolloDg",
     "unitree_dex3": f"{_HERE}.unitree_dex3:UnitreeDex3",
