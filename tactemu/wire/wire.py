@@ -211,7 +211,7 @@ class Wire(WirePort):
         if pending.source == DRIVER:
             if self.line_model.carries(pending.frame) and not getattr(pending.frame, "is_error_frame", False):
                 self._arrived.append((pending.end_ns, ReceivedData(pending.frame)))
-                if self.line_model.echoes():
+                if self.line_model.echoes() and not self.line.is_paced_by_port:  # a real adapter does so itself
                     self.transport.write(pending.frame)
             return 0
         if len(self.connectors) > 1 and pending.source in self.connectors:

@@ -187,6 +187,19 @@ def test_what_the_driver_sends_has_taken_its_time():
     assert any(getattr(event, "data", b"") == bytes(100) for event in wire.receive(1))
 
 
+@pytest.mark.parametrize(("port", "echoed"), [(MemoryTransport, [b"ask"]), (PacedPort, [])])
+def test_only_a_modelled_adapter_gets_its_echo_from_the_wire(port, echoed):
+    wire = Wire(port(), Rs485(baud=115_200, echo=True))
+    wire.open()
+    wire.transport.driver.open()
+    wire.receive(0)
+    wire.transport.driver.write(b"ask")
+    for now in range(0, 10**7, 10**5):
+        wire.receive(now)
+        wire.flush(now)
+    assert wire.transport.driver.read() == echoed
+
+
 def test_errors_of_the_line_are_counted():
     class Noisy(PacedPort):
         def poll(self, reading=True):
