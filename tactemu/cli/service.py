@@ -93,13 +93,14 @@ def _check(arguments: Sequence[str], user: str) -> None:
     """Raise if the service could not start.
 
     Raises:
-        TactemuError: there is no such user, or a port that no other program could open.
+        TactemuError: there is no such user, or no port.
     """
     try:
         pwd.getpwnam(user)
     except KeyError:
         raise TactemuError(f"there is no user {user!r}") from None
-    if not any(each == "--port" or each.startswith("--port=") for each in arguments):
+    has_port = any(each == "--port" or each.startswith("--port=") for each in arguments)
+    if not has_port and not arguments[0].endswith(".toml"):  # a scene file may have its ports
         raise TactemuError("a service needs its port, such as --port serial:/dev/ttyUSB0")
 
 

@@ -62,6 +62,11 @@ def test_a_dry_run_is_a_script_that_does_the_same(machine):
     assert not list((machine / "units").iterdir())
 
 
+def test_a_scene_file_may_have_its_ports(machine):
+    done = here("service", "install", "robots/left.hand.toml", "--dry-run")
+    assert done.returncode == 0 and "tactemu-left.hand.service" in done.stdout
+
+
 def test_what_fails_is_undone(machine):
     (machine / "fails").touch()
     done = here("service", "install", "anyskin", "--port", PORT)
