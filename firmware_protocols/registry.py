@@ -65,6 +65,7 @@ DEVICES: dict[str, str] = {
     "onrobot_hex": f"{_HERE}.ati_net_ft:OnrobotHex",
     "onrobot_rg2_ft": f"{_HERE}.onrobot_rg2_ft:OnrobotRg2Ft",
     "optoforce": f"{_HERE}.optoforce:OptoForce",
+    "optoforce_can": f"{_HERE}.optoforce:OptoForceCan",
     "orca_touch": f"{_HERE}.paxini_high_speed:OrcaTouch",
     "osmo_glove": f"{_HERE}.osmo_glove:OsmoGlove",
     "paxini_gen2": f"{_HERE}.paxini_gen2:PaxiniGen2",

@@ -12,6 +12,9 @@ Status: bits 9..4 overload of Fx Fy Fz Tx Ty Tz, bit 3 more than one sensor, bit
 same vendor's Ethernet converter (``onrobot_hex``) has the axes in reverse, Fx in bit 4; the driver's author had the
 DAQ's manual, but no sensor to test it.
 
+On CAN (``optoforce_can``, 1 Mbit/s) the packet of 3 axes comes in two frames of eight bytes, 100; a configuration goes
+in two frames, of eight bytes and of one, to 101, and no driver reads an answer.
+
 The driver checks the sum but leaves the decision to its user (``valid_checksum``), and skips the answer to a
 configuration.
 
@@ -25,8 +28,8 @@ from typing import Annotated, Any, Literal
 import numpy as np
 
 from firmware_protocols import (
-    NO_PACKET, SOUND, USB, Device, Frame, Layout, LowPass, Option, Packets, Patch, Refused, Request, Rollover, Sense,
-    Serial, Transmissions, command, command_table, fact_table, points, xyz,
+    NO_PACKET, SOUND, USB, Can, CanFrame, Device, Frame, Layout, LowPass, Option, Packets, Patch, Refused, Request,
+    Rollover, Sense, Serial, Transmissions, command, command_table, fact_table, points, xyz,
 )  # fmt: skip
 from firmware_protocols.sums import sum16
 
@@ -71,6 +74,9 @@ COUNTS_PER_NEWTON = (7925 / 300, 8641 / 300, 6049 / 2000)
 COUNTS_PER_NEWTON_METRE = 1000.0
 CAPACITIES = np.array([300.0, 300.0, 2000.0, 30.0, 30.0, 30.0])
 """The loads on each axis beyond which the status shows overload [N, Nm]."""
+FROM_SENSOR, TO_SENSOR = 0x100, 0x101
+"""The identifiers on CAN."""
+BLMC = "open-dynamic-robot-initiative/python_blmc@401544d"
 FORCE_PLACES_M = {
     "3": [(0.0, 0.0, 0.01)],
     "4x3": [(x, y, 0.01) for y in (0.01, -0.01) for x in (-0.01, 0.01)],
@@ -189,6 +195,56 @@ class OptoForce(Device):
         if request.packet.startswith(SERIAL_REQUEST):
             return ()
         return [CONFIGURED.pack(code=BAD_SUM if why == "bad_checksum" else BAD_VALUE)]
+
+
+class OptoForceCan(OptoForce):
+    """A dome on CAN, whose packets come in frames."""
+
+    name = "optoforce_can"
+    ports = (Can(filters=((TO_SENSOR, 0x7FF),)),)
+    evidence = ("driver",)
+    sources = (f"{BLMC} blmc/optoforce.py, scripts/read_optoforce.py", *OptoForce.sources)
+    judge = BLMC
+    documented = command_table(
+        """
+        100 Hz, 15 Hz filter      101#AA0032030A040000; 101#ED
+        1000 Hz, no filter, zero  101#AA0032030100FF01; 101#DF
+        stop                      101#AA00320300040000; 101#E3
+        """,
+        origin=f"{BLMC} blmc/optoforce.py OptoForceConfig",
+    )
+    facts = (
+        *OptoForce.facts,
+        *fact_table(f"""
+        stated touch: packets of 3 axes in two frames, 100; a sensor of 40 N has 16037 counts @ {BLMC}
+            blmc/optoforce.py:10, 159-180
+        stated configuration: to 101, in a frame of eight bytes and one of one @ {BLMC} blmc/optoforce.py:124-139
+        assumed configuration: no answer on CAN; an incomplete packet is dropped at the next head @ {BLMC}, all files
+        """),
+    )
+
+    def __init__(
+        self,
+        *,
+        counts_per_newton: Annotated[
+            tuple[float, float, float], Option("scale of Fx, Fy, Fz, as on the calibration sheet", unit="1/N", low=1e-6)
+        ] = (16037 / 40, 16037 / 40, 16037 / 40),
+    ):
+        super().__init__(counts_per_newton=counts_per_newton)
+        self.title = "OptoForce OMD force sensor on CAN, 3 axes"
+
+    def stream(self, t_ns: int, name: str) -> Transmissions[Any]:
+        """Return the frames of one data packet."""
+        packet = b"".join(each for each in super().stream(t_ns, name) if isinstance(each, bytes))
+        return [CanFrame(arbitration_id=FROM_SENSOR, data=packet[k : k + 8]) for k in range(0, len(packet), 8)]
+
+    def receive(self, data: Any, t_ns: int, port: str) -> Transmissions[Any]:
+        """Obey configurations, whose parts are in frames."""
+        if data != CanFrame(arbitration_id=TO_SENSOR, data=data.data):
+            self.counters["ignored"] += 1
+        else:
+            super().receive(data.data, t_ns, port)
+        return ()
 
 
 def _size(data: bytes) -> int | str:

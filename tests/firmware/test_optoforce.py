@@ -133,3 +133,11 @@ def test_six_axes_feel_one_wrench_at_the_flange():
     assert sense.quantity == "wrench" and sense.at.positions.tolist() == [[0, 0, 0]]
     (packet,) = sample(device, wrench=[[1.0, 2.0, -100.0, 0.5, -0.25, 40.0]])
     assert device.counts.tolist() == [[26, 58, 302, 500, -250, 32767]] and packet[6:8] == bytes([0, 1 << 4])
+
+
+def test_on_can_a_configuration_comes_in_two_frames():
+    device = fp.create("optoforce_can")
+    for text in ("101#AA00320300040000", "101#E2", "101#E3", "100#E3"):
+        assert send(device, text) == []
+    assert device.counters == {"bad_checksum": 1, "skipped_bytes": 9, "ignored": 1} and device.streaming
+    assert send(device, "101#AA00320300040000") + send(device, "101#E3") == [] and sample(device) == []
