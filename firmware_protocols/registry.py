@@ -45,6 +45,7 @@ DEVICES: dict[str, str] = {
     "fulai_glove": f"{_HERE}.fulai_glove:FulaiGlove",
     "ghand5": f"{_HERE}.ghand5:GHand5",
     "icub_skin": f"{_HERE}.icub_skin:IcubSkin",
+    "imada_zt": f"{_HERE}.imada_zt:ImadaZt",
     "inspire_rh56dftp": f"{_HERE}.inspire_rh56dftp:InspireRh56dftp",
     "kunwei_kwr75": f"{_HERE}.kunwei_kwr75:KunweiKwr75",
     "leptrino_cfs": f"{_HERE}.leptrino_cfs:LeptrinoCfs",
