@@ -79,6 +79,7 @@ DEVICES: dict[str, str] = {
     "robotis_hx5": f"{_HERE}.robotis_hx5:RobotisHx5",
     "robotous_rft": f"{_HERE}.robotous_rft:RobotousRft",
     "rohand": f"{_HERE}.rohand:RoHand",
+    "rohand_can": f"{_HERE}.rohand_can:RohandCan",
     "schunk_fts": f"{_HERE}.schunk_fts:SchunkFts",
     "seed_fts3": f"{_HERE}.seed_fts3:SeedFts3",
     "sensel_morph": f"{_HERE}.sensel_morph:SenselMorph",

@@ -224,7 +224,7 @@ class RoHand(Device):
         touch: Annotated[Touch, Option("kind of sensors; finger: first generation, one force each")] = "dots",
         unit: Annotated[int, Option("unit as delivered; register 1005 holds it", low=1, high=247)] = 2,
     ):
-        self.touch, self.layout, self.columns, first = touch, _hand(touch), _columns(touch), touch == "finger"
+        self.touch, self.layout, self.columns, first = touch, hand_layout(touch), _columns(touch), touch == "finger"
         self.registers = Registers(FIRST_GENERATION if first else SECOND_GENERATION, kept={"unit": unit, **self.flash})
         self.registers["protocol"] = 0x0100 if first else 0x0200
         if first:
@@ -343,7 +343,7 @@ def _columns(touch: Touch) -> tuple[Column, ...]:
     )
 
 
-def _hand(touch: Touch) -> Layout:
+def hand_layout(touch: Touch) -> Layout:
     """Return the parts in wire order, each on its link; x across the hand, y along the fingers, z out of it."""
     pads = []
     for name, (centre, rows, cols, n_points) in TOUCH_PARTS.items():
