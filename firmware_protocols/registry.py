@@ -27,6 +27,7 @@ DEVICES: dict[str, str] = {
     "anyskin": f"{_HERE}.anyskin:AnySkin",
     "ati_net_ft": f"{_HERE}.ati_net_ft:AtiNetFt",
     "ati_netcanoem": f"{_HERE}.ati_netcanoem:AtiNetcanoem",
+    "ati_wireless_ft": f"{_HERE}.ati_wireless_ft:AtiWirelessFt",
     "barrett_bh8": f"{_HERE}.barrett_bh8:BarrettBh8",
     "bielefeld_glove": f"{_HERE}.bielefeld_glove:BielefeldGlove",
     "bota_sensone": f"{_HERE}.bota_sensone:BotaSensone",

@@ -19,6 +19,7 @@ __all__ = [
     "crc8",
     "crc8_maxim",
     "crc16_arc",
+    "crc16_ati",
     "crc16_ccitt_false",
     "crc16_kermit",
     "crc16_modbus",
@@ -62,7 +63,7 @@ def sum16(data: bytes) -> int:
 
 
 @cache
-def _crc(name: str) -> Callable[[bytes], int]:
+def _crc(name: str) -> Callable[..., int]:
     return mkPredefinedCrcFun(name)
 
 
@@ -94,6 +95,11 @@ def crc16_umts(data: bytes) -> int:
 def crc16_xmodem(data: bytes) -> int:
     """Return CRC-16/XMODEM: polynomial 1021, start 0000."""
     return _crc("xmodem")(data)
+
+
+def crc16_ati(data: bytes) -> int:
+    """Return the CRC of ATI's wireless boxes: polynomial 1021, start 1234."""
+    return _crc("xmodem")(data, 0x1234)
 
 
 def crc16_ccitt_false(data: bytes) -> int:
@@ -147,7 +153,7 @@ SUMS: dict[str, Sum] = {
         function.__name__: Sum(function, 2)
         for function in (
             sum16, crc16_modbus, crc16_arc, crc16_umts, crc16_xmodem, crc16_ccitt_false, crc16_kermit, crc16_x25,
-            crc16_weiss,
+            crc16_weiss, crc16_ati,
         )
     },
     **{function.__name__: Sum(function, 4) for function in (crc32, crc32_mpeg)},

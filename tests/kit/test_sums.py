@@ -29,6 +29,7 @@ def test_crcs_have_the_catalogue_s_check_values(name, value):
 
 def test_the_crc_of_no_catalogue():
     assert SUMS["crc16_weiss"].function(CHECK) == 0x6EB4, "as SDHLibrary-CPP computes it"
+    assert SUMS["crc16_ati"].function(bytes.fromhex("000A000100000000")) == 0x7346, "as WirelessFT computes it"
 
 
 def test_plain_sums():

@@ -53,7 +53,8 @@ def build(data: dict) -> Emulator:
 def ask(emulator: Emulator, after_s: float = 0.0) -> None:
     """Let the driver send every documented request in its stages, else in two halves, those after a time."""
     (channel,) = emulator.channels
-    commands = [command for command in channel.device.commands if not command.port or command.port in channel.wires]
+    here = {"", *(name for name, wire in channel.wires.items() if hasattr(wire.transport, "driver"))}
+    commands = [command for command in channel.device.commands if command.port in here]
     for k, command in enumerate(commands):
         wire = channel.wires.get(command.port) or channel.wire
         request, t_s = command.frame, 0.02 + k * (SECONDS - 0.06) / len(commands)
