@@ -62,6 +62,7 @@ DEVICES: dict[str, str] = {
     "linker_hand_o6": f"{_HERE}.linker_hand:LinkerHandO6",
     "loadstar_di": f"{_HERE}.loadstar_di:LoadstarDi",
     "m1616_array": f"{_HERE}.m1616_array:M1616Array",
+    "mark10": f"{_HERE}.mark10:Mark10",
     "matsense": f"{_HERE}.matsense:MatSense",
     "me_gsv8": f"{_HERE}.me_gsv8:MeGsv8",
     "nibotics_prvs01": f"{_HERE}.nibotics_prvs01:NiboticsPrvs01",
