@@ -32,6 +32,7 @@ from tactemu.sensors.poses import LinkView
 from tactemu.sensors.probe_grid import Grid
 from tactemu.sensors.probe_layout import Probes
 from tactemu.sensors.probes.query import CHEAPER_QUERY, nearest_function, query_trials
+from tactemu.sensors.sensed import sensed_type
 from tactemu.sensors.sensor_model import Compiled, DepthQuery, Derive, SensorModel, Setting, Site
 from tactemu.sensors.shape_table import ShapeTable, ShapeTables
 from tactemu.transducers.registry import transducer_class
@@ -57,7 +58,7 @@ __all__ = [  # noqa: RUF022  (in groups)
     "Context", "Launch", "Launches", "Stage", "clear_rows", "in_turn", "record",
     # functions for kernels: the nearest surface, distances, lines through bodies, numbers that are not finite
     "CHEAPER_QUERY", "is_finite", "is_nan", "natural", "nearest_function", "query_trials", "ray_function",
-    "shape_functions", "ShapeFunctions",
+    "sensed_type", "shape_functions", "ShapeFunctions",
     # checks of options, and the errors that they raise
     "Bounds", "MeshError", "SceneError", "number", "numbers", "triple",
     # bodies and shapes

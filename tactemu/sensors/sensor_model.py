@@ -13,7 +13,7 @@ A model is a dataclass of options in one file, derived from :class:`SensorModel`
         def compile(self, site: Site) -> Compiled:
             raw = site.zeros()                                # (n_envs, n_taxels, channels), site.context.real
             kernel = my_kernel(site.context.real, site.table.kinds)
-            inputs = [site.table.struct, site.view.pose, site.targets, site.positions, self.stiffness]
+            inputs = [site.sensed, site.positions, self.stiffness]
             launch = site.context.record(kernel, raw.shape[:2], inputs, [raw])
             stage = Stage(name=f"{site.name}: my taxel", reason="MyTaxel reads force", launch=launch)
             return Compiled(truth=raw, raw=raw, stages=[stage])
@@ -24,9 +24,10 @@ in :mod:`tactemu.sensors.models` registers a model of this package for scene fil
 
 * ``site.view``: poses ``(n_envs, n_bodies)`` of all bodies in the link's frame, and twists if
   :meth:`SensorModel.velocity_reason` returns one (:class:`tactemu.sensors.poses.LinkView`).
-* ``site.targets``: indices of the bodies to sense, ``wp.array(int32)``; ``site.target_bodies`` the same on the host.
+* ``site.sensed``: the bodies to sense as kernels take them: their shapes, poses and indices
+  (:func:`tactemu.sensors.sensed.sensed_type`); ``site.target_bodies`` are the same on the host.
 * ``site.table``: the shapes of these bodies. In a kernel factory ``f = shape_functions(real, kinds)`` gives
-  ``f.distance_in_link(shapes, b, pose[e, b], r) -> (signed distance, normal)`` for any kind of shape
+  ``f.distance_in_link(sensed.shapes, b, sensed.pose[e, b], r) -> (signed distance, normal)`` for any kind of shape
   (:mod:`tactemu.geometry.shapes.distance`); ``site.own_table`` is the table of the link's own shape (row
   ``site.link.index``, pose the identity).
 * ``site.positions``, ``site.normals``, ``site.radii``: the probes on the device; ``site.probes`` the same on the host.
@@ -66,6 +67,7 @@ from tactemu.sensors.drawing import DrawOptions
 from tactemu.sensors.point_cloud import PointCloud
 from tactemu.sensors.poses import LinkView
 from tactemu.sensors.probe_layout import Probes, make_probes
+from tactemu.sensors.sensed import sensed_type
 from tactemu.sensors.shape_table import ShapeTable, ShapeTables
 
 DepthQuery = Literal["sdf", "raycast", "band", "voxel", "ray"]
@@ -101,6 +103,14 @@ class Site:
         """The shapes of the bodies to sense."""
         model = self.model
         return self.shapes.table(self.target_bodies, model.contact_depth_query, model.voxel_size)
+
+    @cached_property
+    def sensed(self):
+        """The bodies to sense, as kernels take them."""
+        sensed = sensed_type(self.context.real)()
+        sensed.shapes, sensed.targets = self.table.struct, self.targets
+        sensed.pose, sensed.near = self.view.pose, self.view.near
+        return sensed
 
     @cached_property
     def own_table(self) -> ShapeTable:

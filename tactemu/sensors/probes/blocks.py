@@ -9,10 +9,9 @@ from dataclasses import dataclass
 
 import warp as wp
 
-from tactemu.geometry.shapes.shape import table_type
 from tactemu.plan.scalars import natural
-from tactemu.sensors.probes.formula import Formula, probe_functions
-from tactemu.sensors.probes.query import near_bits, probes_struct
+from tactemu.sensors.probes.formula import Formula, probe_functions, task_type
+from tactemu.sensors.sensed import near_bits
 
 MAX_BLOCK_THREADS = 128
 """Maximum number of threads of a block."""
@@ -75,35 +74,20 @@ def thread_index() -> int:
 @functools.cache
 def block_kernel(formula: Formula, shift: int):
     """Return the kernel of a formula on a GPU: the truth and, if separate, the measured branch."""
-    real = formula.real
-    transform = wp.types.transformation(real)
-    probes_type, shapes_type, numbers_type = probes_struct(real), table_type(real), formula.numbers
+    real, task_struct = formula.real, task_type(formula.real, formula.numbers)
     margin, nearest, write, _away = probe_functions(formula)
 
     @wp.kernel(module="unique", enable_backward=False, grid_stride=False)
-    def measure_probes(
-        first_env: int,
-        shapes: shapes_type,
-        pose: wp.array2d(dtype=transform),
-        targets: wp.array(dtype=wp.int32),
-        probes: probes_type,
-        bodies_near: wp.array2d(dtype=wp.uint8),
-        numbers: numbers_type,
-        gain: wp.array2d(dtype=real),
-        radius: wp.array2d(dtype=real),
-        # outputs
-        truth_out: wp.array3d(dtype=real),
-        raw_out: wp.array3d(dtype=real),
-    ):
+    def measure_probes(first_env: int, task: task_struct):
         block = block_index()
         e = natural(block >> wp.static(shift))
         first = (block - (e << wp.static(shift))) * wp.block_dim() + thread_index()
-        near = near_bits(bodies_near, targets, e)
-        for i in range(first, probes.radii.shape[0], wp.block_dim() << wp.static(shift)):
+        near = near_bits(task.sensed.near, task.sensed.targets, e)
+        for i in range(first, task.probes.radii.shape[0], wp.block_dim() << wp.static(shift)):
             i = natural(i)
-            reach = margin(probes, radius, e, i)
+            reach = margin(task, e, i)
             if reach >= real(0.0):
-                distance, normal, b = nearest(shapes, pose, near, targets, probes, e, i, reach)
-                write(probes, numbers, gain, radius, distance, normal, b, e, i, truth_out, raw_out)
+                distance, normal, b = nearest(task.sensed, near, task.probes, e, i, reach)
+                write(task, distance, normal, b, e, i)
 
     return measure_probes

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import warp as wp
 
 from tactemu.plan.plan import Stage
-from tactemu.sensors.probes.query import CHEAPER_QUERY, probes_struct, query_trials
+from tactemu.sensors.probes.query import CHEAPER_QUERY, probes_struct, query_trials, touch_type
 from tactemu.sensors.probes.strips import record_strips
 from tactemu.sensors.sensor_model import Compiled, SensorModel, Site
 
@@ -14,21 +14,11 @@ from tactemu.sensors.sensor_model import Compiled, SensorModel, Site
 @functools.cache
 def depth_formula(real):
     """Return the formula of depth times gain, 0 without contact."""
-    vec3 = wp.types.vector(3, real)
+    probes_type, touch_struct = probes_struct(real), touch_type(real)
 
     @wp.func
-    def measure(
-        unused: wp.int32,
-        probes: probes_struct(real),
-        depth: real,
-        gain: real,
-        normal: vec3,
-        body: int,
-        e: int,
-        i: int,
-        out: wp.array3d(dtype=real),
-    ):
-        out[e, i, 0] = wp.where(depth < real(0.0), real(0.0), depth) * gain
+    def measure(unused: int, probes: probes_type, touch: touch_struct, e: int, i: int, out: wp.array3d(dtype=real)):
+        out[e, i, 0] = wp.where(touch.depth < real(0.0), real(0.0), touch.depth) * touch.gain
 
     return measure
 

@@ -1,13 +1,11 @@
 """The reading of one probe, as Warp functions made from a model's formula.
 
-A formula is a Warp function ``measure(numbers, probes, depth, gain, normal, body, e, i, out)``. It writes the reading
-of probe ``i`` of environment ``e`` into ``out``:
+A formula is a Warp function ``measure(numbers, probes, touch, e, i, out)``. It writes the reading of probe ``i`` of
+environment ``e`` into ``out``:
 
 * ``numbers``: parameters of the model, a Warp struct or one number.
-* ``depth``: the probe's radius minus its distance, not clipped at 0, since NaN (a pose that is not finite) must come
-  out as NaN: test ``not (depth <= 0)``, for ``max(0, NaN)`` is 0.
-* ``gain``: gain of the taxel; 1 where no imperfection sets one.
-* ``normal``, ``body``: normal and index of the nearest body; -1 for none.
+* ``touch``: what the query found (:func:`~tactemu.sensors.probes.query.touch_type`). Its depth is not clipped at 0,
+  since NaN (a pose that is not finite) must come out as NaN: test ``not (depth <= 0)``, for ``max(0, NaN)`` is 0.
 
 The formula is called with depth 0 where no body is near a probe.
 """
@@ -17,7 +15,8 @@ from typing import Any, NamedTuple
 
 import warp as wp
 
-from tactemu.sensors.probes.query import contact_function, probes_struct
+from tactemu.sensors.probes.query import contact_function, probes_struct, touch_type
+from tactemu.sensors.sensed import sensed_type
 
 
 class Formula(NamedTuple):
@@ -40,75 +39,75 @@ class Formula(NamedTuple):
     has_radius: bool
 
 
+@functools.cache
+def task_type(real, numbers_type):
+    """Return the Warp struct of all that the kernels of a formula read and write; ``numbers_type`` is that of the
+    model's parameters."""
+
+    @wp.struct
+    class Task:
+        sensed: sensed_type(real)
+        probes: probes_struct(real)
+        numbers: numbers_type
+        gain: wp.array2d(dtype=real)  # of the measured branch, (n_envs, n_probes)
+        radius: wp.array2d(dtype=real)  # likewise
+        truth: wp.array3d(dtype=real)  # written, (n_envs, n_probes, channels)
+        raw: wp.array3d(dtype=real)  # written: the measured branch
+
+    return Task
+
+
 class ProbeFunctions(NamedTuple):
     """The Warp functions of probe ``i`` in environment ``e``."""
 
     margin: Any
-    """``margin(probes, radius, e, i)`` returns its radius, the larger of both branches [m]; negative for a filler."""
+    """``margin(task, e, i)`` returns its radius, the larger of both branches [m]; negative for a filler."""
     nearest: Any
     """:func:`~tactemu.sensors.probes.query.contact_function`"""
     write: Any
-    """``write(probes, numbers, gain, radius, distance, normal, body, e, i, truth_out, raw_out)`` writes its reading."""
+    """``write(task, distance, normal, body, e, i)`` writes its reading."""
     away: Any
-    """``away(probes, numbers, e, i, truth_out, raw_out)`` writes its reading where no body is near."""
+    """``away(task, e, i)`` writes its reading where no body is near."""
 
 
 @functools.cache
 def probe_functions(formula: Formula) -> ProbeFunctions:
     """Return the Warp functions that a kernel of this formula calls."""
-    real, measure, numbers_type = formula.real, formula.measure, formula.numbers
+    real, measure = formula.real, formula.measure
     at_surface, separate, has_gain, has_radius = formula[-4:]
     vec3 = wp.types.vector(3, real)
-    probes_type = probes_struct(real)
+    task_struct, touch_struct = task_type(real, formula.numbers), touch_type(real)
 
     @wp.func
-    def margin(probes: probes_type, radius: wp.array2d(dtype=real), e: int, i: int):
-        r = probes.radii[i]
+    def margin(task: task_struct, e: int, i: int):
+        r = task.probes.radii[i]
         if not (r > real(0.0)):
             return real(-1.0)
         if wp.static(at_surface):
             return real(0.0)
         if wp.static(has_radius):
-            r = wp.max(r, radius[e, i])
+            r = wp.max(r, task.radius[e, i])
         return r
 
     @wp.func
-    def write(
-        probes: probes_type,
-        numbers: numbers_type,
-        gain: wp.array2d(dtype=real),
-        radius: wp.array2d(dtype=real),
-        distance: real,
-        normal: vec3,
-        body: int,
-        e: int,
-        i: int,
-        truth_out: wp.array3d(dtype=real),
-        raw_out: wp.array3d(dtype=real),
-    ):
+    def write(task: task_struct, distance: real, normal: vec3, body: int, e: int, i: int):
         r = real(0.0)
         if wp.static(not at_surface):
-            r = probes.radii[i]
-        measure(numbers, probes, r - distance, real(1.0), normal, body, e, i, truth_out)
+            r = task.probes.radii[i]
+        measure(task.numbers, task.probes, touch_struct(r - distance, real(1.0), normal, body), e, i, task.truth)
         if wp.static(separate):
             if wp.static(has_radius):
-                r = radius[e, i]
+                r = task.radius[e, i]
             g = real(1.0)
             if wp.static(has_gain):
-                g = gain[e, i]
-            measure(numbers, probes, r - distance, g, normal, body, e, i, raw_out)
+                g = task.gain[e, i]
+            measure(task.numbers, task.probes, touch_struct(r - distance, g, normal, body), e, i, task.raw)
 
     @wp.func
-    def away(
-        probes: probes_type,
-        numbers: numbers_type,
-        e: int,
-        i: int,
-        truth_out: wp.array3d(dtype=real),
-        raw_out: wp.array3d(dtype=real),
-    ):
-        measure(numbers, probes, real(0.0), real(1.0), vec3(real(0.0)), -1, e, i, truth_out)
+    def away(task: task_struct, e: int, i: int):
+        nothing = touch_struct(real(0.0), real(1.0), vec3(real(0.0)), -1)
+        measure(task.numbers, task.probes, nothing, e, i, task.truth)
         if wp.static(separate):
-            measure(numbers, probes, real(0.0), real(1.0), vec3(real(0.0)), -1, e, i, raw_out)
+            measure(task.numbers, task.probes, nothing, e, i, task.raw)
 
     return ProbeFunctions(margin, contact_function(real, formula.kinds, formula.along_normal), write, away)

@@ -22,7 +22,7 @@ import warp as wp
 from tactemu.base.units import NonNegative, Positive
 from tactemu.geometry.shapes.shape import FAR
 from tactemu.plan.plan import Stage
-from tactemu.sensors.probes.query import CHEAPER_QUERY, probes_struct, query_trials
+from tactemu.sensors.probes.query import CHEAPER_QUERY, probes_struct, query_trials, touch_type
 from tactemu.sensors.probes.strips import record_strips
 from tactemu.sensors.sensor_model import Compiled, SensorModel, Site
 
@@ -59,23 +59,16 @@ def springs_type(real):
 def springs_formula(real, moving: bool):
     """Return the formula of force and torque of one probe; ``moving``: damping, shear or twist are not 0."""
     vec3 = wp.types.vector(3, real)
-    springs_struct, probes_type = springs_type(real), probes_struct(real)
+    springs_struct, probes_type, touch_struct = springs_type(real), probes_struct(real), touch_type(real)
+    readings = wp.array3d(dtype=real)
 
     @wp.func
-    def measure(
-        c: springs_struct,
-        probes: probes_type,
-        depth: real,
-        gain: real,
-        n: vec3,
-        body: int,
-        e: int,
-        i: int,
-        out: wp.array3d(dtype=real),
-    ):
+    def measure(c: springs_struct, probes: probes_type, touch: touch_struct, e: int, i: int, out: readings):
         force = vec3(real(0.0))
         torque = vec3(real(0.0))
-        d = depth * gain
+        n = touch.normal
+        body = touch.body
+        d = touch.depth * touch.gain
         if not (d <= real(0.0)):  # a form of the test that lets NaN pass
             if wp.dot(n, n) < real(0.5):
                 n = -probes.normals[i]

@@ -10,11 +10,12 @@ import functools
 
 import warp as wp
 
-from tactemu.geometry.shapes.shape import FAR, table_type, without_search
+from tactemu.geometry.shapes.shape import FAR, without_search
 from tactemu.plan.launches import Launch, in_turn
 from tactemu.plan.scalars import natural
-from tactemu.sensors.probes.formula import Formula, probe_functions
-from tactemu.sensors.probes.query import ALL_NEAR, probes_struct, within_function
+from tactemu.sensors.probes.formula import Formula, probe_functions, task_type
+from tactemu.sensors.probes.query import within_function
+from tactemu.sensors.sensed import ALL_NEAR
 from tactemu.sensors.sensor_model import Site
 
 SEARCH_BLOCK_THREADS = 64
@@ -43,43 +44,29 @@ def append(listed: wp.array(dtype=wp.int32), count: wp.array(dtype=wp.int32), va
 def list_kernel(formula: Formula):
     """Return the kernel that lists the probes near a body, unless their distance is known without a search, and writes
     the readings of the others."""
-    real = formula.real
-    transform = wp.types.transformation(real)
-    probes_type, shapes_type, numbers_type = probes_struct(real), table_type(real), formula.numbers
+    real, task_struct = formula.real, task_type(formula.real, formula.numbers)
     within = within_function(real, formula.kinds, formula.along_normal)
     some_known = not formula.along_normal and any(kind.without_search for kind in formula.kinds)
     margin, known, write, away = probe_functions(formula._replace(kinds=without_search(formula.kinds)))
 
     @wp.kernel(module="unique", enable_backward=False, grid_stride=False)
-    def list_near(
-        first_env: int,
-        shapes: shapes_type,
-        pose: wp.array2d(dtype=transform),
-        targets: wp.array(dtype=wp.int32),
-        probes: probes_type,
-        numbers: numbers_type,
-        gain: wp.array2d(dtype=real),
-        radius: wp.array2d(dtype=real),
-        # outputs
-        near: wp.array(dtype=wp.int32),
-        n_near: wp.array(dtype=wp.int32),
-        truth_out: wp.array3d(dtype=real),
-        raw_out: wp.array3d(dtype=real),
-    ):
+    def list_near(first_env: int, task: task_struct, near: wp.array(dtype=wp.int32), n_near: wp.array(dtype=wp.int32)):
         thread = wp.tid()
-        i = natural(thread // pose.shape[0])
-        e = natural(thread - i * pose.shape[0])  # neighbouring threads take the same probe in many environments
-        reach = margin(probes, radius, e, i)
+        i = natural(thread // task.sensed.pose.shape[0])
+        e = natural(
+            thread - i * task.sensed.pose.shape[0]
+        )  # neighbouring threads take the same probe in many environments
+        reach = margin(task, e, i)
         if reach >= real(0.0):
-            if not within(shapes, pose, targets, probes, e, i, reach):
-                away(probes, numbers, e, i, truth_out, raw_out)
+            if not within(task.sensed, task.probes, e, i, reach):
+                away(task, e, i)
                 return
             if wp.static(some_known):
-                distance, normal, b = known(shapes, pose, ALL_NEAR, targets, probes, e, i, reach)
+                distance, normal, b = known(task.sensed, ALL_NEAR, task.probes, e, i, reach)
                 if distance != real(-FAR):
-                    write(probes, numbers, gain, radius, distance, normal, b, e, i, truth_out, raw_out)
+                    write(task, distance, normal, b, e, i)
                     return
-            append(near, n_near, e * probes.radii.shape[0] + i)
+            append(near, n_near, e * task.probes.radii.shape[0] + i)
 
     return list_near
 
@@ -87,58 +74,31 @@ def list_kernel(formula: Formula):
 @functools.cache
 def search_kernel(formula: Formula):
     """Return the kernel that searches the bodies for each probe of the list."""
-    real = formula.real
-    transform = wp.types.transformation(real)
-    probes_type, shapes_type, numbers_type = probes_struct(real), table_type(real), formula.numbers
+    task_struct = task_type(formula.real, formula.numbers)
     margin, nearest, write, _away = probe_functions(formula)
 
     @wp.kernel(module="unique", enable_backward=False, grid_stride=False)
     def search_near(
-        first_env: int,
-        shapes: shapes_type,
-        pose: wp.array2d(dtype=transform),
-        targets: wp.array(dtype=wp.int32),
-        probes: probes_type,
-        numbers: numbers_type,
-        gain: wp.array2d(dtype=real),
-        radius: wp.array2d(dtype=real),
-        near: wp.array(dtype=wp.int32),
-        n_near: wp.array(dtype=wp.int32),
-        # outputs
-        truth_out: wp.array3d(dtype=real),
-        raw_out: wp.array3d(dtype=real),
+        first_env: int, task: task_struct, near: wp.array(dtype=wp.int32), n_near: wp.array(dtype=wp.int32)
     ):
         k = wp.tid()
         if k < n_near[0]:
-            e = natural(near[k] // probes.radii.shape[0])
-            i = natural(near[k] - e * probes.radii.shape[0])
-            reach = margin(probes, radius, e, i)
-            distance, normal, b = nearest(shapes, pose, ALL_NEAR, targets, probes, e, i, reach)
-            write(probes, numbers, gain, radius, distance, normal, b, e, i, truth_out, raw_out)
+            e = natural(near[k] // task.probes.radii.shape[0])
+            i = natural(near[k] - e * task.probes.radii.shape[0])
+            reach = margin(task, e, i)
+            distance, normal, b = nearest(task.sensed, ALL_NEAR, task.probes, e, i, reach)
+            write(task, distance, normal, b, e, i)
 
     return search_near
 
 
-def record_listed(
-    site: Site, formula: Formula, scene: list, numbers, gain: wp.array, radius: wp.array, out: list
-) -> Launch:
-    """Return the recorded launches of both kernels.
-
-    Args:
-        site: the site of the sensor.
-        formula: the formula of the kernels.
-        scene: shapes, poses, targets and probes.
-        numbers: parameters of the model.
-        gain: gains of the measured branch.
-        radius: radii of the measured branch.
-        out: output arrays of the truth and the measured branch.
-    """
+def record_listed(site: Site, formula: Formula, task) -> Launch:
+    """Return the recorded launches of both kernels for a :func:`~tactemu.sensors.probes.formula.task_type`."""
     context, n = site.context, site.probes.n
     # scratch: each step fills both before it reads them
     near = wp.empty(context.n_envs * n, dtype=wp.int32, device=context.device)
     n_near = wp.zeros(1, dtype=wp.int32, device=context.device)
-    inputs = [*scene, numbers, gain, radius]
-    listed = context.record(list_kernel(formula), near.size, inputs, [near, n_near, *out])
-    inputs = [*scene, numbers, gain, radius, near, n_near]
-    searched = context.record(search_kernel(formula), near.size, inputs, out, block_dim=SEARCH_BLOCK_THREADS)
+    listed = context.record(list_kernel(formula), near.size, [task], [near, n_near])
+    search = search_kernel(formula)
+    searched = context.record(search, near.size, [task, near, n_near], [], block_dim=SEARCH_BLOCK_THREADS)
     return in_turn(n_near.zero_, listed, searched)

@@ -14,8 +14,9 @@ import warp as wp
 
 from tactemu.geometry.shapes.distance import shape_functions
 from tactemu.geometry.shapes.rays import ray_function
-from tactemu.geometry.shapes.shape import FAR, table_type
+from tactemu.geometry.shapes.shape import FAR
 from tactemu.plan.scalars import is_nan, natural
+from tactemu.sensors.sensed import ALL_NEAR, is_near, sensed_type
 from tactemu.sensors.sensor_model import Setting
 
 
@@ -37,76 +38,44 @@ def probes_struct(real):
     return ProbeArrays
 
 
-@wp.func_native("""
-    int64_t found = 0;
-#if defined(__CUDA_ARCH__)
-    const int lane = threadIdx.x % 32;
-    for (int first = 0; first < 64; first += 32) {
-        const int t = first + lane;
-        bool is_near = true;
-        if (t < targets.shape[0])
-            is_near = flags.data[int64_t(flags.strides[0]) * e + int64_t(flags.strides[1]) * targets.data[t]] != 0;
-        found |= int64_t(uint64_t(__ballot_sync(0xffffffffu, is_near)) << first);
-    }
-#else
-    const int n = targets.shape[0] < 64 ? targets.shape[0] : 64;
-    for (int t = 0; t < n; ++t)
-        if (flags.data[int64_t(flags.strides[0]) * e + int64_t(flags.strides[1]) * targets.data[t]] != 0)
-            found |= int64_t(uint64_t(1) << t);
-#endif
-    return found;
-""")
-def near_bits(flags: wp.array2d(dtype=wp.uint8), targets: wp.array(dtype=wp.int32), e: int) -> wp.int64:
-    """Return a bit for each of the first 64 sensed bodies: is it near the skin
-    (:class:`tactemu.sensors.poses.LinkView`)?
+@functools.cache
+def touch_type(real):
+    """Return the Warp struct of what a query finds out about a probe."""
 
-    On a GPU all threads of a warp must call it together, for one environment.
-    """
-    ...
+    @wp.struct
+    class Touch:
+        depth: real  # the probe's radius minus its distance, not clipped at 0; NaN for a pose that is not finite
+        gain: real  # of the taxel; 1 where no imperfection sets one
+        normal: wp.types.vector(3, real)  # of the nearest body
+        body: wp.int32  # its index; -1: no body is near
 
-
-ALL_NEAR = wp.constant(wp.int64(-1))
-
-
-@wp.func
-def is_near(bits: wp.int64, t: int):
-    """Return True if the ``t``-th sensed body may be near."""
-    return t > 63 or (bits >> wp.int64(t)) & wp.int64(1) == wp.int64(1)
+    return Touch
 
 
 @functools.cache
 def nearest_of_function(real, kinds: frozenset):
-    """Return ``nearest(shapes, pose, near, targets, e, r, margin) -> (distance, normal, body)``: like
+    """Return ``nearest(sensed, near, e, r, margin) -> (distance, normal, body)``: like
     :func:`nearest_function`, over those sensed bodies that may be ``near`` (:func:`near_bits`)."""
     vec3 = wp.types.vector(3, real)
-    transform = wp.types.transformation(real)
-    shapes_type = table_type(real)
+    sensed_struct = sensed_type(real)
     functions = shape_functions(real, kinds)
     distance_in_link, reaches = functions.distance_in_link, functions.reaches
 
     @wp.func
-    def nearest(
-        shapes: shapes_type,
-        pose: wp.array2d(dtype=transform),
-        near: wp.int64,
-        targets: wp.array(dtype=wp.int32),
-        e: int,
-        r: vec3,
-        margin: real,
-    ):
+    def nearest(sensed: sensed_struct, near: wp.int64, e: int, r: vec3, margin: real):
         best = real(FAR)
         normal = vec3(real(0.0))
         body = int(-1)
         t = int(0)  # a while loop: Warp's ranges would take a third of the time on a CPU
-        while t < targets.shape[0]:
+        while t < sensed.targets.shape[0]:
             if is_near(near, t):
-                b = natural(targets[natural(t)])
-                x = pose[e, b]
+                b = natural(sensed.targets[natural(t)])
+                x = sensed.pose[e, b]
                 if is_nan(wp.transform_get_translation(x)[0]):
                     best = real(wp.nan)  # and no d is less than NaN
                     body = -1
-                elif reaches(shapes, b, x, r, margin):
-                    d, n = distance_in_link(shapes, b, x, r)
+                elif reaches(sensed.shapes, b, x, r, margin):
+                    d, n = distance_in_link(sensed.shapes, b, x, r)
                     if d < best:
                         best = d
                         normal = n
@@ -119,65 +88,46 @@ def nearest_of_function(real, kinds: frozenset):
 
 @functools.cache
 def nearest_function(real, kinds: frozenset):
-    """Return ``nearest(shapes, pose, targets, e, r, margin) -> (distance, normal, body)``.
+    """Return ``nearest(sensed, e, r, margin) -> (distance, normal, body)``.
 
     It finds the sensed body in environment ``e`` nearest to the point ``r`` of the link's frame, and its normal there
     in that frame. Bodies farther than ``margin`` may be skipped: then the distance is 1e18 m and the body -1. A pose
     that is not finite gives a NaN distance.
     """
-    transform, vec3 = wp.types.transformation(real), wp.types.vector(3, real)
-    shapes_type, nearest_of = table_type(real), nearest_of_function(real, kinds)
+    nearest_of = nearest_of_function(real, kinds)
 
     @wp.func
-    def nearest(
-        shapes: shapes_type,
-        pose: wp.array2d(dtype=transform),
-        targets: wp.array(dtype=wp.int32),
-        e: int,
-        r: vec3,
-        margin: real,
-    ):
-        return nearest_of(shapes, pose, ALL_NEAR, targets, e, r, margin)
+    def nearest(sensed: sensed_type(real), e: int, r: wp.types.vector(3, real), margin: real):
+        return nearest_of(sensed, ALL_NEAR, e, r, margin)
 
     return nearest
 
 
 @functools.cache
 def first_function(real, kinds: frozenset):
-    """Return ``first(shapes, pose, near, targets, e, r, m, reach, margin) -> (distance, normal, body)``.
+    """Return ``first(sensed, near, e, r, m, reach, margin) -> (distance, normal, body)``.
 
     It works like :func:`nearest_function`, along the taxel's normal ``m`` starting ``reach`` behind ``r``; the normal
     is ``-m``.
     """
     vec3 = wp.types.vector(3, real)
-    transform = wp.types.transformation(real)
-    shapes_type = table_type(real)
+    sensed_struct = sensed_type(real)
     enters = ray_function(real, kinds)
 
     @wp.func
-    def first(
-        shapes: shapes_type,
-        pose: wp.array2d(dtype=transform),
-        near: wp.int64,
-        targets: wp.array(dtype=wp.int32),
-        e: int,
-        r: vec3,
-        m: vec3,
-        reach: real,
-        margin: real,
-    ):
+    def first(sensed: sensed_struct, near: wp.int64, e: int, r: vec3, m: vec3, reach: real, margin: real):
         best = real(FAR)
         body = int(-1)
-        for t in range(targets.shape[0]):
+        for t in range(sensed.targets.shape[0]):
             if not is_near(near, t):
                 continue
-            b = natural(targets[natural(t)])
-            x = pose[e, b]
+            b = natural(sensed.targets[natural(t)])
+            x = sensed.pose[e, b]
             if is_nan(wp.transform_get_translation(x)[0]):
                 best = real(wp.nan)
                 body = -1
             else:
-                d = enters(shapes, b, x, r, m, reach, margin)
+                d = enters(sensed.shapes, b, x, r, m, reach, margin)
                 if d < best:
                     best = d
                     body = b
@@ -188,71 +138,42 @@ def first_function(real, kinds: frozenset):
 
 @functools.cache
 def contact_function(real, kinds: frozenset, along_normal: bool):
-    """Return ``contact(shapes, pose, near, targets, probes, e, i, margin) -> (distance, normal, body)`` of probe
-    ``i``."""
-    transform = wp.types.transformation(real)
-    shapes_type = table_type(real)
+    """Return ``contact(sensed, near, probes, e, i, margin) -> (distance, normal, body)`` of probe ``i``."""
+    sensed_struct = sensed_type(real)
     probes_type = probes_struct(real)
     nearest = nearest_of_function(real, kinds)
     first = first_function(real, kinds)
 
     @wp.func
-    def to_surface(
-        shapes: shapes_type,
-        pose: wp.array2d(dtype=transform),
-        near: wp.int64,
-        targets: wp.array(dtype=wp.int32),
-        probes: probes_type,
-        e: int,
-        i: int,
-        margin: real,
-    ):
-        return nearest(shapes, pose, near, targets, e, probes.positions[i], margin)
+    def to_surface(sensed: sensed_struct, near: wp.int64, probes: probes_type, e: int, i: int, margin: real):
+        return nearest(sensed, near, e, probes.positions[i], margin)
 
     @wp.func
-    def along(
-        shapes: shapes_type,
-        pose: wp.array2d(dtype=transform),
-        near: wp.int64,
-        targets: wp.array(dtype=wp.int32),
-        probes: probes_type,
-        e: int,
-        i: int,
-        margin: real,
-    ):
-        return first(shapes, pose, near, targets, e, probes.positions[i], probes.normals[i], probes.reach[i], margin)
+    def along(sensed: sensed_struct, near: wp.int64, probes: probes_type, e: int, i: int, margin: real):
+        return first(sensed, near, e, probes.positions[i], probes.normals[i], probes.reach[i], margin)
 
     return along if along_normal else to_surface
 
 
 @functools.cache
 def within_function(real, kinds: frozenset, along_normal: bool):
-    """Return ``within(shapes, pose, targets, probes, e, i, margin) -> bool``: may any body touch probe ``i``? It is
-    cheap."""
+    """Return ``within(sensed, probes, e, i, margin) -> bool``: may any body touch probe ``i``? It is cheap."""
     vec3 = wp.types.vector(3, real)
-    transform = wp.types.transformation(real)
-    shapes_type = table_type(real)
+    sensed_struct = sensed_type(real)
     probes_type = probes_struct(real)
     reaches = shape_functions(real, kinds).reaches
 
     @wp.func
-    def within(
-        shapes: shapes_type,
-        pose: wp.array2d(dtype=transform),
-        targets: wp.array(dtype=wp.int32),
-        probes: probes_type,
-        e: int,
-        i: int,
-        margin: real,
-    ):
-        for t in range(targets.shape[0]):
-            b = natural(targets[natural(t)])
+    def within(sensed: sensed_struct, probes: probes_type, e: int, i: int, margin: real):
+        for t in range(sensed.targets.shape[0]):
+            b = natural(sensed.targets[natural(t)])
             if wp.static(along_normal):
-                o = probes.positions[i] - wp.transform_get_translation(pose[e, b])
+                o = probes.positions[i] - wp.transform_get_translation(sensed.pose[e, b])
                 across = vec3(wp.cross(o, probes.normals[i]))
-                if not (wp.dot(across, across) > shapes.bound[b] * shapes.bound[b]):  # NaN needs the exact test
+                bound = sensed.shapes.bound[b]
+                if not (wp.dot(across, across) > bound * bound):  # NaN needs the exact test
                     return True
-            elif reaches(shapes, b, pose[e, b], probes.positions[i], margin):
+            elif reaches(sensed.shapes, b, sensed.pose[e, b], probes.positions[i], margin):
                 return True
         return False
 

@@ -14,13 +14,14 @@ import numpy as np
 import warp as wp
 
 from tactemu.geometry.shapes.rays import thickness_behind
-from tactemu.geometry.shapes.shape import FAR, table_type
+from tactemu.geometry.shapes.shape import FAR
 from tactemu.plan.launches import Launch
 from tactemu.plan.scalars import natural
 from tactemu.sensors.probes.blocks import Blocks, block_kernel
-from tactemu.sensors.probes.formula import Formula, probe_functions
+from tactemu.sensors.probes.formula import Formula, probe_functions, task_type
 from tactemu.sensors.probes.near_list import record_listed
-from tactemu.sensors.probes.query import is_near, near_bits, probes_struct
+from tactemu.sensors.probes.query import probes_struct
+from tactemu.sensors.sensed import is_near, near_bits, sensed_type
 from tactemu.sensors.sensor_model import Site
 
 PROBES_PER_STRIP = 8
@@ -29,35 +30,24 @@ PROBES_PER_STRIP = 8
 
 @functools.cache
 def strip_function(real, kinds: frozenset):
-    """Return ``touches(shapes, pose, near, targets, probes, e, strip, noise) -> bool``.
+    """Return ``touches(sensed, near, probes, e, strip, noise) -> bool``.
 
     May any body reach any probe of a strip? This is the broad phase: one test per strip and body of the balls around
     them. ``noise`` is added to the radii.
     """
     vec3 = wp.types.vector(3, real)
-    transform = wp.types.transformation(real)
-    shapes_type = table_type(real)
-    probes_type = probes_struct(real)
+    sensed_struct, probes_type = sensed_type(real), probes_struct(real)
 
     @wp.func
-    def touches(
-        shapes: shapes_type,
-        pose: wp.array2d(dtype=transform),
-        near: wp.int64,
-        targets: wp.array(dtype=wp.int32),
-        probes: probes_type,
-        e: int,
-        strip: int,
-        noise: real,
-    ):
+    def touches(sensed: sensed_struct, near: wp.int64, probes: probes_type, e: int, strip: int, noise: real):
         ball = probes.strip_ball[strip]
         centre = vec3(ball[0], ball[1], ball[2])
-        for t in range(targets.shape[0]):
+        for t in range(sensed.targets.shape[0]):
             if not is_near(near, t):
                 continue
-            b = targets[t]
-            d = centre - wp.transform_get_translation(pose[e, b])
-            reach = shapes.bound[b] + ball[3] + noise
+            b = sensed.targets[t]
+            d = centre - wp.transform_get_translation(sensed.pose[e, b])
+            reach = sensed.shapes.bound[b] + ball[3] + noise
             if not (wp.dot(d, d) > reach * reach):  # NaN needs the exact test
                 return True
         return False
@@ -85,44 +75,29 @@ def noise_function(real, has_radius: bool):
 @functools.cache
 def strip_kernel(formula: Formula):
     """Return the kernel of a formula on a CPU: the truth and, if separate, the measured branch."""
-    real = formula.real
-    transform = wp.types.transformation(real)
-    probes_type, shapes_type, numbers_type = probes_struct(real), table_type(real), formula.numbers
+    real, task_struct = formula.real, task_type(formula.real, formula.numbers)
     margin, nearest, write, away = probe_functions(formula)
     touches, noise = strip_function(real, formula.kinds), noise_function(real, formula.has_radius)
 
     @wp.kernel(module="unique", enable_backward=False)
-    def measure_strips(
-        first_env: int,
-        shapes: shapes_type,
-        pose: wp.array2d(dtype=transform),
-        targets: wp.array(dtype=wp.int32),
-        probes: probes_type,
-        bodies_near: wp.array2d(dtype=wp.uint8),
-        numbers: numbers_type,
-        gain: wp.array2d(dtype=real),
-        radius: wp.array2d(dtype=real),
-        # outputs
-        truth_out: wp.array3d(dtype=real),
-        raw_out: wp.array3d(dtype=real),
-    ):
+    def measure_strips(first_env: int, task: task_struct):
         e, strip = wp.tid()
         e = natural(e + first_env)
         strip = natural(strip)
-        first = strip * probes.strip
-        last = wp.min(first + probes.strip, probes.radii.shape[0])
-        near = near_bits(bodies_near, targets, e)
-        if not touches(shapes, pose, near, targets, probes, e, strip, noise(probes, radius, e, strip)):
+        first = strip * task.probes.strip
+        last = wp.min(first + task.probes.strip, task.probes.radii.shape[0])
+        near = near_bits(task.sensed.near, task.sensed.targets, e)
+        if not touches(task.sensed, near, task.probes, e, strip, noise(task.probes, task.radius, e, strip)):
             for i in range(first, last):
-                away(probes, numbers, e, i, truth_out, raw_out)
+                away(task, e, i)
             return
         i = int(first)  # a while loop, not a range: see the query
         while i < last:
             i = natural(i)
-            reach = margin(probes, radius, e, i)
+            reach = margin(task, e, i)
             if reach >= real(0.0):
-                distance, normal, b = nearest(shapes, pose, near, targets, probes, e, i, reach)
-                write(probes, numbers, gain, radius, distance, normal, b, e, i, truth_out, raw_out)
+                distance, normal, b = nearest(task.sensed, near, task.probes, e, i, reach)
+                write(task, distance, normal, b, e, i)
             i += 1
 
     return measure_strips
@@ -147,17 +122,18 @@ def record_strips(
     none = wp.zeros((0, 0), dtype=context.real, device=context.device)
     measured = (raw is not truth, gain is not None, radius is not None)
     formula = Formula(context.real, site.table.kinds, site.along_normal, measure, numbers_type, at_surface, *measured)
-    gain, radius = none if gain is None else gain, none if radius is None else radius
     _watch(site, formula.has_radius)
-    scene = [site.table.struct, site.view.pose, site.targets, probe_arrays(site)]
+    task = task_type(context.real, numbers_type)()
+    task.sensed, task.probes, task.numbers, task.truth, task.raw = site.sensed, probe_arrays(site), numbers, truth, raw
+    task.gain, task.radius = none if gain is None else gain, none if radius is None else radius
     if context.device.is_cpu:
         dim = context.n_envs, -(-site.probes.n // PROBES_PER_STRIP)
-        return context.record(strip_kernel(formula), dim, [*scene, site.view.near, numbers, gain, radius], [truth, raw])
+        return context.record(strip_kernel(formula), dim, [task], [])
     if any(kind.is_searched for kind in formula.kinds):
-        return record_listed(site, formula, scene, numbers, gain, radius, [truth, raw])
+        return record_listed(site, formula, task)
     blocks = Blocks(context.n_envs, site.probes.n)
-    kernel, inputs = block_kernel(formula, blocks.shift), [*scene, site.view.near, numbers, gain, radius]
-    return context.record(kernel, blocks.n_threads, inputs, [truth, raw], block_dim=blocks.block_dim)
+    kernel = block_kernel(formula, blocks.shift)
+    return context.record(kernel, blocks.n_threads, [task], [], block_dim=blocks.block_dim)
 
 
 def _watch(site: Site, has_noise: bool) -> None:

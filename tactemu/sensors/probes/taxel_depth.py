@@ -11,7 +11,7 @@ import warp as wp
 from tactemu.geometry.warp_collectives import lanes_per_environment, warp_max
 from tactemu.plan.launches import in_turn
 from tactemu.plan.scalars import natural
-from tactemu.sensors.probes.query import probes_struct
+from tactemu.sensors.probes.query import probes_struct, touch_type
 from tactemu.sensors.probes.strips import record_strips
 from tactemu.sensors.sensor_model import Site
 
@@ -100,24 +100,14 @@ def _box_type(real):
 def _depth_formula(real, widens: bool):
     """Return the formula of depth. With ``widens`` each taxel in contact widens the box, on a CPU, where one thread
     handles all taxels of an environment."""
-    vec3 = wp.types.vector(3, real)
-    boxes_type, probes_type = _box_type(real), probes_struct(real)
+    boxes_type, probes_type, touch_struct = _box_type(real), probes_struct(real), touch_type(real)
+    readings = wp.array3d(dtype=real)
 
     @wp.func
-    def measure(
-        boxes: boxes_type,
-        probes: probes_type,
-        depth: real,
-        gain: real,
-        normal: vec3,
-        body: int,
-        e: int,
-        i: int,
-        out: wp.array3d(dtype=real),
-    ):
+    def measure(boxes: boxes_type, probes: probes_type, touch: touch_struct, e: int, i: int, out: readings):
         h = real(0.0)
-        if not (depth <= real(0.0)):  # a form of the test that lets NaN pass
-            h = depth
+        if not (touch.depth <= real(0.0)):  # a form of the test that lets NaN pass
+            h = touch.depth
             if wp.static(widens):
                 row = i // boxes.cols
                 col = i - row * boxes.cols
