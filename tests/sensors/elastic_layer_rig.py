@@ -9,10 +9,11 @@ from tactemu.sensors.layer import friction
 from tactemu.sensors.layer.convolution import Workspace, lane_width
 from tactemu.sensors.layer.friction import friction_kernel
 from tactemu.sensors.layer.friction_state import FRICTION_WINDOWS, friction_state_type, friction_windows_type
-from tactemu.sensors.layer.pressure import NORMAL_WINDOWS, Windows, normal_kernel, windows_type
+from tactemu.sensors.layer.overlap import overlap_type
+from tactemu.sensors.layer.pressure import NORMAL_WINDOWS, Windows, normal_kernel, pressure_state_type, windows_type
 from tactemu.sensors.layer.shared_memory import fits, shared_numbers
-from tactemu.sensors.layer.surface import response_reach, surface_kernel
-from tactemu.sensors.layer.tables import LayerMaterial, LayerTables
+from tactemu.sensors.layer.surface import response_reach, surface_kernel, surface_type
+from tactemu.sensors.layer.tables import LayerMaterial, LayerTables, layer_type
 
 
 class LayerRig:
@@ -28,61 +29,51 @@ class LayerRig:
         is_shared = fits(cells, shared_numbers(*friction.SHARED_ARRAYS), real, lanes, self.device)
         self.material = LayerMaterial(young / (2 * (1 + nu)), nu, thickness)
         self.tables = LayerTables(self.material, cells, (pitch, pitch), tangential=True, real=real, device=self.device)
-        self.workspace = Workspace(slots, self.tables.n_max, real, lanes, self.device, spectra=3)
+        workspace = Workspace(slots, self.tables.n_max, real, lanes, self.device, spectra=3)
         shape, turns = (n_envs, *cells), wp.vec4i(0, n_envs, 0, slots)
 
         def zeros(dtype, where=shape):
             return wp.zeros(where, dtype=dtype, device=self.device)
 
-        def launch(kernel, inputs, outputs):
+        def launch(kernel, inputs):
             return wp.launch_tiled(
                 kernel,
                 dim=[slots],
-                inputs=[turns, *inputs],
-                outputs=outputs,
+                inputs=[turns, self.layer, *inputs],
                 block_dim=kernel.options["launch_bounds"][0],
                 device=self.device,
                 record_cmd=True,
             ).launch
 
-        struct = windows_type(real)()
-        self.windows = Windows(struct, NORMAL_WINDOWS, slots, cells, real, lanes, self.device)
-        self.overlap, self.pressure_array = zeros(real), zeros(real)
-        self.solved = wp.full(shape, real(math.nan), dtype=real, device=self.device)
-        self.box, self.area, self.dirty = (zeros(wp.vec4i, n_envs) for _ in range(3))
-        self.residual_array, self.iterations = zeros(wp.float64, n_envs), zeros(wp.int32, n_envs)
-        self.changed, self.friction_changed = zeros(wp.int32, n_envs), zeros(wp.int32, n_envs)
-        limit = wp.float64(tolerance)
-        inputs = [self.tables.struct, real(1.0), iterations, limit]
-        self.active = wp.full(n_envs, wp.vec4i(0, 0, *cells), dtype=wp.vec4i, device=self.device)
-        inputs += [self.overlap, self.active, self.workspace.struct, self.windows.struct]
-        outputs = [self.solved, self.pressure_array, self.box, self.residual_array, self.iterations, self.changed]
-        outputs += [self.dirty]
-        self._normal = launch(normal_kernel(real, lanes, is_shared), inputs, outputs)
-
-        self.slide, self.body = zeros(wp.types.vector(2, real)), zeros(wp.int32)
-        self.state = friction_state_type(real)()
+        self.layer = layer_type(real)()
+        self.layer.tables, self.layer.bulge, self.layer.friction = self.tables.struct, 1.0, mu
+        self.layer.cap, self.layer.tolerance = iterations, tolerance
+        self.layer.reach = wp.vec2i(*response_reach(self.tables.kernels))
+        self.windows = Windows(windows_type(real)(), NORMAL_WINDOWS, workspace, slots, cells)
+        over, pressed = self.over, self.pressed = overlap_type(real)(), pressure_state_type(real)()
+        state, surface = self.state, self.surface_state = friction_state_type(real)(), surface_type(real)()
+        over.overlap, pressed.pressure = zeros(real), zeros(real)
+        over.slide, over.body = zeros(wp.types.vector(2, real)), zeros(wp.int32)
+        over.active = wp.full(n_envs, wp.vec4i(0, 0, *cells), dtype=wp.vec4i, device=self.device)
+        pressed.solved = wp.full(shape, real(math.nan), dtype=real, device=self.device)
+        for struct in (pressed, state):
+            struct.box, struct.residual = zeros(wp.vec4i, n_envs), zeros(wp.float64, n_envs)
+            struct.iterations, struct.changed = zeros(wp.int32, n_envs), zeros(wp.int32, n_envs)
+        pressed.dirty, surface.area = zeros(wp.vec4i, n_envs), zeros(wp.vec4i, n_envs)
         for name in ("x", "y", "anchor_x", "anchor_y"):
-            setattr(self.state, name, zeros(real))
-        self.state.held_by, self.state.slip = zeros(wp.int32), zeros(wp.int32)
-        self.state.box, self.state.residual = zeros(wp.vec4i, n_envs), zeros(wp.float64, n_envs)
-        self.state.iterations = zeros(wp.int32, n_envs)
+            setattr(state, name, zeros(real))
+        state.held_by, state.slip = zeros(wp.int32), zeros(wp.int32)
+        for name in "uvw":
+            setattr(surface, name, zeros(real))
+
+        self._normal = launch(normal_kernel(real, lanes, is_shared), [over, self.windows.struct, pressed])
         self._friction = None
         if mu > 0:
-            struct = friction_windows_type(real)()
-            self.friction_windows = Windows(struct, FRICTION_WINDOWS, slots, cells, real, lanes, self.device)
-            inputs = [self.tables.struct, real(mu), iterations, limit]
-            inputs += [self.pressure_array, self.box, self.changed, self.slide, self.body]
-            inputs += [self.workspace.struct, self.friction_windows.struct, self.state]
-            self._friction = launch(friction_kernel(real, lanes, coupled, is_shared), inputs, [self.friction_changed])
-
-        reach = wp.vec2i(*response_reach(self.tables.kernels))
-        self.surface_arrays = [zeros(real) for _ in range(3)]
-        inputs = [self.tables.struct, reach, self.pressure_array, self.state, self.box]
-        inputs += [self.friction_changed if mu > 0 else self.changed, self.workspace.struct, self.windows.struct]
-        self._surface = launch(
-            surface_kernel(real, lanes, mu > 0, is_shared), inputs, [self.area, self.dirty, *self.surface_arrays]
-        )
+            self.friction_windows = Windows(friction_windows_type(real)(), FRICTION_WINDOWS, workspace, slots, cells)
+            inputs = [over, pressed, self.friction_windows.struct, state]
+            self._friction = launch(friction_kernel(real, lanes, coupled, is_shared), inputs)
+        inputs = [pressed, state, self.windows.struct, surface]
+        self._surface = launch(surface_kernel(real, lanes, mu > 0, is_shared), inputs)
 
     def _one(self, array):
         values = array.numpy().astype(float)
@@ -91,24 +82,24 @@ class LayerRig:
     def press(self, overlap) -> np.ndarray:
         """Pressure [Pa] under an overlap [m]."""
         scaled = np.asarray(overlap) / self.tables.length_scale
-        self.overlap.assign(
-            scaled.reshape(self.overlap.shape).astype(np.float32 if self.real is wp.float32 else np.float64)
+        self.over.overlap.assign(
+            scaled.reshape(self.over.overlap.shape).astype(np.float32 if self.real is wp.float32 else np.float64)
         )
         self._normal()
         return self.pressure
 
     @property
     def pressure(self) -> np.ndarray:
-        return self._one(self.pressure_array) * self.tables.pressure_scale
+        return self._one(self.pressed.pressure) * self.tables.pressure_scale
 
     @property
     def residual(self) -> float:
-        return float(self.residual_array.numpy()[0])
+        return float(self.pressed.residual.numpy()[0])
 
     def rub(self, x: float, y: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
         """Tractions [Pa] after the object has slid by (x, y) [m]."""
-        step = np.broadcast_to(np.array([x, y]) / self.tables.length_scale, (*self.slide.shape, 2))
-        self.slide.assign(step.astype(np.float32 if self.real is wp.float32 else np.float64))
+        step = np.broadcast_to(np.array([x, y]) / self.tables.length_scale, (*self.over.slide.shape, 2))
+        self.over.slide.assign(step.astype(np.float32 if self.real is wp.float32 else np.float64))
         self._friction()
         scale = self.tables.pressure_scale
         return self._one(self.state.x) * scale, self._one(self.state.y) * scale
@@ -116,7 +107,8 @@ class LayerRig:
     def surface(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Displacement along x, y and into the skin [m]."""
         self._surface()
-        return tuple(self._one(array) * self.tables.length_scale for array in self.surface_arrays)
+        arrays = self.surface_state.u, self.surface_state.v, self.surface_state.w
+        return tuple(self._one(array) * self.tables.length_scale for array in arrays)
 
 
 def coordinates(cells: int, pitch: float, shift=(0.0, 0.0)) -> tuple[np.ndarray, np.ndarray]:

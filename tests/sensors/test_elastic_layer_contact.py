@@ -235,7 +235,7 @@ def test_broken_overlap_leaves_other_environments_alone():
     bad[3, 4] = np.nan
     rig = LayerRig((cells, cells), pitch, E, 0.49, 4e-3, n_envs=2)
     pressure = rig.press(np.stack([bad, good]))
-    assert np.isnan(rig.residual_array.numpy()[0])
+    assert np.isnan(rig.pressed.residual.numpy()[0])
     np.testing.assert_array_equal(pressure[1], LayerRig((cells, cells), pitch, E, 0.49, 4e-3).press(good))
 
 
@@ -244,20 +244,20 @@ def test_still_scene_is_not_solved_again_and_an_unfinished_one_is():
     rig = LayerRig((64, 64), 5e-4, E, 0.49, 4e-3, iterations=2, tolerance=1e-4)
     rig.press(overlap)
     steps, last = 0, np.inf
-    while rig.iterations.numpy()[0] > 0:
+    while rig.pressed.iterations.numpy()[0] > 0:
         assert rig.residual < last
         last = rig.residual
         rig.press(overlap)
         steps += 1
     assert 1 < steps < 10 and rig.residual <= 1e-4
-    assert rig.changed.numpy()[0] == 0
+    assert rig.pressed.changed.numpy()[0] == 0
 
 
 def test_window_follows_the_contact():
     rig = LayerRig((256, 256), 5e-4, E, 0.49, 4e-3)
     for shift in ((0, 0), (-100, 90)):
         rig.press(paraboloid(256, 5e-4, 5e-3, 5e-4, shift))
-        assert rig.box.numpy()[0, 2:].max() <= 32
+        assert rig.pressed.box.numpy()[0, 2:].max() <= 32
     rig.press(np.full((256, 256), -1.0))
     assert not rig.pressure.any() and rig.residual == 0.0
 

@@ -95,7 +95,7 @@ def test_a_still_object_keeps_its_tractions():
     for _ in range(3):
         again, _ = rig.rub(0.0)
     np.testing.assert_allclose(again, along, atol=5e-4 * np.abs(along).max())  # steps go on solving
-    rig.changed.fill_(0)
+    rig.pressed.changed.fill_(0)
     rig.rub(0.0)
     assert rig.state.iterations.numpy()[0] == 0
 
@@ -103,7 +103,7 @@ def test_a_still_object_keeps_its_tractions():
 def test_lifting_lets_go():
     rig, _ = pressed(0.3)
     rig.rub(1e-5)
-    rig.press(np.full(rig.overlap.shape, -1e-3))
+    rig.press(np.full(rig.over.overlap.shape, -1e-3))
     along, across = rig.rub(0.0)
     assert not along.any() and not across.any()
     assert not rig.state.slip.numpy().any() and not rig.state.held_by.numpy().any()
@@ -117,8 +117,8 @@ def test_stuck_surface_follows_the_object():
     moved, across, _ = rig.surface()
     core = pressure > 0.5 * pressure.max()
     assert rig.state.slip.numpy()[0][core].max() == 1
-    by_pressure = LayerRig(rig.overlap.shape[1:], rig.pitch, E, 0.3, np.inf, tolerance=1e-5)
-    by_pressure.press(rig.overlap.numpy()[0] * rig.tables.length_scale)
+    by_pressure = LayerRig(rig.over.overlap.shape[1:], rig.pitch, E, 0.3, np.inf, tolerance=1e-5)
+    by_pressure.press(rig.over.overlap.numpy()[0] * rig.tables.length_scale)
     assert np.abs(moved - by_pressure.surface()[0] - 0.1 * full)[core].max() < 1e-3 * full
     assert np.abs(across - by_pressure.surface()[1])[core].max() < 1e-3 * full
 

@@ -18,10 +18,10 @@ def over_cells(real, like: str, snippet: str) -> str:
 _CELLS = """
     typedef double Doubles __attribute__((vector_size(wide * sizeof(double))));
     const int64_t row = win.LIKE.strides[1] / sizeof(Number);
-    const int64_t window = slot * (win.LIKE.strides[0] / sizeof(Number));
+    const int64_t window = at.slot * (win.LIKE.strides[0] / sizeof(Number));
     auto all = [&](auto visit) {
-        for (int y = 0; y < shape[0]; ++y)
-            for (int x = 0; x < shape[1]; x += wide)
+        for (int y = 0; y < at.shape[0]; ++y)
+            for (int x = 0; x < at.shape[1]; x += wide)
                 visit(window + y * row + x);
     };
     auto doubles = [](const Vector& v) { return __builtin_convertvector(v, Doubles); };

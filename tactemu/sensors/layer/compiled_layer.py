@@ -25,12 +25,19 @@ from tactemu.sensors.layer.friction_state import (
     friction_windows_type,
 )
 from tactemu.sensors.layer.grid import LayerGrid
-from tactemu.sensors.layer.overlap import keep_poses_kernel, near_kernel, overlap_kernel
-from tactemu.sensors.layer.pressure import NO_SURFACE, NORMAL_WINDOWS, Windows, normal_kernel, windows_type
+from tactemu.sensors.layer.overlap import (
+    NO_SURFACE,
+    cells_type,
+    keep_poses_kernel,
+    near_kernel,
+    overlap_kernel,
+    overlap_type,
+)
+from tactemu.sensors.layer.pressure import NORMAL_WINDOWS, Windows, normal_kernel, pressure_state_type, windows_type
 from tactemu.sensors.layer.reading import reading_kernel, skin_type
 from tactemu.sensors.layer.shared_memory import fits, shared_numbers
-from tactemu.sensors.layer.surface import response_reach, surface_kernel
-from tactemu.sensors.layer.tables import LayerMaterial, LayerTables
+from tactemu.sensors.layer.surface import response_reach, surface_kernel, surface_type
+from tactemu.sensors.layer.tables import LayerMaterial, LayerTables, layer_type
 from tactemu.sensors.sensor_model import Site
 
 MAX_BLOCKS = 1056
@@ -140,68 +147,69 @@ class CompiledLayer:
         real, vec2 = self.real, wp.types.vector(2, self.real)
         spectra = 3 if self.model.displacement else 2 if self.has_friction else 1
         slots = 0 if self.is_shared else self.n_slots
-        self.workspace = Workspace(slots, self.tables.n_max, real, self.lanes, self.device, spectra=spectra)
-        struct = windows_type(real)()
-        self.windows = Windows(struct, NORMAL_WINDOWS, slots, self.grid.shape, real, self.lanes, self.device)
-        self.pressure = self._cells(real)
-        self.overlap = self.site.context.full(self.pressure.shape, NO_SURFACE, real)
-        self.solved = self.site.context.full(self.pressure.shape, math.nan, real)
-        self.near, self.active = self._per_env(wp.vec4i), self._per_env(wp.vec4i)
-        self.body, self.slide = self._cells(wp.int32, self.has_friction), self._cells(vec2, self.has_friction)
-        self.box, self.area, self.dirty = (self._per_env(wp.vec4i) for _ in range(3))
-        self.residual, self.iterations = self._per_env(wp.float64), self._per_env(wp.int32)
-        self.changed, self.friction_changed = self._per_env(wp.int32), self._per_env(wp.int32)
-        self.state = friction_state_type(real)()
+        workspace = Workspace(slots, self.tables.n_max, real, self.lanes, self.device, spectra=spectra)
+        self.windows = Windows(windows_type(real)(), NORMAL_WINDOWS, workspace, slots, self.grid.shape)
+        over, pressed = self.over, self.pressed = overlap_type(real)(), pressure_state_type(real)()
+        state, surface = self.state, self.surface = friction_state_type(real)(), surface_type(real)()
+        # A saved state holds these arrays in this order.
+        pressed.pressure = self._cells(real)
+        over.overlap = self.site.context.full(pressed.pressure.shape, NO_SURFACE, real)
+        pressed.solved = self.site.context.full(pressed.pressure.shape, math.nan, real)
+        over.near, over.active = self._per_env(wp.vec4i), self._per_env(wp.vec4i)
+        over.body, over.slide = self._cells(wp.int32, self.has_friction), self._cells(vec2, self.has_friction)
+        pressed.box, surface.area, pressed.dirty = (self._per_env(wp.vec4i) for _ in range(3))
+        pressed.residual, pressed.iterations = self._per_env(wp.float64), self._per_env(wp.int32)
+        pressed.changed, state.changed = self._per_env(wp.int32), self._per_env(wp.int32)
         for name in ("x", "y", "anchor_x", "anchor_y"):
-            setattr(self.state, name, self._cells(real, self.has_friction))
-        self.state.held_by, self.state.slip = (
-            self._cells(wp.int32, self.has_friction),
-            self._cells(wp.int32, self.has_friction),
-        )
-        self.state.box, self.state.residual = self._per_env(wp.vec4i), self._per_env(wp.float64)
-        self.state.iterations = self._per_env(wp.int32)
-        self.surface = [self._cells(real, self.model.displacement) for _ in range(3)]
+            setattr(state, name, self._cells(real, self.has_friction))
+        for name in ("held_by", "slip"):
+            setattr(state, name, self._cells(wp.int32, self.has_friction))
+        state.box, state.residual = self._per_env(wp.vec4i), self._per_env(wp.float64)
+        state.iterations = self._per_env(wp.int32)
+        for name in "uvw":
+            setattr(surface, name, self._cells(real, self.model.displacement))
         if self.has_friction:
+            names = GLOBAL_WINDOWS if self.is_shared else FRICTION_WINDOWS
             struct = friction_windows_type(real)()
-            shape, names = self.grid.shape, GLOBAL_WINDOWS if self.is_shared else FRICTION_WINDOWS
-            self.friction_windows = Windows(struct, names, self.n_slots, shape, real, self.lanes, self.device)
+            self.friction_windows = Windows(struct, names, workspace, self.n_slots, self.grid.shape)
+
+    def _layer(self):
+        """Return the layer and the options of its solvers, as kernels take them."""
+        model, layer = self.model, layer_type(self.real)()
+        layer.tables, layer.friction = self.tables.struct, model.friction
+        # A nearly incompressible skin rises beside the contact: include cells where the object is that near.
+        layer.bulge = 0.1 + 0.9 * min(max((model.poisson_ratio - 0.3) / 0.2, 0.0), 1.0)
+        layer.cap, layer.tolerance = int(model.iterations), model.tolerance
+        layer.reach = wp.vec2i(*response_reach(self.tables.kernels))
+        return layer
 
     def _reset(self, mask: wp.array) -> None:
-        state = self.state
-        for array in (self.pressure, *self.surface):
-            clear_rows(array, mask)
-        for array in (state.x, state.y, state.anchor_x, state.anchor_y, state.held_by, state.slip):
-            clear_rows(array, mask)
+        over, pressed, state, surface = self.over, self.pressed, self.state, self.surface
         for array in (
-            self.residual,
-            self.iterations,
-            self.changed,
-            self.friction_changed,
-            state.residual,
-            state.iterations,
-        ):
+            pressed.pressure, pressed.box, pressed.residual, pressed.iterations, pressed.changed, pressed.dirty,
+            surface.u, surface.v, surface.w, surface.area, over.near, over.active, state.x, state.y, state.anchor_x,
+            state.anchor_y, state.held_by, state.slip, state.box, state.residual, state.iterations, state.changed,
+        ):  # fmt: skip
             clear_rows(array, mask)
-        for array in (self.near, self.active, self.box, self.area, self.dirty, state.box):
-            clear_rows(array, mask)
-        clear_rows(self.overlap, mask, NO_SURFACE)
-        clear_rows(self.solved, mask, math.nan)
+        clear_rows(over.overlap, mask, NO_SURFACE)
+        clear_rows(pressed.solved, mask, math.nan)
 
     # -- stages -----------------------------------------------------------------------------------------------------
 
     def _add(self, make: Callable[[], Callable[[], None]], name: str, reason: str, cheaper: str) -> None:
         self.stages.append(Stage(name=f"{self.name}: {name}", reason=reason, launch=make(), cheaper=cheaper))
 
-    def _blocks(self, kernel, inputs: list, outputs: list) -> Callable[[], None]:
+    def _blocks(self, kernel, inputs: list) -> Callable[[], None]:
         """Return a recorded launch with one block of threads per slot."""
         threads = kernel.options["launch_bounds"][0]
-        return self.site.context.record_blocks(kernel, self.n_slots, inputs, outputs, threads)
+        return self.site.context.record_blocks(kernel, self.n_slots, [self._layer(), *inputs], [], threads)
 
-    def _reach(self, horizon: float) -> wp.array:
+    def _reach(self, centres: wp.array, horizon: float) -> wp.array:
         """Return the depth below each cell to which bodies are sensed [m]."""
         site, shape = self.site, self.grid.shape
         if self.model.look_depth is not None or site.link.shape is None:
             return wp.full(shape, horizon, dtype=self.real, device=self.device)
-        centres = self.centres.flatten()
+        centres = centres.flatten()
         normals = wp.full(len(centres), site.vec3(*self.grid.normal), dtype=site.vec3, device=self.device)
         if self.grid.is_bent:
             normals = wp.array(self.grid.cell_axes()[2].reshape(-1, 3), dtype=site.vec3, device=self.device)
@@ -209,78 +217,47 @@ class CompiledLayer:
         limited = np.where(thickness < FAR, thickness, horizon).reshape(shape)
         return wp.array(limited, dtype=self.real, device=self.device)
 
+    def _cells_struct(self):
+        """Return the cells, as the kernels of the overlap take them."""
+        site, grid, real = self.site, self.grid, self.real
+        vec3, cells = site.vec3, cells_type(real)()
+        diagonal = float(np.hypot(grid.rows * grid.pitch[0], grid.columns * grid.pitch[1]))
+        cells.horizon = self.model.look_depth or min(float(self.model.thickness), diagonal)
+        cells.corner, cells.u, cells.v, cells.n = (vec3(*a) for a in (grid.edge, grid.u, grid.v, grid.normal))
+        cells.size, cells.shape = wp.types.vector(2, real)(*grid.cell), wp.vec2i(*grid.shape)
+        cells.pitch = self.tables.length_scale
+        cells.centres = wp.array(grid.cell_centres(), dtype=vec3, device=self.device)
+        cells.covered = wp.array(grid.covered(), dtype=wp.bool, device=self.device)
+        cells.reach = self._reach(cells.centres, cells.horizon)
+        own = grid.cell_axes() if grid.is_bent else np.zeros((0, 0, 0, 3))
+        cells.axes = wp.array(own, dtype=vec3, device=self.device)
+        return cells
+
     def _overlap(self) -> Callable[[], None]:
         site, grid, real = self.site, self.grid, self.real
-        vec3 = site.vec3
-        diagonal = float(np.hypot(grid.rows * grid.pitch[0], grid.columns * grid.pitch[1]))
-        horizon = real(self.model.look_depth or min(float(self.model.thickness), diagonal))
-        self.centres = wp.array(grid.cell_centres(), dtype=vec3, device=self.device)
-        self.covered = wp.array(grid.covered(), dtype=wp.bool, device=self.device)
-        self.reach = self._reach(horizon)
-        pose = site.view.pose
-        self.last_pose = site.context.zeros(pose.shape if self.has_friction else (0, 0), pose.dtype)
-        axes = [vec3(*grid.u), vec3(*grid.v), vec3(*grid.normal)]
-        cell = wp.types.vector(2, real)(*grid.cell)
-        inputs = [
-            site.table.struct,
-            pose,
-            site.targets,
-            vec3(*grid.edge),
-            *axes,
-            cell,
-            wp.vec2i(*grid.shape),
-            horizon,
-        ]
-        outputs = [self.near, self.active]
-        near = self.site.context.record(near_kernel(real, grid.is_bent), self.n_envs, inputs, outputs, block_dim=32)
-        inputs = [site.table.struct, pose, self.last_pose, site.targets, self.active, self.centres, self.covered]
-        own = wp.array(grid.cell_axes() if grid.is_bent else np.zeros((0, 0, 0, 3)), dtype=vec3, device=self.device)
+        cells, pose = self._cells_struct(), site.view.pose
+        self.over.last_pose = site.context.zeros(pose.shape if self.has_friction else (0, 0), pose.dtype)
+        inputs = [site.sensed, cells, self.over]
+        near = site.context.record(near_kernel(real, grid.is_bent), self.n_envs, inputs, [], block_dim=32)
         parts = 1 if self.device.is_cpu else grid.shape[1]
-        inputs += [self.reach, *axes, own, horizon, real(self.tables.length_scale), parts]
         kernel = overlap_kernel(real, site.table.kinds, self.has_friction, grid.is_bent)
-        rows = (self.n_envs, grid.shape[0], parts)
-        find = self.site.context.record(kernel, rows, inputs, [self.overlap, self.body, self.slide])
-
+        find = site.context.record(kernel, (self.n_envs, grid.shape[0], parts), [*inputs, parts], [])
         if not self.has_friction:
             return in_turn(near, find)
-        remember = self.site.context.record(keep_poses_kernel(real), pose.shape, [pose], [self.last_pose])
+        remember = site.context.record(keep_poses_kernel(real), pose.shape, [pose], [self.over.last_pose])
         return in_turn(near, find, remember)
 
     def _normal(self) -> Callable[[], None]:
-        model, real = self.model, self.real
-        # A nearly incompressible skin rises beside the contact: include cells where the object is that near.
-        bulge = 0.1 + 0.9 * min(max((model.poisson_ratio - 0.3) / 0.2, 0.0), 1.0)
-        inputs = [self.tables.struct, real(bulge), int(model.iterations), wp.float64(model.tolerance)]
-        inputs += [self.overlap, self.active, self.workspace.struct, self.windows.struct]
-        outputs = [self.solved, self.pressure, self.box, self.residual, self.iterations, self.changed]
-        outputs += [self.dirty]
-        return self._blocks(normal_kernel(real, self.lanes, self.is_shared), inputs, outputs)
+        kernel = normal_kernel(self.real, self.lanes, self.is_shared)
+        return self._blocks(kernel, [self.over, self.windows.struct, self.pressed])
 
     def _friction(self) -> Callable[[], None]:
-        model, real = self.model, self.real
-        tolerance = wp.float64(model.tolerance)
-        inputs = [self.tables.struct, real(model.friction), int(model.iterations), tolerance]
-        inputs += [self.pressure, self.box, self.changed, self.slide, self.body]
-        inputs += [self.workspace.struct, self.friction_windows.struct, self.state]
-        return self._blocks(
-            friction_kernel(real, self.lanes, bool(model.coupled), self.is_shared),
-            inputs,
-            [self.friction_changed],
-        )
+        kernel = friction_kernel(self.real, self.lanes, bool(self.model.coupled), self.is_shared)
+        return self._blocks(kernel, [self.over, self.pressed, self.friction_windows.struct, self.state])
 
     def _surface(self) -> Callable[[], None]:
-        reach = response_reach(self.tables.kernels)
-        inputs = [self.tables.struct, wp.vec2i(*reach), self.pressure, self.state, self.box]
-        inputs += [
-            self.friction_changed if self.has_friction else self.changed,
-            self.workspace.struct,
-            self.windows.struct,
-        ]
-        return self._blocks(
-            surface_kernel(self.real, self.lanes, self.has_friction, self.is_shared),
-            inputs,
-            [self.area, self.dirty, *self.surface],
-        )
+        kernel = surface_kernel(self.real, self.lanes, self.has_friction, self.is_shared)
+        return self._blocks(kernel, [self.pressed, self.state, self.windows.struct, self.surface])
 
     def _read(self) -> Callable[[], None]:
         grid = self.grid
@@ -288,10 +265,9 @@ class CompiledLayer:
         skin.u, skin.v, skin.normal = (self.site.vec3(*axis) for axis in (grid.u, grid.v, grid.normal))
         skin.length, skin.pressure = self.tables.length_scale, self.tables.pressure_scale
         skin.area, skin.columns, skin.split = grid.area, grid.columns, grid.split
-        self.place = wp.array(grid.place, dtype=wp.int32, device=self.device)
+        skin.place = wp.array(grid.place, dtype=wp.int32, device=self.device)
         own = grid.taxel_axes() if grid.is_bent else np.zeros((0, 0, 3))
-        own = wp.array(own, dtype=self.site.vec3, device=self.device)
-        inputs = [skin, self.place, own, self.pressure, self.residual, self.state, *self.surface]
-        inputs += [self.friction_changed if self.has_friction else self.changed, self.dirty]
+        skin.axes = wp.array(own, dtype=self.site.vec3, device=self.device)
         kernel = reading_kernel(self.real, bool(self.model.displacement), self.has_friction, grid.is_bent)
+        inputs = [skin, self.pressed, self.state, self.surface]
         return self.site.context.record(kernel, self.reading.shape[:2], inputs, [self.reading])

@@ -20,54 +20,14 @@ import numpy as np
 import warp as wp
 
 from tactemu.geometry.simd import WIDTH
+from tactemu.sensors.layer.block import Pass, Window, block_sync, spread
 from tactemu.sensors.layer.shared_memory import shared_hartley
 from tactemu.sensors.layer.simd import SCRATCH, simd_hartley, simd_scale
-
-SMALLEST_TRANSFORM = 32
-"""Length of the shortest transform used; a window has at most half its length."""
 
 
 def lane_width(device: wp.Device) -> int:
     """Return the number of lanes on a device."""
     return 1 if device.is_cuda else WIDTH
-
-
-class Block(NamedTuple):
-    """The block of threads that solve an environment together on a GPU; on a CPU a block is one thread."""
-
-    threads: int
-    resident: int
-    """Number of blocks that a multiprocessor holds at once; it limits the registers of a thread."""
-
-
-BLOCK = Block(64, 8)
-"""Block of solvers that work in the device's global memory; those in shared memory have their own."""
-
-
-@wp.func_native("""
-#if defined(__CUDA_ARCH__)
-    __syncthreads();
-#endif
-""")
-def block_sync():
-    """Wait for the other threads of the block, and make their writes visible."""
-    ...
-
-
-@wp.func_native("""
-#if defined(__CUDA_ARCH__)
-    const int threads = WP_TILE_BLOCK_DIM;
-    const int across = columns < 1 ? 1 : columns < threads ? columns : threads, down = threads / across;
-    const int row = thread / across;
-    return wp::vec_t<4, wp::int32>(row < down ? row : 1 << 30, down, thread % across, across);
-#else
-    return wp::vec_t<4, wp::int32>(0, 1, 0, 1);
-#endif
-""")
-def spread(columns: int, thread: int) -> wp.vec4i:
-    """Return a thread's share of a window: first row, step of rows, first column, step of columns; a surplus thread is
-    idle. On a CPU compilers see that one thread takes all cells, and leave out the code for others."""
-    ...
 
 
 @functools.cache
@@ -105,6 +65,7 @@ class Workspace:
     """
 
     def __init__(self, n_slots: int, n_max: int, real, lanes: int, device, *, spectra: int = 1):
+        self.real, self.lanes, self.device = real, lanes, device
         half = (2 * n_slots, n_max, n_max // 2)
         shapes = [half, half] if lanes == 1 else [(n_slots, n_max, n_max), (n_slots, 1, SCRATCH * n_max)]
         shapes += [(n_slots, n_max, n_max)] * spectra
@@ -123,21 +84,17 @@ class Workspace:
 
 
 class ConvolutionFunctions(NamedTuple):
-    """The Warp functions that all threads of a block call together, for transforms of ``size = (n_rows,
-    n_columns)``."""
+    """The Warp functions that all threads of a block call together; ``at`` is the :class:`~.block.Window`."""
 
     forward: Any
-    """``forward(ws, slot, field, shape, size, spectrum, thread)`` computes the spectrum of the window of ``field`` of
-    ``shape = (rows, columns)``."""
+    """``forward(ws, at, field, spectrum)`` computes the spectrum of a window of ``field``."""
     scale: Any
-    """``scale(spectrum, table, start, size, thread)`` multiplies a spectrum by an even kernel's."""
+    """``scale(at, spectrum, table)`` multiplies a spectrum by an even kernel's."""
     inverse: Any
-    """``inverse(ws, slot, spectrum, first, shape, size, out, thread)`` writes the window of ``shape`` that starts at
-    ``first = (row, column)``, which may be negative, of the inverse transform into ``out``. It overwrites the
-    spectrum."""
+    """``inverse(ws, at, spectrum, out)`` writes the window of the inverse transform that starts at ``at.first`` into
+    ``out``. It overwrites the spectrum."""
     convolve: Any
-    """``convolve(ws, slot, field, table, start, shape, size, out, thread)`` does all three; ``out`` has the window's
-    shape."""
+    """``convolve(ws, at, field, table, out)`` does all three; ``out`` has the window's shape."""
 
 
 @functools.cache
@@ -148,54 +105,42 @@ def convolution_functions(real, lanes: int, is_shared: bool) -> ConvolutionFunct
     workspace = workspace_type(real)
     numbers = wp.array2d(dtype=real)
     turns_array = wp.array(dtype=wp.types.vector(2, real))
-    parts_array = wp.array3d(dtype=real)
     radix_4, radix_2 = _fft_stages(numbers, turns_array)
 
     @wp.func
-    def unpack(zr: numbers, zi: numbers, n: int, half: int, first: int, rows_out: int, out: numbers, thread: int):
+    def unpack(zr: numbers, zi: numbers, given: Pass, out: numbers, thread: int):
         """Write the Hartley coefficients of the two columns in each complex one to ``out[column, k - first]``."""
+        n = given.n
+        half = given.columns // 2
         mine = spread(half, thread)
         for k in range(mine[0], n // 2 + 1, mine[1]):
             mirror = -k & (n - 1)
-            at = k - first & (n - 1)
-            at_mirror = mirror - first & (n - 1)
+            at = k - given.first & (n - 1)
+            at_mirror = mirror - given.first & (n - 1)
             for c in range(mine[2], half, mine[3]):
                 xr = zr[k, c]
                 xi = zi[k, c]
                 yr = zr[mirror, c]
                 yi = zi[mirror, c]
-                if at < rows_out:
+                if at < given.rows_out:
                     out[c, at] = xr + yr - xi + yi
                     out[c + half, at] = xi + yi + xr - yr
-                if mirror != k and at_mirror < rows_out:
+                if mirror != k and at_mirror < given.rows_out:
                     out[c, at_mirror] = xr + yr + xi - yi
                     out[c + half, at_mirror] = xi + yi - xr + yr
 
     @wp.func(inline=False)  # not inlined: a solver calls it dozens of times
-    def long_hartley(
-        re_parts: parts_array,
-        im_parts: parts_array,
-        twiddle: turns_array,
-        slot: int,
-        field: numbers,
-        rows: int,
-        columns: int,
-        n: int,
-        first: int,
-        rows_out: int,
-        out: numbers,
-        thread: int,
-    ):
-        """Write twice the transform of length ``n`` along the rows of ``field`` to ``out``, ``(columns, rows_out)``,
-        which may be the same memory as ``field``."""
-        half = columns // 2
+    def long_hartley(ws: workspace, slot: int, field: numbers, given: Pass, out: numbers, thread: int):
+        """Write twice the transform along the rows of ``field`` to ``out``, which may be the same memory."""
+        n = given.n
+        half = given.columns // 2
         mine = spread(half, thread)
-        n_max = twiddle.shape[0]
-        re = re_parts[2 * slot]
-        im = im_parts[2 * slot]
+        n_max = ws.twiddle.shape[0]
+        re = ws.re[2 * slot]
+        im = ws.im[2 * slot]
         for k in range(mine[0], n, mine[1]):
             for c in range(mine[2], half, mine[3]):
-                if k < rows:
+                if k < given.rows:
                     re[k, c] = field[k, c]
                     im[k, c] = field[k, c + half]
                 else:
@@ -208,50 +153,29 @@ def convolution_functions(real, lanes: int, is_shared: bool) -> ConvolutionFunct
         while length >= 4:
             turn = n_max // length
             there = 4 * slot + 1 - here
-            radix_4(
-                re_parts[here],
-                im_parts[here],
-                re_parts[there],
-                im_parts[there],
-                twiddle,
-                length,
-                stride,
-                half,
-                turn,
-                thread,
-            )
+            x_re, x_im, y_re, y_im = ws.re[here], ws.im[here], ws.re[there], ws.im[there]
+            radix_4(x_re, x_im, y_re, y_im, ws.twiddle, length, stride, half, turn, thread)
             block_sync()
             here = there
             length = length // 4
             stride = stride * 4
         if length == 2:
             there = 4 * slot + 1 - here
-            radix_2(re_parts[here], im_parts[here], re_parts[there], im_parts[there], stride, half, thread)
+            radix_2(ws.re[here], ws.im[here], ws.re[there], ws.im[there], stride, half, thread)
             block_sync()
             here = there
-        unpack(re_parts[here], im_parts[here], n, half, first, rows_out, out, thread)
+        unpack(ws.re[here], ws.im[here], given, out, thread)
         block_sync()
 
-    in_turn = shared_hartley(real) if is_shared else long_hartley
+    in_turn = shared_hartley(real, workspace) if is_shared else long_hartley
     simd, scale_simd = simd_hartley(real), simd_scale(real)
 
     @wp.func
-    def hartley(
-        ws: workspace,
-        slot: int,
-        field: numbers,
-        rows: int,
-        columns: int,
-        n: int,
-        first: int,
-        rows_out: int,
-        out: numbers,
-        thread: int,
-    ):
+    def hartley(ws: workspace, at: Window, field: numbers, given: Pass, out: numbers):
         if wp.static(lanes > 1):
-            simd(ws.im[slot], ws.twiddle, field, rows, columns, n, first, rows_out, out)
+            simd(ws.im[at.slot], ws.twiddle, field, given, out)
         else:
-            in_turn(ws.re, ws.im, ws.twiddle, slot, field, rows, columns, n, first, rows_out, out, thread)
+            in_turn(ws, at.slot, field, given, out, at.thread)
 
     @wp.func
     def between(ws: workspace, slot: int, spectrum: numbers):
@@ -262,55 +186,34 @@ def convolution_functions(real, lanes: int, is_shared: bool) -> ConvolutionFunct
             return spectrum
 
     @wp.func
-    def forward(
-        ws: workspace, slot: int, field: numbers, shape: wp.vec2i, size: wp.vec2i, spectrum: numbers, thread: int
-    ):
-        middle = between(ws, slot, spectrum)
-        hartley(ws, slot, field, shape[0], shape[1], size[0], 0, size[0], middle, thread)
-        hartley(ws, slot, middle, shape[1], size[0], size[1], 0, size[1], spectrum, thread)
+    def forward(ws: workspace, at: Window, field: numbers, spectrum: numbers):
+        middle = between(ws, at.slot, spectrum)
+        hartley(ws, at, field, Pass(at.shape[0], at.shape[1], at.size[0], 0, at.size[0]), middle)
+        hartley(ws, at, middle, Pass(at.shape[1], at.size[0], at.size[1], 0, at.size[1]), spectrum)
 
     @wp.func
-    def scale(spectrum: numbers, table: wp.array(dtype=real), start: int, size: wp.vec2i, thread: int):
+    def scale(at: Window, spectrum: numbers, table: wp.array(dtype=real)):
         if wp.static(lanes > 1):
-            scale_simd(spectrum, table, start, size[0], size[1])
+            scale_simd(spectrum, table, at.start, at.size[0], at.size[1])
         else:
-            mine = spread(size[1], thread)
-            for k in range(mine[0], size[0], mine[1]):
-                for c in range(mine[2], size[1], mine[3]):
-                    spectrum[k, c] = spectrum[k, c] * table[start + k * size[1] + c]
+            mine = spread(at.size[1], at.thread)
+            for k in range(mine[0], at.size[0], mine[1]):
+                for c in range(mine[2], at.size[1], mine[3]):
+                    spectrum[k, c] = spectrum[k, c] * table[at.start + k * at.size[1] + c]
             block_sync()
 
     @wp.func
-    def inverse(
-        ws: workspace,
-        slot: int,
-        spectrum: numbers,
-        first: wp.vec2i,
-        shape: wp.vec2i,
-        size: wp.vec2i,
-        out: numbers,
-        thread: int,
-    ):
-        middle = between(ws, slot, spectrum)
-        hartley(ws, slot, spectrum, size[0], size[1], size[0], first[0], shape[0], middle, thread)
-        hartley(ws, slot, middle, size[1], shape[0], size[1], first[1], shape[1], out, thread)
+    def inverse(ws: workspace, at: Window, spectrum: numbers, out: numbers):
+        middle = between(ws, at.slot, spectrum)
+        hartley(ws, at, spectrum, Pass(at.size[0], at.size[1], at.size[0], at.first[0], at.shape[0]), middle)
+        hartley(ws, at, middle, Pass(at.size[1], at.shape[0], at.size[1], at.first[1], at.shape[1]), out)
 
     @wp.func
-    def convolve(
-        ws: workspace,
-        slot: int,
-        field: numbers,
-        table: wp.array(dtype=real),
-        start: int,
-        shape: wp.vec2i,
-        size: wp.vec2i,
-        out: numbers,
-        thread: int,
-    ):
-        spectrum = ws.spectrum[slot]
-        forward(ws, slot, field, shape, size, spectrum, thread)
-        scale(spectrum, table, start, size, thread)
-        inverse(ws, slot, spectrum, wp.vec2i(0, 0), shape, size, out, thread)
+    def convolve(ws: workspace, at: Window, field: numbers, table: wp.array(dtype=real), out: numbers):
+        spectrum = ws.spectrum[at.slot]
+        forward(ws, at, field, spectrum)
+        scale(at, spectrum, table)
+        inverse(ws, at, spectrum, out)
 
     return ConvolutionFunctions(forward, scale, inverse, convolve)
 

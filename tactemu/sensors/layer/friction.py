@@ -19,14 +19,8 @@ import functools
 
 import warp as wp
 
-from tactemu.sensors.layer.convolution import (
-    BLOCK,
-    Block,
-    block_sync,
-    convolution_functions,
-    spread,
-    workspace_type,
-)
+from tactemu.sensors.layer.block import BLOCK, Block, Window, block_sync
+from tactemu.sensors.layer.convolution import convolution_functions, workspace_type
 from tactemu.sensors.layer.friction_cells import friction_cells, square
 from tactemu.sensors.layer.friction_state import (
     MAX_CLOSABLE_GAP,
@@ -34,10 +28,12 @@ from tactemu.sensors.layer.friction_state import (
     friction_windows_type,
     memory_functions,
 )
+from tactemu.sensors.layer.overlap import overlap_type
+from tactemu.sensors.layer.pressure import pressure_state_type
 from tactemu.sensors.layer.shared_memory import shared_functions, shared_numbers
-from tactemu.sensors.layer.tables import tables_type
+from tactemu.sensors.layer.tables import layer_type
 from tactemu.sensors.layer.tangential_compliance import tangential_functions
-from tactemu.sensors.layer.window import block_functions, publish_function, transform_level, transform_size
+from tactemu.sensors.layer.window import block_functions, open_window, publish_function
 
 SHARED_MEMORY_BLOCK = Block(256, 2)
 """Block of threads for solving in shared memory: 64, 128 and 256 threads take 6.6, 4.5 and 4.1 ms for 4096 environments
@@ -50,7 +46,7 @@ SHARED_ARRAYS = (2, 14)
 def friction_kernel(real, lanes: int, coupled: bool, is_shared: bool):
     """Return the kernel that solves every environment; ``coupled``: pressure also moves the surface tangentially;
     ``is_shared``: a block of threads iterates in its shared memory."""
-    workspace, tables_struct = workspace_type(real), tables_type(real)
+    layer_struct, overlap_struct, pressed_struct = layer_type(real), overlap_type(real), pressure_state_type(real)
     windows, state_struct = friction_windows_type(real), friction_state_type(real)
     functions = convolution_functions(real, lanes, is_shared)
     forward, inverse, convolve = functions.forward, functions.inverse, functions.convolve
@@ -58,10 +54,9 @@ def friction_kernel(real, lanes: int, coupled: bool, is_shared: bool):
     settle, mark = memory_functions(real)
     norm, free_gap, products, direct, curvature, advance = friction_cells(real, lanes)
     block_sum, _max = block_functions(lanes)
-    shared_workspace, window = shared_functions(real, workspace, *SHARED_ARRAYS)
+    shared_workspace, window = shared_functions(real, workspace_type(real), *SHARED_ARRAYS)
     by_pressure, by_traction = tangential_compliance.by_pressure, tangential_compliance.by_traction
     vec2 = wp.types.vector(2, real)
-    grid, vec_grid, int_grid = wp.array2d(dtype=real), wp.array2d(dtype=vec2), wp.array2d(dtype=wp.int32)
 
     @wp.func
     def shared_windows(win: windows, memory: wp.tile(dtype=real, shape=(shared_numbers(*SHARED_ARRAYS),))):
@@ -84,25 +79,21 @@ def friction_kernel(real, lanes: int, coupled: bool, is_shared: bool):
         near.pressure = near.along_x  # used at different times, like the next two
         near.softened_x = near.answer_x
         near.softened_y = near.answer_y
+        near.ws = shared_workspace(win.ws, memory)
         return near
 
     @wp.func
     def gather(
-        win: windows,
-        slot: int,
-        state: state_struct,
-        env: int,
-        mu: real,
-        pressure: grid,
-        slide: vec_grid,
-        body: int_grid,
-        box: wp.vec4i,
-        mine: wp.vec4i,
+        win: windows, at: Window, state: state_struct, mu: real, pressed: pressed_struct, over: overlap_struct, env: int
     ):
         """Fetch the window; return the sum of squared slides of the object over it [pitches squared]."""
         moved = wp.float64(0.0)
-        for y in range(mine[0], box[2], mine[1]):
-            for x in range(mine[2], box[3], mine[3]):
+        pressure = pressed.pressure[env]
+        slide = over.slide[env]
+        body = over.body[env]
+        box = pressed.box[env]
+        for y in range(at.mine[0], at.shape[0], at.mine[1]):
+            for x in range(at.mine[2], at.shape[1], at.mine[3]):
                 gy = box[0] + y
                 gx = box[1] + x
                 p = real(0.0)
@@ -120,117 +111,78 @@ def friction_kernel(real, lanes: int, coupled: bool, is_shared: bool):
                         length = wp.length(q)
                         if length > mu * p:
                             q = q * (mu * p / length)
-                win.pressure[slot, y, x] = p
-                win.limit[slot, y, x] = mu * p
-                win.hold_x[slot, y, x] = hold[0]
-                win.hold_y[slot, y, x] = hold[1]
-                win.x[slot, y, x] = q[0]
-                win.y[slot, y, x] = q[1]
+                win.pressure[at.slot, y, x] = p
+                win.limit[at.slot, y, x] = mu * p
+                win.hold_x[at.slot, y, x] = hold[0]
+                win.hold_y[at.slot, y, x] = hold[1]
+                win.x[at.slot, y, x] = q[0]
+                win.y[at.slot, y, x] = q[1]
         moved = block_sum(moved)
         block_sync()
         return moved
 
     @wp.func
-    def press(
-        ws: workspace,
-        tables: tables_struct,
-        win: windows,
-        slot: int,
-        start: int,
-        shape: wp.vec2i,
-        size: wp.vec2i,
-        mine: wp.vec4i,
-        thread: int,
-    ):
+    def press(layer: layer_struct, win: windows, at: Window):
         """Compute the displacement by pressure alone."""
-        moved_x = win.by_pressure_x[slot]
-        moved_y = win.by_pressure_y[slot]
+        moved_x = win.by_pressure_x[at.slot]
+        moved_y = win.by_pressure_y[at.slot]
         if wp.static(is_shared):
-            moved_x = win.answer_x[slot]
-            moved_y = win.answer_y[slot]
+            moved_x = win.answer_x[at.slot]
+            moved_y = win.answer_y[at.slot]
         if wp.static(coupled):
-            spectrum = ws.spectrum[slot]
-            second = ws.second[slot]
-            forward(ws, slot, win.pressure[slot], shape, size, spectrum, thread)
-            corner = wp.vec2i(0, 0)
-            by_pressure(ws, slot, tables, 0, start, size, thread)
-            inverse(ws, slot, second, corner, shape, size, moved_x, thread)
-            by_pressure(ws, slot, tables, 1, start, size, thread)
-            inverse(ws, slot, second, corner, shape, size, moved_y, thread)
+            second = win.ws.second[at.slot]
+            forward(win.ws, at, win.pressure[at.slot], win.ws.spectrum[at.slot])
+            by_pressure(win.ws, at, layer.tables, 0)
+            inverse(win.ws, at, second, moved_x)
+            by_pressure(win.ws, at, layer.tables, 1)
+            inverse(win.ws, at, second, moved_y)
         if wp.static(is_shared or not coupled):
-            for y in range(mine[0], shape[0], mine[1]):
-                for x in range(mine[2], shape[1], mine[3]):
+            for y in range(at.mine[0], at.shape[0], at.mine[1]):
+                for x in range(at.mine[2], at.shape[1], at.mine[3]):
                     moved = vec2(real(0.0))
                     if wp.static(coupled):
                         moved = vec2(moved_x[y, x], moved_y[y, x])
-                    win.by_pressure_x[slot, y, x] = moved[0]
-                    win.by_pressure_y[slot, y, x] = moved[1]
+                    win.by_pressure_x[at.slot, y, x] = moved[0]
+                    win.by_pressure_y[at.slot, y, x] = moved[1]
             block_sync()
 
     @wp.func
-    def find_gap(
-        ws: workspace,
-        tables: tables_struct,
-        win: windows,
-        slot: int,
-        start: int,
-        shape: wp.vec2i,
-        size: wp.vec2i,
-        mine: wp.vec4i,
-        thread: int,
-    ):
+    def find_gap(layer: layer_struct, win: windows, at: Window):
         """Compute the gap of the tractions anew; return the sum of squared displacements where cells touch."""
-        pull_x = win.x[slot]
-        pull_y = win.y[slot]
-        gap_x = win.gap_x[slot]
-        gap_y = win.gap_y[slot]
-        by_traction(ws, slot, tables, start, pull_x, pull_y, shape, size, wp.vec2i(0, 0), shape, gap_x, gap_y, thread)
-        return norm(win, slot, shape, mine)
+        by_traction(win.ws, at, layer.tables, win.x[at.slot], win.y[at.slot], win.gap_x[at.slot], win.gap_y[at.slot])
+        return norm(win, at)
 
     @wp.func
-    def drag(win: windows, slot: int, shape: wp.vec2i, mine: wp.vec4i):
+    def drag(win: windows, at: Window):
         """Let cells slip whose gap no traction could close, each straight along its gap; return their number."""
         far = wp.float64(0.0)
-        for y in range(mine[0], shape[0], mine[1]):
-            for x in range(mine[2], shape[1], mine[3]):
-                limit = win.limit[slot, y, x]
-                g = vec2(win.gap_x[slot, y, x], win.gap_y[slot, y, x])
+        for y in range(at.mine[0], at.shape[0], at.mine[1]):
+            for x in range(at.mine[2], at.shape[1], at.mine[3]):
+                limit = win.limit[at.slot, y, x]
+                g = vec2(win.gap_x[at.slot, y, x], win.gap_y[at.slot, y, x])
                 size = wp.length(g)
                 if limit > real(0.0) and size > real(MAX_CLOSABLE_GAP) * limit:
-                    win.x[slot, y, x] = -limit * g[0] / size
-                    win.y[slot, y, x] = -limit * g[1] / size
+                    win.x[at.slot, y, x] = -limit * g[0] / size
+                    win.y[at.slot, y, x] = -limit * g[1] / size
                     far += wp.float64(1.0)
         far = block_sum(far)
         block_sync()
         return far
 
     @wp.func
-    def turn(win: windows, slot: int, last: wp.float64, fresh: bool, shape: wp.vec2i, mine: wp.vec4i):
+    def turn(win: windows, at: Window, last: wp.float64, fresh: bool):
         """Compute the next search direction; return slope and preconditioned square."""
-        square = products(win, slot, shape, mine)
+        square = products(win, at)
         beta = real(0.0)
         if not fresh and last > wp.float64(0.0):
             beta = real(wp.max(square[1] / last, wp.float64(0.0)))
-        slope = direct(win, slot, beta, fresh, shape, mine)
+        slope = direct(win, at, beta, fresh)
         if slope >= wp.float64(0.0) and not fresh:  # uphill: restart without the last direction
-            slope = direct(win, slot, beta, True, shape, mine)
+            slope = direct(win, at, beta, True)
         return slope, square[0]
 
     @wp.func
-    def solve(
-        ws: workspace,
-        tables: tables_struct,
-        win: windows,
-        slot: int,
-        start: int,
-        shape: wp.vec2i,
-        size: wp.vec2i,
-        cap: int,
-        tolerance: wp.float64,
-        floor: wp.float64,
-        mine: wp.vec4i,
-        thread: int,
-    ):
+    def solve(layer: layer_struct, win: windows, at: Window, floor: wp.float64):
         """Run conjugate gradients in one window; return the residual and the number of iterations."""
         reference = wp.float64(0.0)
         residual = wp.float64(0.0)
@@ -239,32 +191,27 @@ def friction_kernel(real, lanes: int, coupled: bool, is_shared: bool):
         begun = bool(False)
         fresh = bool(True)
         moved = bool(True)  # the gap is not that of the tractions
-        along_x = win.along_x[slot]
-        along_y = win.along_y[slot]
-        answer_x = win.answer_x[slot]
-        answer_y = win.answer_y[slot]
-        corner = wp.vec2i(0, 0)
+        along_x = win.along_x[at.slot]
+        along_y = win.along_y[at.slot]
         while True:
             if moved:
-                reference = find_gap(ws, tables, win, slot, start, shape, size, mine, thread) + floor
+                reference = find_gap(layer, win, at) + floor
             if not begun:
                 begun = True
-                moved = drag(win, slot, shape, mine) > wp.float64(0.0)
+                moved = drag(win, at) > wp.float64(0.0)
                 if moved:
                     continue
-            residual = wp.sqrt(free_gap(win, slot, shape, mine) / reference)
-            if not (residual > tolerance) or iteration >= cap:
+            residual = wp.sqrt(free_gap(win, at) / reference)
+            if not (residual > layer.tolerance) or iteration >= layer.cap:
                 break
-            convolve(ws, slot, win.free_x[slot], tables.soften_x, start, shape, size, win.softened_x[slot], thread)
-            convolve(ws, slot, win.free_y[slot], tables.soften_y, start, shape, size, win.softened_y[slot], thread)
-            slope, now = turn(win, slot, last, fresh, shape, mine)
-            by_traction(
-                ws, slot, tables, start, along_x, along_y, shape, size, corner, shape, answer_x, answer_y, thread
-            )
-            curved = curvature(win, slot, shape, mine)
+            convolve(win.ws, at, win.free_x[at.slot], layer.tables.soften_x, win.softened_x[at.slot])
+            convolve(win.ws, at, win.free_y[at.slot], layer.tables.soften_y, win.softened_y[at.slot])
+            slope, now = turn(win, at, last, fresh)
+            by_traction(win.ws, at, layer.tables, along_x, along_y, win.answer_x[at.slot], win.answer_y[at.slot])
+            curved = curvature(win, at)
             if curved <= wp.float64(0.0):
                 break
-            moved = advance(win, slot, real(-slope / curved), shape, mine) > wp.float64(0.0)
+            moved = advance(win, at, real(-slope / curved)) > wp.float64(0.0)
             fresh = False
             last = now
             iteration += 1
@@ -273,74 +220,55 @@ def friction_kernel(real, lanes: int, coupled: bool, is_shared: bool):
     @wp.kernel(module="unique", enable_backward=False, launch_bounds=SHARED_MEMORY_BLOCK if is_shared else BLOCK)
     def solve_friction(
         turns: wp.vec4i,  # first environment, end, first slot, slots that take turns
-        # Layer:
-        tables: tables_struct,
-        mu: real,
-        cap: int,
-        tolerance: wp.float64,
-        # In:
-        pressure: wp.array3d(dtype=real),
-        boxes: wp.array(dtype=wp.vec4i),
-        changed: wp.array(dtype=wp.int32),
-        slide: wp.array3d(dtype=vec2),
-        body: wp.array3d(dtype=wp.int32),
-        # Scratch:
-        ws: workspace,
+        layer: layer_struct,
+        over: overlap_struct,
+        pressed: pressed_struct,
         win: windows,
-        # State and out:
         state: state_struct,
-        changed_out: wp.array(dtype=wp.int32),
     ):
         place, thread = wp.tid()
-        slot = turns[2] + place
         if wp.static(is_shared):
             memory = wp.tile_empty(shape=(wp.static(shared_numbers(*SHARED_ARRAYS)),), dtype=real, storage="shared")
-            ws = shared_workspace(ws, memory)
             win = shared_windows(win, memory)
         for env in range(turns[0] + place, turns[1], turns[3]):
-            box = boxes[env]
+            box = pressed.box[env]
             old = state.box[env]
             residual = state.residual[env]
             shape = wp.vec2i(box[2], box[3])
+            at = open_window(shape, shape, layer.tables.start, turns[2] + place, thread)
             iteration = int(0)
             work = bool(False)
             if box[3] == 0:
                 residual = wp.float64(0.0)
                 work = old[3] > 0
             else:
-                mine = spread(box[3], thread)
-                moved = gather(win, slot, state, env, mu, pressure[env], slide[env], body[env], box, mine)
-                work = moved > wp.float64(0.0) or changed[env] > 0 or residual > tolerance
+                moved = gather(win, at, state, layer.friction, pressed, over, env)
+                work = moved > wp.float64(0.0) or pressed.changed[env] > 0 or residual > layer.tolerance
                 for i in range(4):
                     work = work or box[i] != old[i]
                 if work:
-                    level = transform_level(shape)
-                    size = transform_size(level)
-                    start = tables.start[level[0], level[1]]
-                    press(ws, tables, win, slot, start, shape, size, mine, thread)
+                    press(layer, win, at)
                     load = wp.float64(0.0)
-                    for y in range(mine[0], shape[0], mine[1]):
-                        for x in range(mine[2], shape[1], mine[3]):
-                            load += square(win.limit[slot, y, x], real(0.0))
+                    for y in range(at.mine[0], at.shape[0], at.mine[1]):
+                        for x in range(at.mine[2], at.shape[1], at.mine[3]):
+                            load += square(win.limit[at.slot, y, x], real(0.0))
                     # A thousandth of the displacement that full slip would give a single cell: less is not worth an
                     # iteration.
                     floor = wp.float64(1.0e-6) * block_sum(load)
-                    residual, iteration = solve(
-                        ws, tables, win, slot, start, shape, size, cap, tolerance, floor, mine, thread
-                    )
-                    settle(win, slot, shape, mine)
+                    residual, iteration = solve(layer, win, at, floor)
+                    settle(win, at)
             if work:
-                publish(win.x[slot], box, old, state.x[env], thread)
-                publish(win.y[slot], box, old, state.y[env], thread)
-                publish(win.hold_x[slot], box, old, state.anchor_x[env], thread)
-                publish(win.hold_y[slot], box, old, state.anchor_y[env], thread)
-                mark(win, slot, body[env], box, old, state.held_by[env], state.slip[env], thread)
+                publish(win.x[at.slot], box, old, state.x[env], thread)
+                publish(win.y[at.slot], box, old, state.y[env], thread)
+                publish(win.hold_x[at.slot], box, old, state.anchor_x[env], thread)
+                publish(win.hold_y[at.slot], box, old, state.anchor_y[env], thread)
+                mark(win, at, over.body[env], box, old, state.held_by[env], state.slip[env])
             block_sync()
             if thread == 0:
                 state.box[env] = box
                 state.residual[env] = residual
                 state.iterations[env] = iteration
-                changed_out[env] = wp.max(changed[env], wp.where(work, 1, 0))
+                state.changed[env] = wp.max(pressed.changed[env], wp.where(work, 1, 0))
             block_sync()
 
     return solve_friction

@@ -9,26 +9,26 @@ from typing import Any, NamedTuple
 
 import warp as wp
 
+from tactemu.sensors.layer.block import Window
 from tactemu.sensors.layer.cells_simd import over_cells
 from tactemu.sensors.layer.friction_state import SLIP_FRACTION, friction_windows_type
 
 
 class FrictionCells(NamedTuple):
-    """The Warp functions on all cells of the window of a slot; ``mine`` is the calling thread's share of it, on a GPU.
-    Sums are over all cells of the window."""
+    """The Warp functions on all cells of a window. Sums are over all of them, whichever thread calls."""
 
     norm: Any
-    """``norm(win, slot, shape, mine) -> float64``"""
+    """``norm(win, at) -> float64``"""
     free_gap: Any
-    """``free_gap(win, slot, shape, mine) -> float64``"""
+    """``free_gap(win, at) -> float64``"""
     products: Any
-    """``products(win, slot, shape, mine) -> vec2d``"""
+    """``products(win, at) -> vec2d``"""
     direct: Any
-    """``direct(win, slot, beta, fresh, shape, mine) -> float64``"""
+    """``direct(win, at, beta, fresh) -> float64``"""
     curvature: Any
-    """``curvature(win, slot, shape, mine) -> float64``"""
+    """``curvature(win, at) -> float64``"""
     advance: Any
-    """``advance(win, slot, step, shape, mine) -> float64``"""
+    """``advance(win, at, step) -> float64``"""
 
 
 @functools.cache
@@ -37,22 +37,22 @@ def simd_friction_cells(real) -> FrictionCells:
     windows = friction_windows_type(real)
 
     @wp.func_native(_cells(real, _NORM))
-    def norm(win: windows, slot: int, shape: wp.vec2i, mine: wp.vec4i) -> wp.float64: ...
+    def norm(win: windows, at: Window) -> wp.float64: ...
 
     @wp.func_native(_cells(real, _FREE_GAP))
-    def free_gap(win: windows, slot: int, shape: wp.vec2i, mine: wp.vec4i) -> wp.float64: ...
+    def free_gap(win: windows, at: Window) -> wp.float64: ...
 
     @wp.func_native(_cells(real, _PRODUCTS))
-    def products(win: windows, slot: int, shape: wp.vec2i, mine: wp.vec4i) -> wp.vec2d: ...
+    def products(win: windows, at: Window) -> wp.vec2d: ...
 
     @wp.func_native(_cells(real, _DIRECT))
-    def direct(win: windows, slot: int, beta: real, fresh: bool, shape: wp.vec2i, mine: wp.vec4i) -> wp.float64: ...
+    def direct(win: windows, at: Window, beta: real, fresh: bool) -> wp.float64: ...
 
     @wp.func_native(_cells(real, _CURVATURE))
-    def curvature(win: windows, slot: int, shape: wp.vec2i, mine: wp.vec4i) -> wp.float64: ...
+    def curvature(win: windows, at: Window) -> wp.float64: ...
 
     @wp.func_native(_cells(real, _ADVANCE))
-    def advance(win: windows, slot: int, step: real, shape: wp.vec2i, mine: wp.vec4i) -> wp.float64: ...
+    def advance(win: windows, at: Window, step: real) -> wp.float64: ...
 
     return FrictionCells(norm, free_gap, products, direct, curvature, advance)
 

@@ -6,7 +6,8 @@ import functools
 
 import warp as wp
 
-from tactemu.sensors.layer.convolution import block_sync, spread
+from tactemu.sensors.layer.block import Window, block_sync, spread
+from tactemu.sensors.layer.convolution import workspace_type
 
 FREE = 0
 """State of a cell without contact."""
@@ -48,6 +49,7 @@ def friction_windows_type(real):
         along_y: wp.array3d(dtype=real)
         answer_x: wp.array3d(dtype=real)  # displacement by the direction
         answer_y: wp.array3d(dtype=real)
+        ws: workspace_type(real)  # scratch of the convolutions
 
     return FrictionWindows
 
@@ -74,6 +76,7 @@ def friction_state_type(real):
         box: wp.array(dtype=wp.vec4i)
         residual: wp.array(dtype=wp.float64)
         iterations: wp.array(dtype=wp.int32)
+        changed: wp.array(dtype=wp.int32)  # 1: pressures or tractions changed in this step
 
     return FrictionState
 
@@ -86,50 +89,40 @@ def memory_functions(real):
     int_grid = wp.array2d(dtype=wp.int32)
 
     @wp.func
-    def settle(win: windows, slot: int, shape: wp.vec2i, mine: wp.vec4i):
+    def settle(win: windows, at: Window):
         """Store into ``hold`` where cells are held from now on: free cells where they are, slipping ones as far as they
         slip against their traction. Any other remaining gap is the solver's error, which the next step closes; if kept,
         it would accumulate."""
-        for y in range(mine[0], shape[0], mine[1]):
-            for x in range(mine[2], shape[1], mine[3]):
-                limit = win.limit[slot, y, x]
-                slipped = vec2(win.gap_x[slot, y, x], win.gap_y[slot, y, x])
+        for y in range(at.mine[0], at.shape[0], at.mine[1]):
+            for x in range(at.mine[2], at.shape[1], at.mine[3]):
+                limit = win.limit[at.slot, y, x]
+                slipped = vec2(win.gap_x[at.slot, y, x], win.gap_y[at.slot, y, x])
                 if limit > real(0.0):
-                    q = vec2(win.x[slot, y, x], win.y[slot, y, x])
+                    q = vec2(win.x[at.slot, y, x], win.y[at.slot, y, x])
                     along = real(0.0)
                     if wp.length(q) >= real(SLIP_FRACTION) * limit:
                         along = wp.min(wp.dot(slipped, q), real(0.0)) / wp.dot(q, q)
                     slipped = along * q
-                win.hold_x[slot, y, x] = win.hold_x[slot, y, x] + slipped[0]
-                win.hold_y[slot, y, x] = win.hold_y[slot, y, x] + slipped[1]
+                win.hold_x[at.slot, y, x] = win.hold_x[at.slot, y, x] + slipped[0]
+                win.hold_y[at.slot, y, x] = win.hold_y[at.slot, y, x] + slipped[1]
         block_sync()
 
     @wp.func
-    def mark(
-        win: windows,
-        slot: int,
-        body: int_grid,
-        box: wp.vec4i,
-        old: wp.vec4i,
-        held_by: int_grid,
-        slip: int_grid,
-        thread: int,
-    ):
+    def mark(win: windows, at: Window, body: int_grid, box: wp.vec4i, old: wp.vec4i, held_by: int_grid, slip: int_grid):
         """Write to the grid which body holds each cell, and whether it slips."""
         if old[3] > 0:
-            mine = spread(old[3], thread)
+            mine = spread(old[3], at.thread)
             for y in range(mine[0], wp.min(old[2], slip.shape[0] - old[0]), mine[1]):
                 for x in range(mine[2], wp.min(old[3], slip.shape[1] - old[1]), mine[3]):
                     held_by[old[0] + y, old[1] + x] = 0
                     slip[old[0] + y, old[1] + x] = FREE
         block_sync()
         if box[3] > 0:
-            mine = spread(box[3], thread)
-            for y in range(mine[0], wp.min(box[2], slip.shape[0] - box[0]), mine[1]):
-                for x in range(mine[2], wp.min(box[3], slip.shape[1] - box[1]), mine[3]):
-                    limit = win.limit[slot, y, x]
+            for y in range(at.mine[0], wp.min(box[2], slip.shape[0] - box[0]), at.mine[1]):
+                for x in range(at.mine[2], wp.min(box[3], slip.shape[1] - box[1]), at.mine[3]):
+                    limit = win.limit[at.slot, y, x]
                     if limit > real(0.0):
-                        q = wp.length(vec2(win.x[slot, y, x], win.y[slot, y, x]))
+                        q = wp.length(vec2(win.x[at.slot, y, x], win.y[at.slot, y, x]))
                         held_by[box[0] + y, box[1] + x] = body[box[0] + y, box[1] + x] + 1
                         slip[box[0] + y, box[1] + x] = wp.where(q >= real(SLIP_FRACTION) * limit, SLIP, STICK)
 

@@ -9,16 +9,56 @@ import warp as wp
 from tactemu.geometry.shapes.rays import ray_function
 from tactemu.geometry.shapes.shape import FAR, table_type
 from tactemu.plan.scalars import is_finite, natural
-from tactemu.sensors.layer.pressure import NO_SURFACE
+from tactemu.sensors.sensed import sensed_type
+
+NO_SURFACE = -1.0e6
+"""Overlap of a cell that no object is above [pitches]."""
+
+
+@functools.cache
+def cells_type(real):
+    """Return the Warp struct of the cells of a layer, which do not change from step to step; lengths are in metres."""
+    vec3 = wp.types.vector(3, real)
+
+    @wp.struct
+    class Cells:
+        corner: vec3  # corner of the grid, not the centre of its first cell
+        u: vec3
+        v: vec3
+        n: vec3
+        size: wp.types.vector(2, real)  # of a cell, along v and u
+        shape: wp.vec2i  # rows and columns
+        horizon: real  # height above the skin up to which bodies are sensed
+        pitch: real  # unit of the overlaps
+        centres: wp.array2d(dtype=vec3)
+        covered: wp.array2d(dtype=wp.bool)
+        reach: wp.array2d(dtype=real)  # depth below each cell to which bodies are sensed
+        axes: wp.array3d(dtype=vec3)  # u, v and n of each cell of a bent skin
+
+    return Cells
+
+
+@functools.cache
+def overlap_type(real):
+    """Return the Warp struct of the overlaps, and of what they are found with."""
+
+    @wp.struct
+    class Overlap:
+        last_pose: wp.array2d(dtype=wp.types.transformation(real))  # poses of the last step
+        near: wp.array(dtype=wp.vec4i)  # first row and column near bodies, and the ones after the last, per environment
+        active: wp.array(dtype=wp.vec4i)  # likewise, with those of the last step: the cells that are visited
+        overlap: wp.array3d(dtype=real)  # of each cell [pitches], (n_envs, rows, columns)
+        body: wp.array3d(dtype=wp.int32)  # index of the body there
+        slide: wp.array3d(dtype=wp.types.vector(2, real))  # its slide since the last step [pitches]
+
+    return Overlap
 
 
 @functools.cache
 def near_kernel(real, is_bent: bool = False):
     """Return the kernel that finds the rows and columns near bodies from their bounding balls, one environment per
     thread; on a bent skin it takes all."""
-    vec3 = wp.types.vector(3, real)
-    transform = wp.types.transformation(real)
-    shapes_type = table_type(real)
+    sensed_struct, cells_struct, overlap_struct = sensed_type(real), cells_type(real), overlap_type(real)
 
     @wp.func
     def cells_within(centre: real, bound: real, start: real, size: real, count: int):
@@ -31,57 +71,40 @@ def near_kernel(real, is_bent: bool = False):
         return wp.vec2i(int(first), int(last))
 
     @wp.kernel(module="unique", enable_backward=False)
-    def find_near(
-        first_env: int,
-        # Scene:
-        shapes: shapes_type,
-        pose: wp.array2d(dtype=transform),
-        targets: wp.array(dtype=wp.int32),
-        # Skin:
-        corner: vec3,  # corner of the grid, not the centre of its first cell
-        u: vec3,
-        v: vec3,
-        n: vec3,
-        cell: wp.types.vector(2, real),
-        cells: wp.vec2i,
-        horizon: real,
-        # State and out:
-        near: wp.array(dtype=wp.vec4i),
-        active_out: wp.array(dtype=wp.vec4i),
-    ):
+    def find_near(first_env: int, sensed: sensed_struct, cells: cells_struct, over: overlap_struct):
         env = wp.tid()
         env += first_env
-        top = cells[0]
-        left = cells[1]
+        top = cells.shape[0]
+        left = cells.shape[1]
         bottom = int(0)
         right = int(0)
-        for t in range(targets.shape[0]):
-            b = targets[t]
-            at = wp.transform_get_translation(pose[env, b]) - corner
-            bound = shapes.bound[b]
-            down = wp.vec2i(0, cells[0])
-            along = wp.vec2i(0, cells[1])
+        for t in range(sensed.targets.shape[0]):
+            b = sensed.targets[t]
+            at = wp.transform_get_translation(sensed.pose[env, b]) - cells.corner
+            bound = sensed.shapes.bound[b]
+            down = wp.vec2i(0, cells.shape[0])
+            along = wp.vec2i(0, cells.shape[1])
             if wp.static(not is_bent):
                 if is_finite(at[0]):
-                    if wp.dot(at, n) - bound > horizon:
+                    if wp.dot(at, cells.n) - bound > cells.horizon:
                         continue
-                    down = cells_within(wp.dot(at, v), bound, real(0.0), cell[0], cells[0])
-                    along = cells_within(wp.dot(at, u), bound, real(0.0), cell[1], cells[1])
+                    down = cells_within(wp.dot(at, cells.v), bound, real(0.0), cells.size[0], cells.shape[0])
+                    along = cells_within(wp.dot(at, cells.u), bound, real(0.0), cells.size[1], cells.shape[1])
             if down[0] < down[1] and along[0] < along[1]:
                 top = wp.min(top, down[0])
                 bottom = wp.max(bottom, down[1])
                 left = wp.min(left, along[0])
                 right = wp.max(right, along[1])
         now = wp.vec4i(top, left, bottom, right)
-        last = near[env]
-        near[env] = now
+        last = over.near[env]
+        over.near[env] = now
         # Cells that a body has left are visited once more, to be cleared.
         active = now
         if last[2] > last[0]:
             active = wp.vec4i(
                 wp.min(now[0], last[0]), wp.min(now[1], last[1]), wp.max(now[2], last[2]), wp.max(now[3], last[3])
             )
-        active_out[env] = active
+        over.active[env] = active
 
     return find_near
 
@@ -92,11 +115,11 @@ def overlap_kernel(real, kinds: frozenset, with_slide: bool, is_bent: bool = Fal
     its slide [pitches] since the last step. One thread takes a row of cells, or several share it."""
     vec3, vec2 = wp.types.vector(3, real), wp.types.vector(2, real)
     transform = wp.types.transformation(real)
-    shapes_type = table_type(real)
+    sensed_struct, cells_struct, overlap_struct = sensed_type(real), cells_type(real), overlap_type(real)
     enters = ray_function(real, kinds)
 
     @wp.func
-    def may_touch(shapes: shapes_type, b: int, pose: transform, r: vec3, n: vec3, nearest: real):
+    def may_touch(shapes: table_type(real), b: int, pose: transform, r: vec3, n: vec3, nearest: real):
         """Return True if the line through ``r`` along ``n`` can meet the ball around the shape, lower than
         ``nearest``."""
         away = wp.transform_get_translation(pose) - r
@@ -118,25 +141,16 @@ def overlap_kernel(real, kinds: frozenset, with_slide: bool, is_bent: bool = Fal
         return vec2(wp.dot(x - was, u) / pitch, wp.dot(x - was, v) / pitch)
 
     @wp.func
-    def lowest_surface(
-        shapes: shapes_type,
-        pose: wp.array2d(dtype=transform),
-        targets: wp.array(dtype=wp.int32),
-        env: int,
-        r: vec3,
-        n: vec3,
-        reach: real,
-        horizon: real,
-    ):
+    def lowest_surface(sensed: sensed_struct, env: int, r: vec3, n: vec3, reach: real, horizon: real):
         """Return the height of the lowest surface from ``reach`` below the point ``r`` to ``horizon`` above it, and its
         body; the body is -1 without a surface."""
         lowest = horizon
         body = int(-1)
-        for t in range(targets.shape[0]):
-            b = natural(targets[natural(t)])
-            place = pose[env, b]
-            if may_touch(shapes, b, place, r, n, lowest):
-                height = enters(shapes, b, place, r, n, reach, horizon)
+        for t in range(sensed.targets.shape[0]):
+            b = natural(sensed.targets[natural(t)])
+            place = sensed.pose[env, b]
+            if may_touch(sensed.shapes, b, place, r, n, lowest):
+                height = enters(sensed.shapes, b, place, r, n, reach, horizon)
                 if height < lowest:
                     lowest = height
                     body = b
@@ -145,60 +159,38 @@ def overlap_kernel(real, kinds: frozenset, with_slide: bool, is_bent: bool = Fal
         return lowest, body
 
     @wp.kernel(module="unique", enable_backward=False)
-    def find_overlap(
-        first_env: int,
-        # Scene:
-        shapes: shapes_type,
-        pose: wp.array2d(dtype=transform),
-        last_pose: wp.array2d(dtype=transform),
-        targets: wp.array(dtype=wp.int32),
-        active: wp.array(dtype=wp.vec4i),
-        # Skin:
-        centres: wp.array2d(dtype=vec3),
-        covered: wp.array2d(dtype=wp.bool),
-        reach: wp.array2d(dtype=real),
-        u: vec3,
-        v: vec3,
-        n: vec3,
-        axes: wp.array3d(dtype=vec3),  # u, v and n of each cell of a bent skin
-        horizon: real,
-        pitch: real,
-        parts: int,
-        # Out:
-        overlap_out: wp.array3d(dtype=real),
-        body_out: wp.array3d(dtype=wp.int32),
-        slide_out: wp.array3d(dtype=vec2),
-    ):
+    def find_overlap(first_env: int, sensed: sensed_struct, cells: cells_struct, over: overlap_struct, parts: int):
         env, y, part = wp.tid()
         env = natural(env + first_env)
         y = natural(y)
-        box = active[env]
+        box = over.active[env]
         if y < box[0] or y >= box[2]:
             return
         for x in range(box[1] + part, box[3], parts):
             x = natural(x)
             lowest = real(FAR)
             body = int(-1)
-            r = centres[y, x]
-            along_u = u
-            along_v = v
-            out = n
+            r = cells.centres[y, x]
+            u = cells.u
+            v = cells.v
+            n = cells.n
             if wp.static(is_bent):
-                along_u = axes[0, y, x]
-                along_v = axes[1, y, x]
-                out = axes[2, y, x]
-            if covered[y, x]:
-                lowest, body = lowest_surface(shapes, pose, targets, env, r, out, reach[y, x], horizon)
-            overlap = -lowest / pitch
+                u = cells.axes[0, y, x]
+                v = cells.axes[1, y, x]
+                n = cells.axes[2, y, x]
+            if cells.covered[y, x]:
+                lowest, body = lowest_surface(sensed, env, r, n, cells.reach[y, x], cells.horizon)
+            overlap = -lowest / cells.pitch
             if body < 0 and is_finite(lowest):
                 overlap = real(NO_SURFACE)
-            overlap_out[env, y, x] = overlap
+            over.overlap[env, y, x] = overlap
             if wp.static(with_slide):
-                body_out[env, y, x] = body
+                over.body[env, y, x] = body
                 slide = vec2(real(0.0))
                 if body >= 0 and lowest < real(0.0):
-                    slide = slid(pose[env, body], last_pose[env, body], r + lowest * out, along_u, along_v, pitch)
-                slide_out[env, y, x] = slide
+                    before = over.last_pose[env, body]
+                    slide = slid(sensed.pose[env, body], before, r + lowest * n, u, v, cells.pitch)
+                over.slide[env, y, x] = slide
 
     return find_overlap
 

@@ -21,35 +21,26 @@ import functools
 import warp as wp
 
 from tactemu.plan.scalars import is_nan
-from tactemu.sensors.layer.convolution import (
-    BLOCK,
-    Block,
-    block_sync,
-    convolution_functions,
-    padded_zeros,
-    spread,
-    workspace_type,
-)
+from tactemu.sensors.layer.block import BLOCK, Block, Window, block_sync
+from tactemu.sensors.layer.convolution import Workspace, convolution_functions, padded_zeros, workspace_type
+from tactemu.sensors.layer.overlap import NO_SURFACE, overlap_type
 from tactemu.sensors.layer.pressure_simd import PressureCells, simd_pressure_cells
 from tactemu.sensors.layer.shared_memory import shared_functions, shared_numbers
-from tactemu.sensors.layer.tables import tables_type
+from tactemu.sensors.layer.tables import layer_type
 from tactemu.sensors.layer.window import (
     BOX_STEP,
     BROKEN,
     SAME,
     around,
     block_functions,
+    open_window,
     publish_function,
     survey_function,
-    transform_level,
-    transform_size,
 )
 
 SHARED_MEMORY_BLOCK = Block(128, 3)
 """Block of threads for solving in shared memory: 64, 128 and 256 threads take 1.16, 0.81 and 0.86 ms for 4096
 environments of 32 x 32 on an H200."""
-NO_SURFACE = -1.0e6
-"""Overlap of a cell that no object is above [pitches]."""
 
 
 @functools.cache
@@ -66,8 +57,27 @@ def windows_type(real):
         softened: wp.array3d(dtype=real)  # preconditioned
         direction: wp.array3d(dtype=real)
         answer: wp.array3d(dtype=real)  # displacement by the direction
+        ws: workspace_type(real)  # scratch of the convolutions
 
     return Windows
+
+
+@functools.cache
+def pressure_state_type(real):
+    """Return the Warp struct of what the solver keeps and writes: of each cell, ``(n_envs, rows, columns)``, or of each
+    environment."""
+
+    @wp.struct
+    class PressureState:
+        solved: wp.array3d(dtype=real)  # overlap of the last step
+        pressure: wp.array3d(dtype=real)
+        box: wp.array(dtype=wp.vec4i)  # window of the contact: first row, first column, rows, columns
+        residual: wp.array(dtype=wp.float64)
+        iterations: wp.array(dtype=wp.int32)
+        changed: wp.array(dtype=wp.int32)  # 1: the pressures changed in this step
+        dirty: wp.array(dtype=wp.vec4i)  # box in which they, or the surface, changed
+
+    return PressureState
 
 
 NORMAL_WINDOWS = ("overlap", "pressure", "gap", "masked", "softened", "direction", "answer")
@@ -81,12 +91,16 @@ class Windows:
     Args:
         struct: the instance whose fields are filled.
         names: names of the fields.
+        workspace: the scratch of the convolutions.
+        n_slots: number of windows.
         shape: largest window, ``(rows, columns)``.
     """
 
-    def __init__(self, struct, names: tuple[str, ...], n_slots: int, shape: tuple[int, int], real, lanes: int, device):
+    def __init__(self, struct, names: tuple[str, ...], workspace: Workspace, n_slots: int, shape: tuple[int, int]):
         rows, columns = (-(-n // BOX_STEP) * BOX_STEP for n in shape)
         self.struct = struct
+        struct.ws = workspace.struct
+        real, lanes, device = workspace.real, workspace.lanes, workspace.device
         self._arrays = [padded_zeros(n_slots, rows, columns, real, lanes, device) for _ in names]
         for name, array in zip(names, self._arrays):
             setattr(struct, name, array)
@@ -102,73 +116,73 @@ def pressure_cells(real, lanes: int) -> PressureCells:
     block_sum, _max = block_functions(lanes)
 
     @wp.func
-    def mask_gap(win: windows_struct, slot: int, shape: wp.vec2i, mine: wp.vec4i):
+    def mask_gap(win: windows_struct, at: Window):
         """Keep the gap where cells touch or would penetrate; return the sum of its squares."""
         total = wp.float64(0.0)
-        for y in range(mine[0], shape[0], mine[1]):
-            for x in range(mine[2], shape[1], mine[3]):
-                g = win.gap[slot, y, x]
-                m = wp.where(win.pressure[slot, y, x] > real(0.0) or g < real(0.0), g, real(0.0))
-                win.masked[slot, y, x] = m
+        for y in range(at.mine[0], at.shape[0], at.mine[1]):
+            for x in range(at.mine[2], at.shape[1], at.mine[3]):
+                g = win.gap[at.slot, y, x]
+                m = wp.where(win.pressure[at.slot, y, x] > real(0.0) or g < real(0.0), g, real(0.0))
+                win.masked[at.slot, y, x] = m
                 total += wp.float64(m) * wp.float64(m)
         total = block_sum(total)
         block_sync()
         return total
 
     @wp.func
-    def products(win: windows_struct, slot: int, fresh: bool, shape: wp.vec2i, mine: wp.vec4i):
+    def products(win: windows_struct, at: Window, fresh: bool):
         """Return the products of the preconditioned gap with the gap and, unless ``fresh``, with the change by the last
         direction."""
         square = wp.float64(0.0)
         change = wp.float64(0.0)
-        for y in range(mine[0], shape[0], mine[1]):
-            for x in range(mine[2], shape[1], mine[3]):
-                m = win.masked[slot, y, x]
+        for y in range(at.mine[0], at.shape[0], at.mine[1]):
+            for x in range(at.mine[2], at.shape[1], at.mine[3]):
+                m = win.masked[at.slot, y, x]
                 if m != real(0.0):
-                    z = wp.float64(win.softened[slot, y, x])
+                    z = wp.float64(win.softened[at.slot, y, x])
                     square += wp.float64(m) * z
                     if not fresh:
-                        change += z * wp.float64(win.answer[slot, y, x])
+                        change += z * wp.float64(win.answer[at.slot, y, x])
         return wp.vec2d(block_sum(square), block_sum(change))
 
     @wp.func
-    def direct(win: windows_struct, slot: int, beta: real, fresh: bool, shape: wp.vec2i, mine: wp.vec4i):
+    def direct(win: windows_struct, at: Window, beta: real, fresh: bool):
         """Compute the search direction, and add a part of the last unless ``fresh``; return the slope along it."""
         slope = wp.float64(0.0)
-        for y in range(mine[0], shape[0], mine[1]):
-            for x in range(mine[2], shape[1], mine[3]):
-                m = win.masked[slot, y, x]
+        for y in range(at.mine[0], at.shape[0], at.mine[1]):
+            for x in range(at.mine[2], at.shape[1], at.mine[3]):
+                m = win.masked[at.slot, y, x]
                 d = real(0.0)
                 if m != real(0.0):
-                    d = -win.softened[slot, y, x]
+                    d = -win.softened[at.slot, y, x]
                     if not fresh:
-                        d += beta * win.direction[slot, y, x]
-                win.direction[slot, y, x] = d
+                        d += beta * win.direction[at.slot, y, x]
+                win.direction[at.slot, y, x] = d
                 slope += wp.float64(m) * wp.float64(d)
         slope = block_sum(slope)
         block_sync()
         return slope
 
     @wp.func
-    def curvature(win: windows_struct, slot: int, shape: wp.vec2i, mine: wp.vec4i):
+    def curvature(win: windows_struct, at: Window):
         total = wp.float64(0.0)
-        for y in range(mine[0], shape[0], mine[1]):
-            for x in range(mine[2], shape[1], mine[3]):
-                total += wp.float64(win.direction[slot, y, x]) * wp.float64(win.answer[slot, y, x])
+        for y in range(at.mine[0], at.shape[0], at.mine[1]):
+            for x in range(at.mine[2], at.shape[1], at.mine[3]):
+                total += wp.float64(win.direction[at.slot, y, x]) * wp.float64(win.answer[at.slot, y, x])
         return block_sum(total)
 
     @wp.func
-    def advance(win: windows_struct, slot: int, step: real, shape: wp.vec2i, mine: wp.vec4i):
+    def advance(win: windows_struct, at: Window, step: real):
         """Take a step along the direction, and set pressures that would pull to 0; return their number."""
         pulled = wp.float64(0.0)
-        for y in range(mine[0], shape[0], mine[1]):
-            for x in range(mine[2], shape[1], mine[3]):
-                p = win.pressure[slot, y, x] + step * win.direction[slot, y, x]
+        for y in range(at.mine[0], at.shape[0], at.mine[1]):
+            for x in range(at.mine[2], at.shape[1], at.mine[3]):
+                p = win.pressure[at.slot, y, x] + step * win.direction[at.slot, y, x]
                 if p < real(0.0):
                     pulled += wp.float64(1.0)
                     p = real(0.0)
-                win.pressure[slot, y, x] = p
-                win.gap[slot, y, x] = win.gap[slot, y, x] + step * win.answer[slot, y, x]
+                win.pressure[at.slot, y, x] = p
+                win.gap[at.slot, y, x] = win.gap[at.slot, y, x] + step * win.answer[at.slot, y, x]
         pulled = block_sum(pulled)
         block_sync()
         return pulled
@@ -180,14 +194,13 @@ def pressure_cells(real, lanes: int) -> PressureCells:
 def normal_kernel(real, lanes: int, is_shared: bool):
     """Return the kernel that solves every environment; one block of threads per slot. ``is_shared``: it works in the
     block's shared memory."""
-    workspace = workspace_type(real)
-    tables_struct = tables_type(real)
+    layer_struct, overlap_struct, state_struct = layer_type(real), overlap_type(real), pressure_state_type(real)
     windows_struct = windows_type(real)
     convolve = convolution_functions(real, lanes, is_shared).convolve
     survey, publish = survey_function(real, lanes), publish_function(real)
     mask_gap, products, direct, curvature, advance = pressure_cells(real, lanes)
     block_sum, _max = block_functions(lanes)
-    shared_workspace, window = shared_functions(real, workspace, *SHARED_ARRAYS)
+    shared_workspace, window = shared_functions(real, workspace_type(real), *SHARED_ARRAYS)
     grid = wp.array2d(dtype=real)
 
     @wp.func
@@ -200,184 +213,143 @@ def normal_kernel(real, lanes: int, is_shared: bool):
         near.softened = window(memory, 4)
         near.direction = window(memory, 5)
         near.answer = window(memory, 6)
+        near.ws = shared_workspace(win.ws, memory)
         return near
 
     @wp.func
-    def gather(win: windows_struct, slot: int, overlap: grid, pressure: grid, box: wp.vec4i, mine: wp.vec4i):
+    def gather(win: windows_struct, at: Window, overlap: grid, pressure: grid, box: wp.vec4i):
         """Fetch overlap and last pressure; without one, start from the overlap. Return the sum of squared overlaps."""
         deep = wp.float64(0.0)
         load = wp.float64(0.0)
-        for y in range(mine[0], box[2], mine[1]):
-            for x in range(mine[2], box[3], mine[3]):
+        for y in range(at.mine[0], at.shape[0], at.mine[1]):
+            for x in range(at.mine[2], at.shape[1], at.mine[3]):
                 o = real(NO_SURFACE)
                 p = real(0.0)
                 if box[0] + y < overlap.shape[0] and box[1] + x < overlap.shape[1]:
                     o = overlap[box[0] + y, box[1] + x]
                     p = pressure[box[0] + y, box[1] + x]
-                win.overlap[slot, y, x] = o
-                win.pressure[slot, y, x] = p
+                win.overlap[at.slot, y, x] = o
+                win.pressure[at.slot, y, x] = p
                 load += wp.float64(p)
                 if o > real(0.0):
                     deep += wp.float64(o) * wp.float64(o)
         if block_sum(load) <= wp.float64(0.0):
-            for y in range(mine[0], box[2], mine[1]):
-                for x in range(mine[2], box[3], mine[3]):
-                    win.pressure[slot, y, x] = wp.max(win.overlap[slot, y, x], real(0.0))
+            for y in range(at.mine[0], at.shape[0], at.mine[1]):
+                for x in range(at.mine[2], at.shape[1], at.mine[3]):
+                    win.pressure[at.slot, y, x] = wp.max(win.overlap[at.slot, y, x], real(0.0))
         block_sync()
         return block_sum(deep)
 
     @wp.func
-    def fit_load(win: windows_struct, slot: int, shape: wp.vec2i, mine: wp.vec4i):
+    def fit_load(win: windows_struct, at: Window):
         """Scale the start to the least energy; ``gap`` holds its displacement and becomes the gap."""
         work = wp.float64(0.0)
         energy = wp.float64(0.0)
-        for y in range(mine[0], shape[0], mine[1]):
-            for x in range(mine[2], shape[1], mine[3]):
-                p = win.pressure[slot, y, x]
+        for y in range(at.mine[0], at.shape[0], at.mine[1]):
+            for x in range(at.mine[2], at.shape[1], at.mine[3]):
+                p = win.pressure[at.slot, y, x]
                 if p > real(0.0):
-                    work += wp.float64(p) * wp.float64(win.overlap[slot, y, x])
-                    energy += wp.float64(p) * wp.float64(win.gap[slot, y, x])
+                    work += wp.float64(p) * wp.float64(win.overlap[at.slot, y, x])
+                    energy += wp.float64(p) * wp.float64(win.gap[at.slot, y, x])
         work = block_sum(work)
         energy = block_sum(energy)
         factor = real(0.0)
         if energy > wp.float64(0.0):
             factor = real(wp.max(work / energy, wp.float64(0.0)))
-        for y in range(mine[0], shape[0], mine[1]):
-            for x in range(mine[2], shape[1], mine[3]):
-                win.pressure[slot, y, x] = factor * win.pressure[slot, y, x]
-                win.gap[slot, y, x] = factor * win.gap[slot, y, x] - win.overlap[slot, y, x]
+        for y in range(at.mine[0], at.shape[0], at.mine[1]):
+            for x in range(at.mine[2], at.shape[1], at.mine[3]):
+                win.pressure[at.slot, y, x] = factor * win.pressure[at.slot, y, x]
+                win.gap[at.slot, y, x] = factor * win.gap[at.slot, y, x] - win.overlap[at.slot, y, x]
 
     @wp.func
-    def turn(
-        win: windows_struct,
-        slot: int,
-        last: wp.float64,
-        step: wp.float64,
-        fresh: bool,
-        shape: wp.vec2i,
-        mine: wp.vec4i,
-    ):
+    def turn(win: windows_struct, at: Window, last: wp.float64, step: wp.float64, fresh: bool):
         """Compute the next search direction, conjugate to the last (Polak-Ribiere); return slope and preconditioned
         square."""
-        square = products(win, slot, fresh, shape, mine)
+        square = products(win, at, fresh)
         beta = real(0.0)
         if not fresh and last > wp.float64(0.0):
             beta = real(wp.max(square[1] * step / last, wp.float64(0.0)))
-        slope = direct(win, slot, beta, fresh, shape, mine)
+        slope = direct(win, at, beta, fresh)
         if slope >= wp.float64(0.0) and not fresh:  # uphill: restart without the last direction
-            slope = direct(win, slot, beta, True, shape, mine)
+            slope = direct(win, at, beta, True)
         return slope, square[0]
 
     @wp.func
-    def subtract_overlap(win: windows_struct, slot: int, shape: wp.vec2i, mine: wp.vec4i):
-        for y in range(mine[0], shape[0], mine[1]):
-            for x in range(mine[2], shape[1], mine[3]):
-                win.gap[slot, y, x] = win.gap[slot, y, x] - win.overlap[slot, y, x]
+    def subtract_overlap(win: windows_struct, at: Window):
+        for y in range(at.mine[0], at.shape[0], at.mine[1]):
+            for x in range(at.mine[2], at.shape[1], at.mine[3]):
+                win.gap[at.slot, y, x] = win.gap[at.slot, y, x] - win.overlap[at.slot, y, x]
         block_sync()
 
     @wp.func
-    def solve(
-        tables: tables_struct,
-        ws: workspace,
-        win: windows_struct,
-        slot: int,
-        start: int,
-        shape: wp.vec2i,
-        size: wp.vec2i,
-        reference: wp.float64,
-        cap: int,
-        tolerance: wp.float64,
-        mine: wp.vec4i,
-        thread: int,
-    ):
+    def solve(layer: layer_struct, win: windows_struct, at: Window, reference: wp.float64):
         """Run conjugate gradients in one window; return the residual and the number of iterations."""
-        loads = win.pressure[slot]
-        masked = win.masked[slot]
-        direction = win.direction[slot]
-        convolve(ws, slot, loads, tables.nn, start, shape, size, win.gap[slot], thread)
-        fit_load(win, slot, shape, mine)
+        loads = win.pressure[at.slot]
+        masked = win.masked[at.slot]
+        direction = win.direction[at.slot]
+        convolve(win.ws, at, loads, layer.tables.nn, win.gap[at.slot])
+        fit_load(win, at)
         fresh = bool(True)
         last = wp.float64(0.0)
         step = wp.float64(0.0)
         iteration = int(0)
-        residual = wp.sqrt(mask_gap(win, slot, shape, mine) / reference)
-        while residual > tolerance and iteration < cap:
-            convolve(ws, slot, masked, tables.soften, start, shape, size, win.softened[slot], thread)
-            slope, square = turn(win, slot, last, step, fresh, shape, mine)
-            convolve(ws, slot, direction, tables.nn, start, shape, size, win.answer[slot], thread)
-            curved = curvature(win, slot, shape, mine)
+        residual = wp.sqrt(mask_gap(win, at) / reference)
+        while residual > layer.tolerance and iteration < layer.cap:
+            convolve(win.ws, at, masked, layer.tables.soften, win.softened[at.slot])
+            slope, square = turn(win, at, last, step, fresh)
+            convolve(win.ws, at, direction, layer.tables.nn, win.answer[at.slot])
+            curved = curvature(win, at)
             if curved <= wp.float64(0.0):
                 break
             step = -slope / curved
-            fresh = advance(win, slot, real(step), shape, mine) > wp.float64(0.0)
+            fresh = advance(win, at, real(step)) > wp.float64(0.0)
             if fresh:  # clipped pressures change the gap everywhere
-                convolve(ws, slot, loads, tables.nn, start, shape, size, win.gap[slot], thread)
-                subtract_overlap(win, slot, shape, mine)
+                convolve(win.ws, at, loads, layer.tables.nn, win.gap[at.slot])
+                subtract_overlap(win, at)
             last = square
             iteration += 1
-            residual = wp.sqrt(mask_gap(win, slot, shape, mine) / reference)
+            residual = wp.sqrt(mask_gap(win, at) / reference)
         return residual, iteration
 
     @wp.kernel(module="unique", enable_backward=False, launch_bounds=SHARED_MEMORY_BLOCK if is_shared else BLOCK)
     def solve_normal(
         turns: wp.vec4i,  # first environment, end, first slot, slots that take turns
-        # Layer:
-        tables: tables_struct,
-        bulge: real,
-        cap: int,
-        tolerance: wp.float64,
-        # In:
-        overlap: wp.array3d(dtype=real),
-        active: wp.array(dtype=wp.vec4i),
-        # Scratch:
-        ws: workspace,
+        layer: layer_struct,
+        over: overlap_struct,
         win: windows_struct,
-        # State and out:
-        solved_overlap: wp.array3d(dtype=real),
-        pressure_out: wp.array3d(dtype=real),
-        box_out: wp.array(dtype=wp.vec4i),
-        residual_out: wp.array(dtype=wp.float64),
-        iterations_out: wp.array(dtype=wp.int32),
-        changed_out: wp.array(dtype=wp.int32),  # 1: the pressures changed in this step
-        dirty_out: wp.array(dtype=wp.vec4i),  # box in which they changed
+        state: state_struct,
     ):
         place, thread = wp.tid()
-        slot = turns[2] + place
         if wp.static(is_shared):
             memory = wp.tile_empty(shape=(wp.static(shared_numbers(*SHARED_ARRAYS)),), dtype=real, storage="shared")
-            ws = shared_workspace(ws, memory)
             win = shared_windows(win, memory)
         for env in range(turns[0] + place, turns[1], turns[3]):
-            state, box = survey(overlap[env], solved_overlap[env], active[env], bulge, thread)
-            residual = residual_out[env]
-            old = box_out[env]
+            overlap = over.overlap[env]
+            news, box = survey(overlap, state.solved[env], over.active[env], layer.bulge, thread)
+            residual = state.residual[env]
+            old = state.box[env]
+            shape = wp.vec2i(box[2], box[3])
+            at = open_window(shape, shape, layer.tables.start, turns[2] + place, thread)
             iteration = int(0)
             changed = int(0)
-            if state == BROKEN or box[3] == 0:
-                publish(win.pressure[slot], box, old, pressure_out[env], thread)
-                if state == BROKEN or is_nan(residual):  # every taxel begins or ceases to read NaN
-                    old = wp.vec4i(0, 0, overlap.shape[1], overlap.shape[2])
+            if news == BROKEN or box[3] == 0:
+                publish(win.pressure[at.slot], box, old, state.pressure[env], thread)
+                if news == BROKEN or is_nan(residual):  # every taxel begins or ceases to read NaN
+                    old = wp.vec4i(0, 0, overlap.shape[0], overlap.shape[1])
                 changed = wp.min(old[3], 1)
-                residual = wp.where(state == BROKEN, wp.float64(wp.nan), wp.float64(0.0))
-            elif state != SAME or residual > tolerance:
+                residual = wp.where(news == BROKEN, wp.float64(wp.nan), wp.float64(0.0))
+            elif news != SAME or residual > layer.tolerance:
                 changed = 1
-                mine = spread(box[3], thread)
-                reference = gather(win, slot, overlap[env], pressure_out[env], box, mine)
-                shape = wp.vec2i(box[2], box[3])
-                level = transform_level(shape)
-                size = transform_size(level)
-                start = tables.start[level[0], level[1]]
-                residual, iteration = solve(
-                    tables, ws, win, slot, start, shape, size, reference, cap, tolerance, mine, thread
-                )
-                publish(win.pressure[slot], box, old, pressure_out[env], thread)
+                reference = gather(win, at, overlap, state.pressure[env], box)
+                residual, iteration = solve(layer, win, at, reference)
+                publish(win.pressure[at.slot], box, old, state.pressure[env], thread)
             block_sync()
             if thread == 0:
-                box_out[env] = box
-                residual_out[env] = residual
-                iterations_out[env] = iteration
-                changed_out[env] = changed
-                dirty_out[env] = around(box, old)
+                state.box[env] = box
+                state.residual[env] = residual
+                state.iterations[env] = iteration
+                state.changed[env] = changed
+                state.dirty[env] = around(box, old)
             block_sync()
 
     return solve_normal

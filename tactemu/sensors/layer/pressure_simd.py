@@ -5,23 +5,23 @@ from typing import Any, NamedTuple
 
 import warp as wp
 
+from tactemu.sensors.layer.block import Window
 from tactemu.sensors.layer.cells_simd import over_cells
 
 
 class PressureCells(NamedTuple):
-    """The Warp functions on all cells of the window of a slot; ``mine`` is the calling thread's share of it, on a GPU.
-    Sums are over all cells of the window."""
+    """The Warp functions on all cells of a window. Sums are over all of them, whichever thread calls."""
 
     mask_gap: Any
-    """``mask_gap(win, slot, shape, mine) -> float64``"""
+    """``mask_gap(win, at) -> float64``"""
     products: Any
-    """``products(win, slot, fresh, shape, mine) -> vec2d``"""
+    """``products(win, at, fresh) -> vec2d``"""
     direct: Any
-    """``direct(win, slot, beta, fresh, shape, mine) -> float64``"""
+    """``direct(win, at, beta, fresh) -> float64``"""
     curvature: Any
-    """``curvature(win, slot, shape, mine) -> float64``"""
+    """``curvature(win, at) -> float64``"""
     advance: Any
-    """``advance(win, slot, step, shape, mine) -> float64``"""
+    """``advance(win, at, step) -> float64``"""
 
 
 @functools.cache
@@ -29,19 +29,19 @@ def simd_pressure_cells(real, windows) -> PressureCells:
     """Return the functions for one float type and the struct of its windows, whose rows are multiples of a register."""
 
     @wp.func_native(over_cells(real, "pressure", _MASK_GAP))
-    def mask_gap(win: windows, slot: int, shape: wp.vec2i, mine: wp.vec4i) -> wp.float64: ...
+    def mask_gap(win: windows, at: Window) -> wp.float64: ...
 
     @wp.func_native(over_cells(real, "pressure", _PRODUCTS))
-    def products(win: windows, slot: int, fresh: bool, shape: wp.vec2i, mine: wp.vec4i) -> wp.vec2d: ...
+    def products(win: windows, at: Window, fresh: bool) -> wp.vec2d: ...
 
     @wp.func_native(over_cells(real, "pressure", _DIRECT))
-    def direct(win: windows, slot: int, beta: real, fresh: bool, shape: wp.vec2i, mine: wp.vec4i) -> wp.float64: ...
+    def direct(win: windows, at: Window, beta: real, fresh: bool) -> wp.float64: ...
 
     @wp.func_native(over_cells(real, "pressure", _CURVATURE))
-    def curvature(win: windows, slot: int, shape: wp.vec2i, mine: wp.vec4i) -> wp.float64: ...
+    def curvature(win: windows, at: Window) -> wp.float64: ...
 
     @wp.func_native(over_cells(real, "pressure", _ADVANCE))
-    def advance(win: windows, slot: int, step: real, shape: wp.vec2i, mine: wp.vec4i) -> wp.float64: ...
+    def advance(win: windows, at: Window, step: real) -> wp.float64: ...
 
     return PressureCells(mask_gap, products, direct, curvature, advance)
 

@@ -10,6 +10,8 @@ from tactemu.geometry.coalesced import row_writer
 from tactemu.imperfections.info import Channels
 from tactemu.plan.scalars import is_nan, natural
 from tactemu.sensors.layer.friction_state import FREE, SLIP, STICK, friction_state_type
+from tactemu.sensors.layer.pressure import pressure_state_type
+from tactemu.sensors.layer.surface import surface_type
 
 CHANNELS: tuple[Channels, ...] = ("scalar", "force", "displacement", "scalar", "scalar")
 """The channels of a taxel: pressure, force, displacement, slip state, residual."""
@@ -36,6 +38,8 @@ def skin_type(real):
         area: real  # area of a taxel [m²]
         columns: wp.int32  # columns of taxels
         split: wp.int32
+        place: wp.array(dtype=wp.int32)  # place of each taxel in the grid; -1: a filler
+        axes: wp.array2d(dtype=vec3)  # u, v and n of each taxel of a bent skin
 
     return Skin
 
@@ -44,35 +48,30 @@ def skin_type(real):
 def reading_kernel(real, with_surface: bool, with_friction: bool, is_bent: bool = False):
     """Return the kernel that averages all quantities over each taxel, with the larger residual of the two solvers."""
     vec3 = wp.types.vector(3, real)
-    skin_struct, friction_state = skin_type(real), friction_state_type(real)
+    skin_struct, surface_struct = skin_type(real), surface_type(real)
+    pressed_struct, friction_state = pressure_state_type(real), friction_state_type(real)
     row_type, write = wp.types.vector(N_CHANNELS, real), row_writer(real, N_CHANNELS)
 
     @wp.kernel(module="unique", enable_backward=False)
     def read_taxels(
         first_env: int,
-        # Skin:
         skin: skin_struct,
-        place: wp.array(dtype=wp.int32),
-        axes: wp.array2d(dtype=vec3),  # u, v and n of each taxel of a bent skin
-        # In:
-        pressure: wp.array3d(dtype=real),
-        residual: wp.array(dtype=wp.float64),
+        pressed: pressed_struct,
         friction: friction_state,
-        surface_u: wp.array3d(dtype=real),
-        surface_v: wp.array3d(dtype=real),
-        surface_w: wp.array3d(dtype=real),
-        changed: wp.array(dtype=wp.int32),
-        dirty: wp.array(dtype=wp.vec4i),
-        # Out:
+        surface: surface_struct,
         reading_out: wp.array3d(dtype=real),
     ):
         env, taxel = wp.tid()
         env = natural(env + first_env)
         taxel = natural(taxel)
-        row = (place[taxel] // skin.columns) * skin.split
-        column = (place[taxel] % skin.columns) * skin.split
-        box = dirty[env]
-        wanted = place[taxel] >= 0 and changed[env] > 0
+        place = skin.place[taxel]
+        row = (place // skin.columns) * skin.split
+        column = (place % skin.columns) * skin.split
+        box = pressed.dirty[env]
+        changed = pressed.changed[env]
+        if wp.static(with_friction):
+            changed = friction.changed[env]
+        wanted = place >= 0 and changed > 0
         wanted = wanted and row + skin.split > box[0] and row < box[0] + box[2]
         wanted = wanted and column + skin.split > box[1] and column < box[1] + box[3]
         values = row_type()
@@ -82,7 +81,7 @@ def reading_kernel(real, with_surface: bool, with_friction: bool, is_bent: bool 
             slip = int(FREE)
             for y in range(row, row + skin.split):
                 for x in range(column, column + skin.split):
-                    load[2] = load[2] + pressure[env, y, x]
+                    load[2] = load[2] + pressed.pressure[env, y, x]
                     if wp.static(with_friction):
                         load[0] = load[0] + friction.x[env, y, x]
                         load[1] = load[1] + friction.y[env, y, x]
@@ -90,11 +89,11 @@ def reading_kernel(real, with_surface: bool, with_friction: bool, is_bent: bool 
                         if state == STICK or (state == SLIP and slip == FREE):
                             slip = state
                     if wp.static(with_surface):
-                        moved += vec3(surface_u[env, y, x], surface_v[env, y, x], surface_w[env, y, x])
+                        moved += vec3(surface.u[env, y, x], surface.v[env, y, x], surface.w[env, y, x])
             share = real(1.0) / real(skin.split * skin.split)
             load *= share * skin.pressure
             moved *= share * skin.length
-            worst = residual[env]
+            worst = pressed.residual[env]
             if wp.static(with_friction):
                 worst = wp.where(friction.residual[env] > worst, friction.residual[env], worst)
             if is_nan(worst):
@@ -104,9 +103,9 @@ def reading_kernel(real, with_surface: bool, with_friction: bool, is_bent: bool 
             v = skin.v
             n = skin.normal
             if wp.static(is_bent):
-                u = axes[0, taxel]
-                v = axes[1, taxel]
-                n = axes[2, taxel]
+                u = skin.axes[0, taxel]
+                v = skin.axes[1, taxel]
+                n = skin.axes[2, taxel]
             force = skin.area * (load[0] * u + load[1] * v - load[2] * n)
             shift = moved[0] * u + moved[1] * v - moved[2] * n
             values[0] = load[2]

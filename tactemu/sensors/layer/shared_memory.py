@@ -11,6 +11,8 @@ import functools
 
 import warp as wp
 
+from tactemu.sensors.layer.block import Pass
+
 MAX_CELLS = 32
 """Largest number of cells along a side of a skin that is solved in shared memory."""
 _LONGEST = 2 * MAX_CELLS
@@ -74,89 +76,45 @@ def shared_functions(real, workspace, spectra: int, windows: int):
     return shared_workspace, window
 
 
+@wp.struct
+class Places:
+    """The arrays of a transform as a GPU addresses them fastest, see :data:`_PLACE`."""
+
+    field: wp.int64
+    from_row: wp.int32  # row stride of the field
+    out: wp.int64
+    to_row: wp.int32  # row stride of the result
+    re: wp.int64  # scratch: real parts
+    im: wp.int64
+    turns: wp.uint64  # address of the powers of the root
+    n_turns: wp.int32
+
+
 @functools.cache
-def shared_hartley(real):
-    """Return ``hartley(re, im, twiddle, slot, field, rows, columns, n, first, rows_out, out, thread)``, like the long
-    one of :mod:`.convolution`, for ``n`` of 32 or 64, and columns that are a power of two, in the tile."""
-    field_type, turns_type = wp.array2d(dtype=real), wp.array(dtype=wp.types.vector(2, real))
+def shared_hartley(real, workspace):
+    """Return ``hartley(ws, slot, field, given, out, thread)``, like the long one of :mod:`.convolution`, for lengths of
+    32 and 64, and columns that are a power of two, in the tile."""
+    field_type = wp.array2d(dtype=real)
 
     @wp.func_native(_PLACE.replace("NUMBER", real.__name__))
     def place(a: field_type) -> wp.int64: ...
 
     @wp.func_native("return reinterpret_cast<uint64_t>(a.data);")
-    def address(a: turns_type) -> wp.uint64: ...
+    def address(a: wp.array(dtype=wp.types.vector(2, real))) -> wp.uint64: ...
 
     @wp.func_native(_TRANSFORM.replace("NUMBER", real.__name__))
-    def transform(
-        field: wp.int64,
-        from_row: int,
-        rows: int,
-        half: int,
-        n: int,
-        first: int,
-        rows_out: int,
-        out: wp.int64,
-        to_row: int,
-        re: wp.int64,
-        im: wp.int64,
-        turns: wp.uint64,
-        n_turns: int,
-        thread: int,
-        threads: int,
-    ): ...
+    def transform(places: Places, given: Pass, thread: int, threads: int): ...
 
     @wp.func(inline=False)  # not inlined: a solver calls it dozens of times
-    def transform_here(
-        field: wp.int64,
-        from_row: int,
-        rows: int,
-        half: int,
-        n: int,
-        first: int,
-        rows_out: int,
-        out: wp.int64,
-        to_row: int,
-        re: wp.int64,
-        im: wp.int64,
-        turns: wp.uint64,
-        n_turns: int,
-        thread: int,
-    ):
-        transform(
-            field, from_row, rows, half, n, first, rows_out, out, to_row, re, im, turns, n_turns, thread, wp.block_dim()
-        )
+    def transform_here(places: Places, given: Pass, thread: int):
+        transform(places, given, thread, wp.block_dim())
 
     @wp.func
-    def hartley(
-        re: wp.array3d(dtype=real),
-        im: wp.array3d(dtype=real),
-        twiddle: turns_type,
-        slot: int,
-        field: field_type,
-        rows: int,
-        columns: int,
-        n: int,
-        first: int,
-        rows_out: int,
-        out: field_type,
-        thread: int,
-    ):
-        transform_here(
-            place(field),
-            field.shape[1],
-            rows,
-            columns // 2,
-            n,
-            first,
-            rows_out,
-            place(out),
-            out.shape[1],
-            place(re[slot]),
-            place(im[slot]),
-            address(twiddle),
-            twiddle.shape[0],
-            thread,
-        )
+    def hartley(ws: workspace, slot: int, field: field_type, given: Pass, out: field_type, thread: int):
+        re, im = place(ws.re[slot]), place(ws.im[slot])
+        turns, n_turns = address(ws.twiddle), ws.twiddle.shape[0]
+        places = Places(place(field), field.shape[1], place(out), out.shape[1], re, im, turns, n_turns)
+        transform_here(places, given, thread)
 
     return hartley
 
@@ -183,12 +141,14 @@ _TRANSFORM = """
     auto at = [](const int64_t place) { return reinterpret_cast<Number*>(place); };
 #define WAIT
 #endif
-    const Number* const in = at(field);
-    Number* const result = at(out);
-    Number* const zr = at(re);
-    Number* const zi = at(im);
-    const auto* const powers = reinterpret_cast<const wp::vec_t<2, Number>*>(turns);
-    const int bits = half == 32 ? 5 : half == 16 ? 4 : 3, turn = n_turns / n;
+    const int rows = given.rows, half = given.columns / 2, n = given.n, first = given.first, rows_out = given.rows_out;
+    const int from_row = places.from_row, to_row = places.to_row;
+    const Number* const in = at(places.field);
+    Number* const result = at(places.out);
+    Number* const zr = at(places.re);
+    Number* const zi = at(places.im);
+    const auto* const powers = reinterpret_cast<const wp::vec_t<2, Number>*>(places.turns);
+    const int bits = half == 32 ? 5 : half == 16 ? 4 : 3, turn = places.n_turns / n;
     const Number root = Number(0.70710678118654752440);
     struct Short { enum { parts = 4, padded = 0 }; };
     struct Long { enum { parts = 8, padded = 0 }; };

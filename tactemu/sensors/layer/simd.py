@@ -11,6 +11,8 @@ import functools
 import warp as wp
 
 from tactemu.geometry.simd import WIDTH, vector_prelude
+from tactemu.sensors.layer.block import Pass, Window
+from tactemu.sensors.layer.tables import tables_type
 
 SCRATCH = 4 * WIDTH
 """Numbers of scratch for each point of a transform: a group of complex columns, before and after a stage."""
@@ -18,37 +20,16 @@ SCRATCH = 4 * WIDTH
 
 @functools.cache
 def simd_hartley(real):
-    """Return ``hartley(scratch, twiddle, field, rows, columns, n, first, rows_out, out)``, like that of
-    :mod:`.convolution`, for complete groups of columns and, in ``rows_out``, of rows; ``out`` must not be the memory of
-    ``field``."""
-    field_type, turns_type = wp.array2d(dtype=real), wp.array(dtype=wp.types.vector(2, real))
+    """Return ``hartley(scratch, twiddle, field, given, out)``, like that of :mod:`.convolution`, for complete groups of
+    columns and, in ``given.rows_out``, of rows; ``out`` must not be the memory of ``field``."""
+    numbers, turns = wp.array2d(dtype=real), wp.array(dtype=wp.types.vector(2, real))
 
     @wp.func_native(vector_prelude(real) + _TRANSFORM)
-    def transform(
-        scratch: field_type,
-        twiddle: turns_type,
-        field: field_type,
-        rows: int,
-        columns: int,
-        n: int,
-        first: int,
-        rows_out: int,
-        out: field_type,
-    ): ...
+    def transform(scratch: numbers, twiddle: turns, field: numbers, given: Pass, out: numbers): ...
 
     @wp.func(inline=False)  # not inlined: a solver calls it dozens of times
-    def hartley(
-        scratch: field_type,
-        twiddle: turns_type,
-        field: field_type,
-        rows: int,
-        columns: int,
-        n: int,
-        first: int,
-        rows_out: int,
-        out: field_type,
-    ):
-        transform(scratch, twiddle, field, rows, columns, n, first, rows_out, out)
+    def hartley(scratch: numbers, twiddle: turns, field: numbers, given: Pass, out: numbers):
+        transform(scratch, twiddle, field, given, out)
 
     return hartley
 
@@ -67,21 +48,12 @@ def simd_scale(real):
 
 @functools.cache
 def simd_mix(real):
-    """Return ``mix(x, y, xx, xy, yy, start, rows, columns)`` of :mod:`.tangential_compliance`, for spectra whose rows
-    are longer than ``columns``."""
-    grid_type, table_type = wp.array2d(dtype=real), wp.array(dtype=real)
+    """Return ``mix(at, x, y, tables)`` of :mod:`.tangential_compliance`, for spectra whose rows are longer than the
+    transforms."""
+    grid_type, tables_struct = wp.array2d(dtype=real), tables_type(real)
 
     @wp.func_native(vector_prelude(real) + _MIX)
-    def mix(
-        x: grid_type,
-        y: grid_type,
-        xx: table_type,
-        xy: table_type,
-        yy: table_type,
-        start: int,
-        rows: int,
-        columns: int,
-    ): ...
+    def mix(at: Window, x: grid_type, y: grid_type, tables: tables_struct): ...
 
     return mix
 
@@ -129,6 +101,7 @@ _BY_PRESSURE = (
 _MIX = (
     _TURNED
     + """
+    const int rows = at.size[0], columns = at.size[1], start = at.start;
     const int64_t stride = x.strides[0] / sizeof(Number);
     for (int k = 0; k <= rows / 2; ++k) {
         const int mirror = (rows - k) % rows;
@@ -136,9 +109,9 @@ _MIX = (
         Number* const py = y.data + k * stride;
         Number* const qx = x.data + mirror * stride;
         Number* const qy = y.data + mirror * stride;
-        const Number* const txx = xx.data + start + k * columns;
-        const Number* const txy = xy.data + start + k * columns;
-        const Number* const tyy = yy.data + start + k * columns;
+        const Number* const txx = tables.xx.data + start + k * columns;
+        const Number* const txy = tables.xy.data + start + k * columns;
+        const Number* const tyy = tables.yy.data + start + k * columns;
         if (k == mirror) {
             for (int c = 0; c <= columns / 2; ++c) {
                 const int m = (columns - c) % columns;
@@ -164,6 +137,7 @@ _MIX = (
 _TRANSFORM = """
     struct Complex { Vector re, im; };
     const int64_t from_row = field.strides[0] / sizeof(Number), to_row = out.strides[0] / sizeof(Number);
+    const int rows = given.rows, columns = given.columns, n = given.n, first = given.first, rows_out = given.rows_out;
     const int half = columns / 2, quarter = n / 4;
     const wp::vec_t<2, Number>* const turns = twiddle.data;
     auto at = [&](Number* z, const int k) { return z + 2 * wide * k; };

@@ -7,21 +7,15 @@ import functools
 import numpy as np
 import warp as wp
 
+from tactemu.sensors.layer.block import BLOCK, Block, block_sync, spread
 from tactemu.sensors.layer.compliance import Kernels
-from tactemu.sensors.layer.convolution import (
-    BLOCK,
-    Block,
-    block_sync,
-    convolution_functions,
-    spread,
-    workspace_type,
-)
+from tactemu.sensors.layer.convolution import convolution_functions, workspace_type
 from tactemu.sensors.layer.friction_state import friction_state_type
-from tactemu.sensors.layer.pressure import windows_type
+from tactemu.sensors.layer.pressure import pressure_state_type, windows_type
 from tactemu.sensors.layer.shared_memory import shared_functions, shared_numbers
-from tactemu.sensors.layer.tables import tables_type
+from tactemu.sensors.layer.tables import layer_type
 from tactemu.sensors.layer.tangential_compliance import tangential_functions
-from tactemu.sensors.layer.window import BOX_STEP, around, transform_level, transform_size, wipe_function
+from tactemu.sensors.layer.window import BOX_STEP, around, open_window, wipe_function
 
 SHARED_MEMORY_BLOCK = Block(128, 2)
 """Block of threads for solving in shared memory."""
@@ -41,17 +35,29 @@ def response_reach(kernels: Kernels) -> tuple[int, int]:
 
 
 @functools.cache
+def surface_type(real):
+    """Return the Warp struct of the surface's displacement [pitches], ``(n_envs, rows, columns)``."""
+
+    @wp.struct
+    class Surface:
+        area: wp.array(dtype=wp.vec4i)  # window in which it moves, per environment
+        u: wp.array3d(dtype=real)
+        v: wp.array3d(dtype=real)
+        w: wp.array3d(dtype=real)  # into the skin
+
+    return Surface
+
+
+@functools.cache
 def surface_kernel(real, lanes: int, with_friction: bool, is_shared: bool):
     """Return the kernel that computes the displacement [pitches] of every cell in reach: along u, along v, and into the
     skin."""
-    workspace, tables_struct = workspace_type(real), tables_type(real)
+    layer_struct, pressed_struct, surface_struct = layer_type(real), pressure_state_type(real), surface_type(real)
     windows, friction_state = windows_type(real), friction_state_type(real)
-    functions, tangential_compliance = (
-        convolution_functions(real, lanes, is_shared),
-        tangential_functions(real, lanes, is_shared),
-    )
+    functions = convolution_functions(real, lanes, is_shared)
+    tangential_compliance = tangential_functions(real, lanes, is_shared)
     forward, inverse, displace = functions.forward, functions.inverse, tangential_compliance.displace
-    shared_workspace, window = shared_functions(real, workspace, *SHARED_ARRAYS)
+    shared_workspace, window = shared_functions(real, workspace_type(real), *SHARED_ARRAYS)
     grid, wipe = wp.array2d(dtype=real), wipe_function(real)
 
     @wp.func
@@ -84,76 +90,65 @@ def surface_kernel(real, lanes: int, with_friction: bool, is_shared: bool):
     @wp.kernel(module="unique", enable_backward=False, launch_bounds=SHARED_MEMORY_BLOCK if is_shared else BLOCK)
     def find_surface(
         turns: wp.vec4i,  # first environment, end, first slot, slots that take turns
-        # Layer:
-        tables: tables_struct,
-        reach: wp.vec2i,
-        # In:
-        pressure: wp.array3d(dtype=real),
+        layer: layer_struct,
+        pressed: pressed_struct,
         friction: friction_state,
-        boxes: wp.array(dtype=wp.vec4i),
-        changed: wp.array(dtype=wp.int32),
-        # Scratch:
-        ws: workspace,
         win: windows,
-        # State and out:
-        area_out: wp.array(dtype=wp.vec4i),
-        dirty_out: wp.array(dtype=wp.vec4i),
-        u_out: wp.array3d(dtype=real),
-        v_out: wp.array3d(dtype=real),
-        w_out: wp.array3d(dtype=real),
+        state: surface_struct,
     ):
         place, thread = wp.tid()
         slot = turns[2] + place
         if wp.static(is_shared):
             memory = wp.tile_empty(shape=(wp.static(shared_numbers(*SHARED_ARRAYS)),), dtype=real, storage="shared")
-            ws = shared_workspace(ws, memory)
+            win.ws = shared_workspace(win.ws, memory)
             win.direction = window(memory, 0)
             win.answer = window(memory, 1)
         for env in range(turns[0] + place, turns[1], turns[3]):
-            if changed[env] > 0:
-                box = boxes[env]
-                wipe(area_out[env], u_out[env], thread)
-                wipe(area_out[env], v_out[env], thread)
-                wipe(area_out[env], w_out[env], thread)
+            changed = pressed.changed[env]
+            if wp.static(with_friction):
+                changed = friction.changed[env]
+            if changed > 0:
+                box = pressed.box[env]
+                old = state.area[env]
+                wipe(old, state.u[env], thread)
+                wipe(old, state.v[env], thread)
+                wipe(old, state.w[env], thread)
                 area = wp.vec4i(0, 0, 0, 0)
                 if box[3] > 0:
-                    down = widen(box[0], box[2], reach[0], pressure.shape[1])
-                    along = widen(box[1], box[3], reach[1], pressure.shape[2])
+                    down = widen(box[0], box[2], layer.reach[0], pressed.pressure.shape[1])
+                    along = widen(box[1], box[3], layer.reach[1], pressed.pressure.shape[2])
                     area = wp.vec4i(down[0], along[0], down[1], along[1])
-                    shape = wp.vec2i(box[2], box[3])
-                    extent = wp.vec2i(area[2], area[3])
                     first = wp.vec2i(area[0] - box[0], area[1] - box[1])
                     # Offsets from any loaded cell to any cell of the area must not wrap.
                     span = wp.vec2i(
                         wp.max(box[2] - first[0], first[0] + area[2]), wp.max(box[3] - first[1], first[1] + area[3])
                     )
-                    level = transform_level(span)
-                    size = transform_size(level)
-                    start = tables.start[level[0], level[1]]
-                    mine = spread(box[3], thread)
+                    at = open_window(wp.vec2i(box[2], box[3]), span, layer.tables.start, slot, thread)
                     answer = win.answer[slot]
                     direction = win.direction[slot]
-                    first_numbers = ws.spectrum[slot]
-                    second_numbers = ws.second[slot]
-                    third_numbers = ws.third[slot]
-                    fetch(pressure[env], box, direction, mine)
-                    forward(ws, slot, direction, shape, size, first_numbers, thread)
+                    first_numbers = win.ws.spectrum[slot]
+                    second_numbers = win.ws.second[slot]
+                    third_numbers = win.ws.third[slot]
+                    fetch(pressed.pressure[env], box, direction, at.mine)
+                    forward(win.ws, at, direction, first_numbers)
                     if wp.static(with_friction):
-                        fetch(friction.x[env], box, direction, mine)
-                        forward(ws, slot, direction, shape, size, second_numbers, thread)
-                        fetch(friction.y[env], box, direction, mine)
-                        forward(ws, slot, direction, shape, size, third_numbers, thread)
-                    displace(ws, slot, tables, wp.static(with_friction), start, size, thread)
-                    inverse(ws, slot, second_numbers, first, extent, size, answer, thread)
-                    deposit(answer, area, u_out[env], thread)
-                    inverse(ws, slot, third_numbers, first, extent, size, answer, thread)
-                    deposit(answer, area, v_out[env], thread)
-                    inverse(ws, slot, first_numbers, first, extent, size, answer, thread)
-                    deposit(answer, area, w_out[env], thread)
+                        fetch(friction.x[env], box, direction, at.mine)
+                        forward(win.ws, at, direction, second_numbers)
+                        fetch(friction.y[env], box, direction, at.mine)
+                        forward(win.ws, at, direction, third_numbers)
+                    displace(win.ws, at, layer.tables, wp.static(with_friction))
+                    at.shape = wp.vec2i(area[2], area[3])
+                    at.first = first
+                    inverse(win.ws, at, second_numbers, answer)
+                    deposit(answer, area, state.u[env], thread)
+                    inverse(win.ws, at, third_numbers, answer)
+                    deposit(answer, area, state.v[env], thread)
+                    inverse(win.ws, at, first_numbers, answer)
+                    deposit(answer, area, state.w[env], thread)
                 block_sync()
                 if thread == 0:
-                    dirty_out[env] = around(dirty_out[env], around(area, area_out[env]))
-                    area_out[env] = area
+                    pressed.dirty[env] = around(pressed.dirty[env], around(area, old))
+                    state.area[env] = area
                 block_sync()
 
     return find_surface

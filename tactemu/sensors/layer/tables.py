@@ -12,8 +12,8 @@ from typing import NamedTuple
 import numpy as np
 import warp as wp
 
+from tactemu.sensors.layer.block import SMALLEST_TRANSFORM
 from tactemu.sensors.layer.compliance import sample_kernels, spectrum, transfer
-from tactemu.sensors.layer.convolution import SMALLEST_TRANSFORM
 
 HARTLEY_GAIN = 16.0
 """Gain of a convolution's transforms: a factor of two per pass, four passes."""
@@ -40,6 +40,22 @@ def tables_type(real):
         ny: wp.array(dtype=real)
 
     return Tables
+
+
+@functools.cache
+def layer_type(real):
+    """Return the Warp struct of a layer and of its solvers' options."""
+
+    @wp.struct
+    class Layer:
+        tables: tables_type(real)
+        bulge: real  # rise of the skin beside a contact, as a share of the deepest overlap
+        friction: real  # coefficient of friction
+        cap: wp.int32  # most iterations of a solver
+        tolerance: wp.float64  # residual at which a solver stops
+        reach: wp.vec2i  # cells over which a load moves the surface, along rows and columns
+
+    return Layer
 
 
 class LayerMaterial(NamedTuple):

@@ -16,26 +16,26 @@ from typing import Any, NamedTuple
 
 import warp as wp
 
-from tactemu.sensors.layer.convolution import block_sync, convolution_functions, spread, workspace_type
+from tactemu.sensors.layer.block import Window, block_sync, spread
+from tactemu.sensors.layer.convolution import convolution_functions, workspace_type
 from tactemu.sensors.layer.simd import simd_by_pressure, simd_mix
 from tactemu.sensors.layer.tables import tables_type
 
 
 class TangentialFunctions(NamedTuple):
-    """The Warp functions that all threads of a block call together; ``size`` is the length of the transforms."""
+    """The Warp functions that all threads of a block call together; ``at`` is the :class:`~.block.Window`."""
 
     mix: Any
-    """``mix(ws, slot, tables, start, size, thread)`` turns the tractions in the two spectra into displacements."""
+    """``mix(ws, at, tables)`` turns the tractions in the two spectra into displacements."""
     by_pressure: Any
-    """``by_pressure(ws, slot, tables, axis, start, size, thread)`` writes the displacement along x (axis 0) or y (1) by
-    the pressure in the first spectrum to the second, and keeps the first."""
+    """``by_pressure(ws, at, tables, axis)`` writes the displacement along x (axis 0) or y (1) by the pressure in the
+    first spectrum to the second, and keeps the first."""
     displace: Any
-    """``displace(ws, slot, tables, pulled, start, size, thread)`` turns the spectra of pressure and, if ``pulled``, of
-    both tractions into those of the displacement into the skin, along x and along y, in this order."""
+    """``displace(ws, at, tables, pulled)`` turns the spectra of pressure and, if ``pulled``, of both tractions into
+    those of the displacement into the skin, along x and along y, in this order."""
     by_traction: Any
-    """``by_traction(ws, slot, tables, start, x, y, shape, size, first, out_shape, out_x, out_y, thread)`` computes the
-    displacement in the window of ``out_shape`` at ``first`` by tractions ``x, y`` in the window of ``shape`` at (0,
-    0)."""
+    """``by_traction(ws, at, tables, x, y, out_x, out_y)`` computes the displacement in a window by the tractions ``x,
+    y`` in it."""
 
 
 @functools.cache
@@ -51,22 +51,23 @@ def tangential_functions(real, lanes: int, is_shared: bool) -> TangentialFunctio
     mix_simd, by_pressure_simd = simd_mix(real), simd_by_pressure(real)
 
     @wp.func
-    def mix(ws: workspace, slot: int, tables: tables_struct, start: int, size: wp.vec2i, thread: int):
-        x = ws.spectrum[slot]
-        y = ws.second[slot]
+    def mix(ws: workspace, at: Window, tables: tables_struct):
+        x = ws.spectrum[at.slot]
+        y = ws.second[at.slot]
         if wp.static(lanes > 1):
-            mix_simd(x, y, tables.xx, tables.xy, tables.yy, start, size[0], size[1])
+            mix_simd(at, x, y, tables)
             return
-        mine = spread(size[1], thread)
+        size = at.size
+        mine = spread(size[1], at.thread)
         for k in range(mine[0], size[0] // 2 + 1, mine[1]):
             mirror_k = -k & (size[0] - 1)
             for c in range(mine[2], size[1], mine[3]):
                 mirror_c = -c & (size[1] - 1)
                 if k < mirror_k or c <= mirror_c:
-                    at = start + k * size[1] + c
-                    xx = tables.xx[at]
-                    xy = tables.xy[at]
-                    yy = tables.yy[at]
+                    entry = at.start + k * size[1] + c
+                    xx = tables.xx[entry]
+                    xy = tables.xy[entry]
+                    yy = tables.yy[entry]
                     tx = x[k, c]
                     ty = y[k, c]
                     tx_mirror = x[mirror_k, mirror_c]
@@ -78,40 +79,38 @@ def tangential_functions(real, lanes: int, is_shared: bool) -> TangentialFunctio
         block_sync()
 
     @wp.func
-    def by_pressure(
-        ws: workspace, slot: int, tables: tables_struct, axis: int, start: int, size: wp.vec2i, thread: int
-    ):
-        p = ws.spectrum[slot]
-        u = ws.second[slot]
+    def by_pressure(ws: workspace, at: Window, tables: tables_struct, axis: int):
+        p = ws.spectrum[at.slot]
+        u = ws.second[at.slot]
+        size = at.size
         if wp.static(lanes > 1):
             if axis == 0:
-                by_pressure_simd(p, u, tables.nx, axis, start, size[0], size[1])
+                by_pressure_simd(p, u, tables.nx, axis, at.start, size[0], size[1])
             else:
-                by_pressure_simd(p, u, tables.ny, axis, start, size[0], size[1])
+                by_pressure_simd(p, u, tables.ny, axis, at.start, size[0], size[1])
             return
-        mine = spread(size[1], thread)
+        mine = spread(size[1], at.thread)
         for k in range(mine[0], size[0], mine[1]):
             for c in range(mine[2], size[1], mine[3]):
-                at = start + k * size[1] + c
+                entry = at.start + k * size[1] + c
                 if axis == 0:
-                    u[k, c] = tables.nx[at] * p[k, -c & (size[1] - 1)]
+                    u[k, c] = tables.nx[entry] * p[k, -c & (size[1] - 1)]
                 else:
-                    u[k, c] = tables.ny[at] * p[-k & (size[0] - 1), c]
+                    u[k, c] = tables.ny[entry] * p[-k & (size[0] - 1), c]
         block_sync()
 
     @wp.func
-    def displace(
-        ws: workspace, slot: int, tables: tables_struct, pulled: bool, start: int, size: wp.vec2i, thread: int
-    ):
-        p = ws.spectrum[slot]
-        x = ws.second[slot]
-        y = ws.third[slot]
-        mine = spread(size[1] // 2 + 1, thread)
+    def displace(ws: workspace, at: Window, tables: tables_struct, pulled: bool):
+        p = ws.spectrum[at.slot]
+        x = ws.second[at.slot]
+        y = ws.third[at.slot]
+        size = at.size
+        mine = spread(size[1] // 2 + 1, at.thread)
         for k in range(mine[0], size[0] // 2 + 1, mine[1]):
             rows = wp.vec2i(k, -k & (size[0] - 1))
             for c in range(mine[2], size[1] // 2 + 1, mine[3]):
                 columns = wp.vec2i(c, -c & (size[1] - 1))
-                at = start + k * size[1] + c
+                entry = at.start + k * size[1] + c
                 # All four mirror images at once, since each is computed from the others.
                 tx = quad(real(0.0))
                 ty = quad(real(0.0))
@@ -126,37 +125,23 @@ def tangential_functions(real, lanes: int, is_shared: bool) -> TangentialFunctio
                     for j in range(2):
                         down = real(1 - 2 * i)
                         along = real(1 - 2 * j)
-                        u = along * tables.nx[at] * pressed[2 * i + 1 - j]
-                        v = down * tables.ny[at] * pressed[2 - 2 * i + j]
+                        u = along * tables.nx[entry] * pressed[2 * i + 1 - j]
+                        v = down * tables.ny[entry] * pressed[2 - 2 * i + j]
                         if pulled:
-                            cross = down * along * tables.xy[at]
-                            u += tables.xx[at] * tx[2 * i + j] + cross * ty[3 - 2 * i - j]
-                            v += tables.yy[at] * ty[2 * i + j] + cross * tx[3 - 2 * i - j]
+                            cross = down * along * tables.xy[entry]
+                            u += tables.xx[entry] * tx[2 * i + j] + cross * ty[3 - 2 * i - j]
+                            v += tables.yy[entry] * ty[2 * i + j] + cross * tx[3 - 2 * i - j]
                         x[rows[i], columns[j]] = u
                         y[rows[i], columns[j]] = v
-                        p[rows[i], columns[j]] = tables.nn[at] * pressed[2 * i + j]
+                        p[rows[i], columns[j]] = tables.nn[entry] * pressed[2 * i + j]
         block_sync()
 
     @wp.func
-    def by_traction(
-        ws: workspace,
-        slot: int,
-        tables: tables_struct,
-        start: int,
-        x: grid,
-        y: grid,
-        shape: wp.vec2i,
-        size: wp.vec2i,
-        first: wp.vec2i,
-        out_shape: wp.vec2i,
-        out_x: grid,
-        out_y: grid,
-        thread: int,
-    ):
-        forward(ws, slot, x, shape, size, ws.spectrum[slot], thread)
-        forward(ws, slot, y, shape, size, ws.second[slot], thread)
-        mix(ws, slot, tables, start, size, thread)
-        inverse(ws, slot, ws.spectrum[slot], first, out_shape, size, out_x, thread)
-        inverse(ws, slot, ws.second[slot], first, out_shape, size, out_y, thread)
+    def by_traction(ws: workspace, at: Window, tables: tables_struct, x: grid, y: grid, out_x: grid, out_y: grid):
+        forward(ws, at, x, ws.spectrum[at.slot])
+        forward(ws, at, y, ws.second[at.slot])
+        mix(ws, at, tables)
+        inverse(ws, at, ws.spectrum[at.slot], out_x)
+        inverse(ws, at, ws.second[at.slot], out_y)
 
     return TangentialFunctions(mix, by_pressure, displace, by_traction)

@@ -7,7 +7,7 @@ import functools
 import warp as wp
 
 from tactemu.plan.scalars import is_finite
-from tactemu.sensors.layer.convolution import SMALLEST_TRANSFORM, block_sync, spread
+from tactemu.sensors.layer.block import SMALLEST_TRANSFORM, Window, block_sync, spread
 
 BOX_STEP = SMALLEST_TRANSFORM // 2
 """Step by which windows grow [cells], so that lanes are full."""
@@ -78,19 +78,16 @@ def _all_max(x: wp.float64):
 
 
 @wp.func
-def transform_level(shape: wp.vec2i):
-    """Return the level of the transforms that hold a window without wrapping: (0, 0) for the smallest."""
+def open_window(shape: wp.vec2i, span: wp.vec2i, starts: wp.array2d(dtype=wp.int32), slot: int, thread: int):
+    """Return the window of ``shape`` with the shortest transforms that hold ``span`` without wrapping; ``starts`` are
+    those of the layer's tables."""
     level = wp.vec2i(0, 0)
     for axis in range(2):
-        while wp.static(BOX_STEP) << level[axis] < shape[axis]:
+        while wp.static(BOX_STEP) << level[axis] < span[axis]:
             level[axis] = level[axis] + 1
-    return level
-
-
-@wp.func
-def transform_size(level: wp.vec2i):
-    """Return the length of the transforms of a level, along rows and columns."""
-    return wp.vec2i(wp.static(SMALLEST_TRANSFORM) << level[0], wp.static(SMALLEST_TRANSFORM) << level[1])
+    size = wp.vec2i(wp.static(SMALLEST_TRANSFORM) << level[0], wp.static(SMALLEST_TRANSFORM) << level[1])
+    start = starts[level[0], level[1]]
+    return Window(slot, thread, spread(shape[1], thread), shape, size, start, wp.vec2i(0, 0))
 
 
 @wp.func
