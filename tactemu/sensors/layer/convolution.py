@@ -104,8 +104,8 @@ def convolution_functions(real, lanes: int, is_shared: bool) -> ConvolutionFunct
     (:mod:`.shared_memory`)."""
     workspace = workspace_type(real)
     numbers = wp.array2d(dtype=real)
-    turns_array = wp.array(dtype=wp.types.vector(2, real))
-    radix_4, radix_2 = _fft_stages(numbers, turns_array)
+    parts, turns = wp.array3d(dtype=real), wp.array(dtype=wp.types.vector(2, real))
+    radix_4, radix_2 = _fft_stages(numbers, turns)
 
     @wp.func
     def unpack(zr: numbers, zi: numbers, given: Pass, out: numbers, thread: int):
@@ -130,14 +130,16 @@ def convolution_functions(real, lanes: int, is_shared: bool) -> ConvolutionFunct
                     out[c + half, at_mirror] = xi + yi - xr + yr
 
     @wp.func(inline=False)  # not inlined: a solver calls it dozens of times
-    def long_hartley(ws: workspace, slot: int, field: numbers, given: Pass, out: numbers, thread: int):
+    def long_hartley(
+        all_re: parts, all_im: parts, twiddle: turns, slot: int, field: numbers, given: Pass, out: numbers, thread: int
+    ):
         """Write twice the transform along the rows of ``field`` to ``out``, which may be the same memory."""
         n = given.n
         half = given.columns // 2
         mine = spread(half, thread)
-        n_max = ws.twiddle.shape[0]
-        re = ws.re[2 * slot]
-        im = ws.im[2 * slot]
+        n_max = twiddle.shape[0]
+        re = all_re[2 * slot]
+        im = all_im[2 * slot]
         for k in range(mine[0], n, mine[1]):
             for c in range(mine[2], half, mine[3]):
                 if k < given.rows:
@@ -153,21 +155,21 @@ def convolution_functions(real, lanes: int, is_shared: bool) -> ConvolutionFunct
         while length >= 4:
             turn = n_max // length
             there = 4 * slot + 1 - here
-            x_re, x_im, y_re, y_im = ws.re[here], ws.im[here], ws.re[there], ws.im[there]
-            radix_4(x_re, x_im, y_re, y_im, ws.twiddle, length, stride, half, turn, thread)
+            x_re, x_im, y_re, y_im = all_re[here], all_im[here], all_re[there], all_im[there]
+            radix_4(x_re, x_im, y_re, y_im, twiddle, length, stride, half, turn, thread)
             block_sync()
             here = there
             length = length // 4
             stride = stride * 4
         if length == 2:
             there = 4 * slot + 1 - here
-            radix_2(ws.re[here], ws.im[here], ws.re[there], ws.im[there], stride, half, thread)
+            radix_2(all_re[here], all_im[here], all_re[there], all_im[there], stride, half, thread)
             block_sync()
             here = there
-        unpack(ws.re[here], ws.im[here], given, out, thread)
+        unpack(all_re[here], all_im[here], given, out, thread)
         block_sync()
 
-    in_turn = shared_hartley(real, workspace) if is_shared else long_hartley
+    in_turn = shared_hartley(real) if is_shared else long_hartley
     simd, scale_simd = simd_hartley(real), simd_scale(real)
 
     @wp.func
@@ -175,7 +177,7 @@ def convolution_functions(real, lanes: int, is_shared: bool) -> ConvolutionFunct
         if wp.static(lanes > 1):
             simd(ws.im[at.slot], ws.twiddle, field, given, out)
         else:
-            in_turn(ws, at.slot, field, given, out, at.thread)
+            in_turn(ws.re, ws.im, ws.twiddle, at.slot, field, given, out, at.thread)
 
     @wp.func
     def between(ws: workspace, slot: int, spectrum: numbers):
@@ -218,7 +220,7 @@ def convolution_functions(real, lanes: int, is_shared: bool) -> ConvolutionFunct
     return ConvolutionFunctions(forward, scale, inverse, convolve)
 
 
-def _fft_stages(numbers, turns_array):
+def _fft_stages(numbers, turns_type):
     """Return the Stockham stages ``(x) -> (y)``: a length of ``length`` remains to be transformed, ``stride`` columns
     of butterflies are done."""
 
@@ -228,7 +230,7 @@ def _fft_stages(numbers, turns_array):
         xi: numbers,
         yr: numbers,
         yi: numbers,
-        turns: turns_array,
+        turns: turns_type,
         length: int,
         stride: int,
         columns: int,

@@ -91,16 +91,16 @@ class Places:
 
 
 @functools.cache
-def shared_hartley(real, workspace):
-    """Return ``hartley(ws, slot, field, given, out, thread)``, like the long one of :mod:`.convolution`, for lengths of
-    32 and 64, and columns that are a power of two, in the tile."""
-    field_type = wp.array2d(dtype=real)
+def shared_hartley(real):
+    """Return ``hartley(re, im, twiddle, slot, field, given, out, thread)``, like the long one of :mod:`.convolution`,
+    for lengths of 32 and 64, and columns that are a power of two, in the tile."""
+    field_type, parts, turns = wp.array2d(dtype=real), wp.array3d(dtype=real), wp.array(dtype=wp.types.vector(2, real))
 
     @wp.func_native(_PLACE.replace("NUMBER", real.__name__))
     def place(a: field_type) -> wp.int64: ...
 
     @wp.func_native("return reinterpret_cast<uint64_t>(a.data);")
-    def address(a: wp.array(dtype=wp.types.vector(2, real))) -> wp.uint64: ...
+    def address(a: turns) -> wp.uint64: ...
 
     @wp.func_native(_TRANSFORM.replace("NUMBER", real.__name__))
     def transform(places: Places, given: Pass, thread: int, threads: int): ...
@@ -110,10 +110,12 @@ def shared_hartley(real, workspace):
         transform(places, given, thread, wp.block_dim())
 
     @wp.func
-    def hartley(ws: workspace, slot: int, field: field_type, given: Pass, out: field_type, thread: int):
-        re, im = place(ws.re[slot]), place(ws.im[slot])
-        turns, n_turns = address(ws.twiddle), ws.twiddle.shape[0]
-        places = Places(place(field), field.shape[1], place(out), out.shape[1], re, im, turns, n_turns)
+    def hartley(
+        re: parts, im: parts, twiddle: turns, slot: int, field: field_type, given: Pass, out: field_type, thread: int
+    ):
+        powers, n_powers = address(twiddle), twiddle.shape[0]
+        zr, zi = place(re[slot]), place(im[slot])
+        places = Places(place(field), field.shape[1], place(out), out.shape[1], zr, zi, powers, n_powers)
         transform_here(places, given, thread)
 
     return hartley
