@@ -16,12 +16,13 @@ pressures.
 # pyright: reportGeneralTypeIssues=false
 
 import functools
+from typing import Any
 
 import warp as wp
 
 from tactemu.sensors.layer.block import BLOCK, Block, Window, block_sync
 from tactemu.sensors.layer.convolution import convolution_functions, workspace_type
-from tactemu.sensors.layer.friction_cells import friction_cells, square
+from tactemu.sensors.layer.friction_cells import friction_cells
 from tactemu.sensors.layer.friction_state import (
     MAX_CLOSABLE_GAP,
     friction_state_type,
@@ -40,6 +41,12 @@ SHARED_MEMORY_BLOCK = Block(256, 2)
 of 32 x 32 on an H200."""
 SHARED_ARRAYS = (2, 14)
 """Numbers of spectra and of windows in shared memory: all but ``GLOBAL_WINDOWS``, some of which share one place."""
+
+
+@wp.func
+def square(a: Any, b: Any):
+    """Return the squared length of ``(a, b)``."""
+    return wp.float64(a) * wp.float64(a) + wp.float64(b) * wp.float64(b)
 
 
 @functools.cache
@@ -150,7 +157,7 @@ def friction_kernel(real, lanes: int, coupled: bool, is_shared: bool):
     def find_gap(layer: layer_struct, win: windows, at: Window):
         """Compute the gap of the tractions anew; return the sum of squared displacements where cells touch."""
         by_traction(win.ws, at, layer.tables, win.x[at.slot], win.y[at.slot], win.gap_x[at.slot], win.gap_y[at.slot])
-        return norm(win, at)
+        return block_sum(norm(win, at))
 
     @wp.func
     def drag(win: windows, at: Window):
@@ -172,14 +179,16 @@ def friction_kernel(real, lanes: int, coupled: bool, is_shared: bool):
     @wp.func
     def turn(win: windows, at: Window, last: wp.float64, fresh: bool):
         """Compute the next search direction; return slope and preconditioned square."""
-        square = products(win, at)
+        parts = products(win, at)
+        now = block_sum(parts[0])
+        change = block_sum(parts[1])
         beta = real(0.0)
         if not fresh and last > wp.float64(0.0):
-            beta = real(wp.max(square[1] / last, wp.float64(0.0)))
-        slope = direct(win, at, beta, fresh)
+            beta = real(wp.max(change / last, wp.float64(0.0)))
+        slope = block_sum(direct(win, at, beta, fresh))
         if slope >= wp.float64(0.0) and not fresh:  # uphill: restart without the last direction
-            slope = direct(win, at, beta, True)
-        return slope, square[0]
+            slope = block_sum(direct(win, at, beta, True))
+        return slope, now
 
     @wp.func
     def solve(layer: layer_struct, win: windows, at: Window, floor: wp.float64):
@@ -201,17 +210,17 @@ def friction_kernel(real, lanes: int, coupled: bool, is_shared: bool):
                 moved = drag(win, at) > wp.float64(0.0)
                 if moved:
                     continue
-            residual = wp.sqrt(free_gap(win, at) / reference)
+            residual = wp.sqrt(block_sum(free_gap(win, at)) / reference)
             if not (residual > layer.tolerance) or iteration >= layer.cap:
                 break
             convolve(win.ws, at, win.free_x[at.slot], layer.tables.soften_x, win.softened_x[at.slot])
             convolve(win.ws, at, win.free_y[at.slot], layer.tables.soften_y, win.softened_y[at.slot])
             slope, now = turn(win, at, last, fresh)
             by_traction(win.ws, at, layer.tables, along_x, along_y, win.answer_x[at.slot], win.answer_y[at.slot])
-            curved = curvature(win, at)
+            curved = block_sum(curvature(win, at))
             if curved <= wp.float64(0.0):
                 break
-            moved = advance(win, at, real(-slope / curved)) > wp.float64(0.0)
+            moved = block_sum(advance(win, at, real(-slope / curved))) > wp.float64(0.0)
             fresh = False
             last = now
             iteration += 1

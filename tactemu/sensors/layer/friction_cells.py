@@ -1,145 +1,177 @@
-"""The operations of the friction solver on each cell of a window, between its convolutions (:mod:`.friction`)."""
+"""The operations of the friction solver on each cell of a window, between its convolutions (:mod:`.friction`).
 
-# pyright: reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false, reportOperatorIssue=false
+Values that a cell does not need (a circle, where it sticks) are computed too, and discarded.
+"""
 
 import functools
-from typing import Any
+from typing import Any, NamedTuple
 
 import warp as wp
 
-from tactemu.sensors.layer.block import Window, block_sync
-from tactemu.sensors.layer.friction_simd import FrictionCells, simd_friction_cells
+from tactemu.sensors.layer.block import Window
+from tactemu.sensors.layer.cells import over_cells
 from tactemu.sensors.layer.friction_state import SLIP_FRACTION, friction_windows_type
-from tactemu.sensors.layer.window import block_functions
 
 
-@wp.func
-def square(a: Any, b: Any):
-    """Return the squared length of ``(a, b)``."""
-    return wp.float64(a) * wp.float64(a) + wp.float64(b) * wp.float64(b)
+class FrictionCells(NamedTuple):
+    """The Warp functions on the calling thread's cells of a window ``at``. A result is that thread's part of a sum: the
+    caller adds up the block's (:func:`.window.block_functions`), which also shows all threads what each has written."""
+
+    norm: Any
+    """``norm(win, at) -> float64``"""
+    free_gap: Any
+    """``free_gap(win, at) -> float64``"""
+    products: Any
+    """``products(win, at) -> vec2d``"""
+    direct: Any
+    """``direct(win, at, beta, fresh) -> float64``"""
+    curvature: Any
+    """``curvature(win, at) -> float64``"""
+    advance: Any
+    """``advance(win, at, step) -> float64``"""
 
 
 @functools.cache
 def friction_cells(real, lanes: int) -> FrictionCells:
-    """Return the operations on each cell between convolutions; on a CPU those in vector registers
-    (:mod:`.friction_simd`)."""
-    if lanes > 1:
-        return simd_friction_cells(real)
-    windows, vec2 = friction_windows_type(real), wp.types.vector(2, real)
-    block_sum, _max = block_functions(lanes)
+    """Return the functions for one float type and lane width."""
+    windows = friction_windows_type(real)
 
-    @wp.func
-    def norm(win: windows, at: Window):
-        """Turn the displacement by traction into the gap; return the sum of squared displacements where cells touch."""
-        total = wp.float64(0.0)
-        for y in range(at.mine[0], at.shape[0], at.mine[1]):
-            for x in range(at.mine[2], at.shape[1], at.mine[3]):
-                ux = win.gap_x[at.slot, y, x] + win.by_pressure_x[at.slot, y, x]
-                uy = win.gap_y[at.slot, y, x] + win.by_pressure_y[at.slot, y, x]
-                if win.limit[at.slot, y, x] > real(0.0):
-                    total += square(ux, uy)
-                win.gap_x[at.slot, y, x] = ux - win.hold_x[at.slot, y, x]
-                win.gap_y[at.slot, y, x] = uy - win.hold_y[at.slot, y, x]
-        return block_sum(total)
+    @wp.func_native(_cells(real, lanes, _NORM))
+    def norm(win: windows, at: Window) -> wp.float64: ...
 
-    @wp.func
-    def free_gap(win: windows, at: Window):
-        """Compute the part of the gap that tractions can close, and the stiffness of the circles; return its square."""
-        total = wp.float64(0.0)
-        for y in range(at.mine[0], at.shape[0], at.mine[1]):
-            for x in range(at.mine[2], at.shape[1], at.mine[3]):
-                limit = win.limit[at.slot, y, x]
-                g = vec2(real(0.0))
-                stiff = real(0.0)
-                if limit > real(0.0):
-                    g = vec2(win.gap_x[at.slot, y, x], win.gap_y[at.slot, y, x])
-                    q = vec2(win.x[at.slot, y, x], win.y[at.slot, y, x])
-                    outward = wp.dot(g, q) / limit
-                    if wp.length(q) >= real(SLIP_FRACTION) * limit and outward < real(0.0):
-                        n = q / wp.length(q)
-                        g = g - wp.dot(g, n) * n
-                        stiff = -outward / limit
-                weight = real(1.0) / wp.sqrt(real(1.0) + stiff)
-                win.last_x[at.slot, y, x] = win.free_x[at.slot, y, x]
-                win.last_y[at.slot, y, x] = win.free_y[at.slot, y, x]
-                win.free_x[at.slot, y, x] = weight * g[0]
-                win.free_y[at.slot, y, x] = weight * g[1]
-                win.stiffness[at.slot, y, x] = stiff
-                total += square(weight * weight * g[0], weight * weight * g[1])
-        total = block_sum(total)
-        block_sync()
-        return total
+    @wp.func_native(_cells(real, lanes, _FREE_GAP))
+    def free_gap(win: windows, at: Window) -> wp.float64: ...
 
-    @wp.func
-    def products(win: windows, at: Window):
-        """Return the products of the preconditioned gap with the gap, and with its change since the last iteration."""
-        now = wp.float64(0.0)
-        change = wp.float64(0.0)
-        for y in range(at.mine[0], at.shape[0], at.mine[1]):
-            for x in range(at.mine[2], at.shape[1], at.mine[3]):
-                z = vec2(win.softened_x[at.slot, y, x], win.softened_y[at.slot, y, x])
-                m = vec2(win.free_x[at.slot, y, x], win.free_y[at.slot, y, x])
-                old = vec2(win.last_x[at.slot, y, x], win.last_y[at.slot, y, x])
-                now += wp.float64(wp.dot(m, z))
-                change += wp.float64(wp.dot(m - old, z))
-        return wp.vec2d(block_sum(now), block_sum(change))
+    @wp.func_native(_cells(real, lanes, _PRODUCTS))
+    def products(win: windows, at: Window) -> wp.vec2d: ...
 
-    @wp.func
-    def direct(win: windows, at: Window, beta: real, fresh: bool):
-        """Compute the search direction, along the circles where cells slip, and add a part of the last unless
-        ``fresh``; return the slope along it."""
-        slope = wp.float64(0.0)
-        for y in range(at.mine[0], at.shape[0], at.mine[1]):
-            for x in range(at.mine[2], at.shape[1], at.mine[3]):
-                d = vec2(real(0.0))
-                if win.limit[at.slot, y, x] > real(0.0):
-                    stiff = win.stiffness[at.slot, y, x]
-                    weight = real(1.0) / wp.sqrt(real(1.0) + stiff)
-                    d = -weight * vec2(win.softened_x[at.slot, y, x], win.softened_y[at.slot, y, x])
-                    if not fresh:
-                        d += beta * vec2(win.along_x[at.slot, y, x], win.along_y[at.slot, y, x])
-                    if stiff > real(0.0):
-                        n = wp.normalize(vec2(win.x[at.slot, y, x], win.y[at.slot, y, x]))
-                        d = d - wp.dot(d, n) * n
-                    m = vec2(win.free_x[at.slot, y, x], win.free_y[at.slot, y, x]) / weight
-                    slope += wp.float64(wp.dot(m, d))
-                win.along_x[at.slot, y, x] = d[0]
-                win.along_y[at.slot, y, x] = d[1]
-        slope = block_sum(slope)
-        block_sync()
-        return slope
+    @wp.func_native(_cells(real, lanes, _DIRECT))
+    def direct(win: windows, at: Window, beta: real, fresh: bool) -> wp.float64: ...
 
-    @wp.func
-    def curvature(win: windows, at: Window):
-        total = wp.float64(0.0)
-        for y in range(at.mine[0], at.shape[0], at.mine[1]):
-            for x in range(at.mine[2], at.shape[1], at.mine[3]):
-                d = vec2(win.along_x[at.slot, y, x], win.along_y[at.slot, y, x])
-                a = vec2(win.answer_x[at.slot, y, x], win.answer_y[at.slot, y, x])
-                total += wp.float64(wp.dot(d, a + win.stiffness[at.slot, y, x] * d))
-        return block_sum(total)
+    @wp.func_native(_cells(real, lanes, _CURVATURE))
+    def curvature(win: windows, at: Window) -> wp.float64: ...
 
-    @wp.func
-    def advance(win: windows, at: Window, step: real):
-        """Take a step along the direction, and project back to the discs; return the number of cells that left them."""
-        cut = wp.float64(0.0)
-        for y in range(at.mine[0], at.shape[0], at.mine[1]):
-            for x in range(at.mine[2], at.shape[1], at.mine[3]):
-                limit = win.limit[at.slot, y, x]
-                if limit > real(0.0):
-                    d = vec2(win.along_x[at.slot, y, x], win.along_y[at.slot, y, x])
-                    q = vec2(win.x[at.slot, y, x], win.y[at.slot, y, x]) + step * d
-                    length = wp.length(q)
-                    if length > limit:
-                        q = q * (limit / length)
-                        if length > real(1.000001) * limit:
-                            cut += wp.float64(1.0)
-                    win.x[at.slot, y, x] = q[0]
-                    win.y[at.slot, y, x] = q[1]
-                win.gap_x[at.slot, y, x] = win.gap_x[at.slot, y, x] + step * win.answer_x[at.slot, y, x]
-                win.gap_y[at.slot, y, x] = win.gap_y[at.slot, y, x] + step * win.answer_y[at.slot, y, x]
-        cut = block_sum(cut)
-        block_sync()
-        return cut
+    @wp.func_native(_cells(real, lanes, _ADVANCE))
+    def advance(win: windows, at: Window, step: real) -> wp.float64: ...
 
     return FrictionCells(norm, free_gap, products, direct, curvature, advance)
+
+
+def _cells(real, lanes: int, each: str) -> str:
+    return over_cells(real, lanes, "limit", _PAIRS + each.replace("SLIP_FRACTION", f"Number({SLIP_FRACTION})"))
+
+
+_PAIRS = """
+    struct Pair { Vector x, y; };
+    auto pair = [&](const auto& x, const auto& y, const auto& cell) { return Pair{load(x, cell), load(y, cell)}; };
+    auto dot = [](const Pair& a, const Pair& b) { return a.x * b.x + a.y * b.y; };
+"""
+
+_NORM = """
+    Doubles total = {};
+    all([&](const auto& cell) {
+        const Pair pulled = pair(win.gap_x, win.gap_y, cell);
+        const Pair pressed = pair(win.by_pressure_x, win.by_pressure_y, cell);
+        const Pair u = {pulled.x + pressed.x, pulled.y + pressed.y}, hold = pair(win.hold_x, win.hold_y, cell);
+        store(win.gap_x, cell, u.x - hold.x);
+        store(win.gap_y, cell, u.y - hold.y);
+        const auto touches = load(win.limit, cell) > 0;
+        const Doubles x = doubles(touches ? u.x : Vector{}), y = doubles(touches ? u.y : Vector{});
+        total += x * x + y * y;
+    });
+    return sum(total);
+"""
+
+_FREE_GAP = """
+    Doubles total = {};
+    all([&](const auto& cell) {
+        const Vector limit = load(win.limit, cell);
+        const auto touches = limit > 0;
+        Pair g = pair(win.gap_x, win.gap_y, cell);
+        g.x = touches ? g.x : Vector{}, g.y = touches ? g.y : Vector{};
+        const Pair q = pair(win.x, win.y, cell);
+        const Vector length = root(dot(q, q)), outward = dot(g, q) / limit;
+        const auto slips = touches & (length >= SLIP_FRACTION * limit) & (outward < 0);
+        const Pair n = {q.x / length, q.y / length};
+        const Vector along = dot(g, n);
+        g.x = slips ? g.x - along * n.x : g.x, g.y = slips ? g.y - along * n.y : g.y;
+        const Vector stiff = slips ? -outward / limit : Vector{};
+        const Vector weight = 1 / root(1 + stiff);
+        store(win.last_x, cell, load(win.free_x, cell));
+        store(win.last_y, cell, load(win.free_y, cell));
+        store(win.free_x, cell, weight * g.x);
+        store(win.free_y, cell, weight * g.y);
+        store(win.stiffness, cell, stiff);
+        const Doubles x = doubles(weight * weight * g.x), y = doubles(weight * weight * g.y);
+        total += x * x + y * y;
+    });
+    return sum(total);
+"""
+
+_PRODUCTS = """
+    Doubles now = {}, change = {};
+    all([&](const auto& cell) {
+        const Pair z = pair(win.softened_x, win.softened_y, cell);
+        const Pair m = pair(win.free_x, win.free_y, cell), old = pair(win.last_x, win.last_y, cell);
+        now += doubles(dot(m, z));
+        change += doubles(dot(Pair{m.x - old.x, m.y - old.y}, z));
+    });
+    return wp::vec_t<2, double>(sum(now), sum(change));
+"""
+
+_DIRECT = """
+    Doubles slope = {};
+    all([&](const auto& cell) {
+        const auto touches = load(win.limit, cell) > 0;
+        const Vector stiff = load(win.stiffness, cell), weight = 1 / root(1 + stiff);
+        const Pair z = pair(win.softened_x, win.softened_y, cell);
+        Pair d = {-weight * z.x, -weight * z.y};
+        if (!fresh) {
+            const Pair last = pair(win.along_x, win.along_y, cell);
+            d.x += beta * last.x, d.y += beta * last.y;
+        }
+        const Pair q = pair(win.x, win.y, cell);
+        const Vector length = root(dot(q, q));
+        const Pair n = {q.x / length, q.y / length};
+        const Vector across = dot(d, n);
+        const auto slips = stiff > 0;
+        d.x = slips ? d.x - across * n.x : d.x, d.y = slips ? d.y - across * n.y : d.y;
+        d.x = touches ? d.x : Vector{}, d.y = touches ? d.y : Vector{};
+        const Pair m = pair(win.free_x, win.free_y, cell);
+        slope += doubles(dot(Pair{m.x / weight, m.y / weight}, d));
+        store(win.along_x, cell, d.x);
+        store(win.along_y, cell, d.y);
+    });
+    return sum(slope);
+"""
+
+_CURVATURE = """
+    Doubles total = {};
+    all([&](const auto& cell) {
+        const Pair d = pair(win.along_x, win.along_y, cell), a = pair(win.answer_x, win.answer_y, cell);
+        const Vector stiff = load(win.stiffness, cell);
+        total += doubles(dot(d, Pair{a.x + stiff * d.x, a.y + stiff * d.y}));
+    });
+    return sum(total);
+"""
+
+_ADVANCE = """
+    Doubles cut = {};
+    all([&](const auto& cell) {
+        const Vector limit = load(win.limit, cell);
+        const Pair d = pair(win.along_x, win.along_y, cell), a = pair(win.answer_x, win.answer_y, cell);
+        const Pair q = pair(win.x, win.y, cell), g = pair(win.gap_x, win.gap_y, cell);
+        Pair next = {q.x + step * d.x, q.y + step * d.y};
+        const Vector length = root(dot(next, next)), back = limit / length;
+        const auto touches = limit > 0;
+        const auto leaves = touches & (length > limit);
+        next.x = leaves ? next.x * back : next.x, next.y = leaves ? next.y * back : next.y;
+        store(win.x, cell, touches ? next.x : q.x);
+        store(win.y, cell, touches ? next.y : q.y);
+        store(win.gap_x, cell, g.x + step * a.x);
+        store(win.gap_y, cell, g.y + step * a.y);
+        const auto far = leaves & (length > Number(1.000001) * limit);
+        cut += doubles(far ? Vector{} + 1 : Vector{});
+    });
+    return sum(cut);
+"""

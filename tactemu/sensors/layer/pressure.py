@@ -24,7 +24,7 @@ from tactemu.plan.scalars import is_nan
 from tactemu.sensors.layer.block import BLOCK, Block, Window, block_sync
 from tactemu.sensors.layer.convolution import Workspace, convolution_functions, padded_zeros, workspace_type
 from tactemu.sensors.layer.overlap import NO_SURFACE, overlap_type
-from tactemu.sensors.layer.pressure_simd import PressureCells, simd_pressure_cells
+from tactemu.sensors.layer.pressure_cells import pressure_cells
 from tactemu.sensors.layer.shared_memory import shared_functions, shared_numbers
 from tactemu.sensors.layer.tables import layer_type
 from tactemu.sensors.layer.window import (
@@ -107,90 +107,6 @@ class Windows:
 
 
 @functools.cache
-def pressure_cells(real, lanes: int) -> PressureCells:
-    """Return the operations on each cell between convolutions; on a CPU those in vector registers
-    (:mod:`.pressure_simd`)."""
-    windows_struct = windows_type(real)
-    if lanes > 1:
-        return simd_pressure_cells(real, windows_struct)
-    block_sum, _max = block_functions(lanes)
-
-    @wp.func
-    def mask_gap(win: windows_struct, at: Window):
-        """Keep the gap where cells touch or would penetrate; return the sum of its squares."""
-        total = wp.float64(0.0)
-        for y in range(at.mine[0], at.shape[0], at.mine[1]):
-            for x in range(at.mine[2], at.shape[1], at.mine[3]):
-                g = win.gap[at.slot, y, x]
-                m = wp.where(win.pressure[at.slot, y, x] > real(0.0) or g < real(0.0), g, real(0.0))
-                win.masked[at.slot, y, x] = m
-                total += wp.float64(m) * wp.float64(m)
-        total = block_sum(total)
-        block_sync()
-        return total
-
-    @wp.func
-    def products(win: windows_struct, at: Window, fresh: bool):
-        """Return the products of the preconditioned gap with the gap and, unless ``fresh``, with the change by the last
-        direction."""
-        square = wp.float64(0.0)
-        change = wp.float64(0.0)
-        for y in range(at.mine[0], at.shape[0], at.mine[1]):
-            for x in range(at.mine[2], at.shape[1], at.mine[3]):
-                m = win.masked[at.slot, y, x]
-                if m != real(0.0):
-                    z = wp.float64(win.softened[at.slot, y, x])
-                    square += wp.float64(m) * z
-                    if not fresh:
-                        change += z * wp.float64(win.answer[at.slot, y, x])
-        return wp.vec2d(block_sum(square), block_sum(change))
-
-    @wp.func
-    def direct(win: windows_struct, at: Window, beta: real, fresh: bool):
-        """Compute the search direction, and add a part of the last unless ``fresh``; return the slope along it."""
-        slope = wp.float64(0.0)
-        for y in range(at.mine[0], at.shape[0], at.mine[1]):
-            for x in range(at.mine[2], at.shape[1], at.mine[3]):
-                m = win.masked[at.slot, y, x]
-                d = real(0.0)
-                if m != real(0.0):
-                    d = -win.softened[at.slot, y, x]
-                    if not fresh:
-                        d += beta * win.direction[at.slot, y, x]
-                win.direction[at.slot, y, x] = d
-                slope += wp.float64(m) * wp.float64(d)
-        slope = block_sum(slope)
-        block_sync()
-        return slope
-
-    @wp.func
-    def curvature(win: windows_struct, at: Window):
-        total = wp.float64(0.0)
-        for y in range(at.mine[0], at.shape[0], at.mine[1]):
-            for x in range(at.mine[2], at.shape[1], at.mine[3]):
-                total += wp.float64(win.direction[at.slot, y, x]) * wp.float64(win.answer[at.slot, y, x])
-        return block_sum(total)
-
-    @wp.func
-    def advance(win: windows_struct, at: Window, step: real):
-        """Take a step along the direction, and set pressures that would pull to 0; return their number."""
-        pulled = wp.float64(0.0)
-        for y in range(at.mine[0], at.shape[0], at.mine[1]):
-            for x in range(at.mine[2], at.shape[1], at.mine[3]):
-                p = win.pressure[at.slot, y, x] + step * win.direction[at.slot, y, x]
-                if p < real(0.0):
-                    pulled += wp.float64(1.0)
-                    p = real(0.0)
-                win.pressure[at.slot, y, x] = p
-                win.gap[at.slot, y, x] = win.gap[at.slot, y, x] + step * win.answer[at.slot, y, x]
-        pulled = block_sum(pulled)
-        block_sync()
-        return pulled
-
-    return PressureCells(mask_gap, products, direct, curvature, advance)
-
-
-@functools.cache
 def normal_kernel(real, lanes: int, is_shared: bool):
     """Return the kernel that solves every environment; one block of threads per slot. ``is_shared``: it works in the
     block's shared memory."""
@@ -198,7 +114,7 @@ def normal_kernel(real, lanes: int, is_shared: bool):
     windows_struct = windows_type(real)
     convolve = convolution_functions(real, lanes, is_shared).convolve
     survey, publish = survey_function(real, lanes), publish_function(real)
-    mask_gap, products, direct, curvature, advance = pressure_cells(real, lanes)
+    mask_gap, products, direct, curvature, advance = pressure_cells(real, windows_struct, lanes)
     block_sum, _max = block_functions(lanes)
     shared_workspace, window = shared_functions(real, workspace_type(real), *SHARED_ARRAYS)
     grid = wp.array2d(dtype=real)
@@ -265,14 +181,16 @@ def normal_kernel(real, lanes: int, is_shared: bool):
     def turn(win: windows_struct, at: Window, last: wp.float64, step: wp.float64, fresh: bool):
         """Compute the next search direction, conjugate to the last (Polak-Ribiere); return slope and preconditioned
         square."""
-        square = products(win, at, fresh)
+        parts = products(win, at, fresh)
+        square = block_sum(parts[0])
+        change = block_sum(parts[1])
         beta = real(0.0)
         if not fresh and last > wp.float64(0.0):
-            beta = real(wp.max(square[1] * step / last, wp.float64(0.0)))
-        slope = direct(win, at, beta, fresh)
+            beta = real(wp.max(change * step / last, wp.float64(0.0)))
+        slope = block_sum(direct(win, at, beta, fresh))
         if slope >= wp.float64(0.0) and not fresh:  # uphill: restart without the last direction
-            slope = direct(win, at, beta, True)
-        return slope, square[0]
+            slope = block_sum(direct(win, at, beta, True))
+        return slope, square
 
     @wp.func
     def subtract_overlap(win: windows_struct, at: Window):
@@ -293,22 +211,22 @@ def normal_kernel(real, lanes: int, is_shared: bool):
         last = wp.float64(0.0)
         step = wp.float64(0.0)
         iteration = int(0)
-        residual = wp.sqrt(mask_gap(win, at) / reference)
+        residual = wp.sqrt(block_sum(mask_gap(win, at)) / reference)
         while residual > layer.tolerance and iteration < layer.cap:
             convolve(win.ws, at, masked, layer.tables.soften, win.softened[at.slot])
             slope, square = turn(win, at, last, step, fresh)
             convolve(win.ws, at, direction, layer.tables.nn, win.answer[at.slot])
-            curved = curvature(win, at)
+            curved = block_sum(curvature(win, at))
             if curved <= wp.float64(0.0):
                 break
             step = -slope / curved
-            fresh = advance(win, at, real(step)) > wp.float64(0.0)
+            fresh = block_sum(advance(win, at, real(step))) > wp.float64(0.0)
             if fresh:  # clipped pressures change the gap everywhere
                 convolve(win.ws, at, loads, layer.tables.nn, win.gap[at.slot])
                 subtract_overlap(win, at)
             last = square
             iteration += 1
-            residual = wp.sqrt(mask_gap(win, at) / reference)
+            residual = wp.sqrt(block_sum(mask_gap(win, at)) / reference)
         return residual, iteration
 
     @wp.kernel(module="unique", enable_backward=False, launch_bounds=SHARED_MEMORY_BLOCK if is_shared else BLOCK)

@@ -1,0 +1,60 @@
+"""Access to the cells of a solver's windows, for the C++ that :mod:`.pressure_cells` and :mod:`.friction_cells` share
+between all devices: eight cells at a time in the vector registers of a CPU, one on a GPU."""
+
+from tactemu.geometry.simd import vector_prelude
+
+
+def over_cells(real, lanes: int, like: str, snippet: str) -> str:
+    """Return a C++ snippet that processes the calling thread's cells of the window ``at`` of ``win``.
+
+    ``snippet`` may use ``all(visit)``, which calls ``visit(cell)`` for each ``Vector`` of cells, ``load(win.x, cell)``
+    and ``store(win.x, cell, vector)``, and ``root(vector)``. It adds up ``doubles(vector)`` in ``Doubles``, and ``sum``
+    reduces those to one number: the thread's part.
+
+    With more than one of ``lanes``, the windows have the strides of the window ``like``, multiples of a register.
+    """
+    if lanes > 1:
+        return vector_prelude(real) + _EIGHT.replace("LIKE", like) + snippet
+    return _ONE.replace("NUMBER", real.__name__) + snippet
+
+
+_EIGHT = """
+    typedef double Doubles __attribute__((vector_size(wide * sizeof(double))));
+    const int64_t row = win.LIKE.strides[1] / sizeof(Number);
+    const int64_t window = at.slot * (win.LIKE.strides[0] / sizeof(Number));
+    auto all = [&](auto visit) {
+        for (int y = 0; y < at.shape[0]; ++y)
+            for (int x = 0; x < at.shape[1]; x += wide)
+                visit(window + y * row + x);
+    };
+    auto load = [&](const auto& a, const int64_t cell) { return get(a.data + cell); };
+    auto store = [&](const auto& a, const int64_t cell, const Vector& v) { put(a.data + cell, v); };
+    auto root = [](const Vector& v) { return __builtin_elementwise_sqrt(v); };
+    auto doubles = [](const Vector& v) { return __builtin_convertvector(v, Doubles); };
+    auto sum = [](const Doubles& v) {
+        double total = 0;
+        for (int l = 0; l < wide; ++l)
+            total += v[l];
+        return total;
+    };
+"""
+_ONE = """
+    using Number = wp::NUMBER;
+    using Vector = Number;
+    using Doubles = double;
+    struct Cell { int y, x; };
+    auto all = [&](auto visit) {
+        for (int y = at.mine[0]; y < at.shape[0]; y += at.mine[1])
+            for (int x = at.mine[2]; x < at.shape[1]; x += at.mine[3])
+                visit(Cell{y, x});
+    };
+    auto place = [&](const auto& a, const Cell& cell) {
+        const int64_t row = int64_t(a.strides[0]) * at.slot + int64_t(a.strides[1]) * cell.y;
+        return reinterpret_cast<Number*>(reinterpret_cast<char*>(a.data) + row) + cell.x;
+    };
+    auto load = [&](const auto& a, const Cell& cell) { return *place(a, cell); };
+    auto store = [&](const auto& a, const Cell& cell, const Vector v) { *place(a, cell) = v; };
+    auto root = [](const Vector v) { return wp::sqrt(v); };
+    auto doubles = [](const Vector v) { return double(v); };
+    auto sum = [](const double v) { return v; };
+"""
