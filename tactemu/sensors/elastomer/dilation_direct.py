@@ -59,79 +59,107 @@ def free_areas(positions: np.ndarray, normals: np.ndarray) -> np.ndarray:
 
 
 @functools.cache
+def taxels_type(real):
+    """Return the Warp struct of the taxels, which do not change from step to step."""
+    vec3 = wp.types.vector(3, real)
+
+    @wp.struct
+    class Taxels:
+        positions: wp.array(dtype=vec3)
+        normals: wp.array(dtype=vec3)
+        areas: wp.array(dtype=real)
+        is_sensing: wp.array(dtype=wp.bool)
+
+    return Taxels
+
+
+@functools.cache
+def pressed_type(real):
+    """Return the Warp struct of the depths and of the list of pressed taxels, chunk by chunk."""
+
+    @wp.struct
+    class Pressed:
+        depth: wp.array2d(dtype=real)
+        power: wp.array2d(dtype=real)  # depth ** normal_exponent
+        n_pressed: wp.array2d(dtype=wp.int32)  # of each chunk
+        pressed: wp.array2d(dtype=wp.int32)  # their indices, from place chunk * CHUNK
+        n_active: wp.array(dtype=wp.int32)  # chunks with pressed taxels
+        active: wp.array2d(dtype=wp.int32)
+
+    return Pressed
+
+
+@functools.cache
+def weights_type(real):
+    """Return the Warp struct of the weights of pressed taxels (:class:`~.dilation_kernels.RadialWeight`)."""
+
+    @wp.struct
+    class Weights:
+        scale: real
+        lambda_d: real
+        gaussian: real
+        far: real
+        eps: real
+        table: wp.array(dtype=real)
+        table_step: real
+
+    return Weights
+
+
+@functools.cache
 def _kernels(real, quick: bool):
     """Return the kernels that list pressed taxels and sum over them; ``quick`` selects a GPU's short exponential and
     quotient, accurate to 1e-6."""
+    taxels_struct, pressed_struct, weights_struct = taxels_type(real), pressed_type(real), weights_type(real)
     vec3 = wp.types.vector(3, real)
 
     @wp.kernel(module="unique", enable_backward=False)
-    def list_pressed(
-        first_env: int,
-        depth: wp.array2d(dtype=real),
-        # outputs
-        n_pressed: wp.array2d(dtype=wp.int32),
-        pressed: wp.array2d(dtype=wp.int32),
-    ):
+    def list_pressed(first_env: int, found: pressed_struct):
         env, chunk = wp.tid()
         env += first_env
         first = chunk * CHUNK
         count = int(0)
-        for j in range(first, wp.min(first + CHUNK, depth.shape[1])):
-            if not (depth[env, j] <= real(0.0)):
-                pressed[env, first + count] = j
+        for j in range(first, wp.min(first + CHUNK, found.depth.shape[1])):
+            if not (found.depth[env, j] <= real(0.0)):
+                found.pressed[env, first + count] = j
                 count += 1
-        n_pressed[env, chunk] = count
+        found.n_pressed[env, chunk] = count
 
     @wp.kernel(module="unique", enable_backward=False, module_options={"fast_math": quick})
     def sum_pressed(
         first_env: int,
-        depth: wp.array2d(dtype=real),
-        power: wp.array2d(dtype=real),
-        n_pressed: wp.array2d(dtype=wp.int32),
-        pressed: wp.array2d(dtype=wp.int32),
-        n_active: wp.array(dtype=wp.int32),
-        active: wp.array2d(dtype=wp.int32),
-        positions: wp.array(dtype=vec3),
-        normals: wp.array(dtype=vec3),
-        areas: wp.array(dtype=real),
-        is_sensing: wp.array(dtype=wp.bool),
-        scale: real,
-        lambda_d: real,
-        gaussian: real,
-        far: real,
-        eps: real,
-        table: wp.array(dtype=real),
-        table_step: real,
-        # outputs
+        found: pressed_struct,
+        taxels: taxels_struct,
+        weights: weights_struct,
         motion: wp.array2d(dtype=vec3),
     ):
         env, i = wp.tid()
         env += first_env
-        r = positions[i]
-        n = normals[i]
+        r = taxels.positions[i]
+        n = taxels.normals[i]
         plane = vec3(real(0.0))
         bulge = real(0.0)
-        if is_sensing[i]:
-            for a in range(n_active[env]):
-                chunk = active[env, a]
+        if taxels.is_sensing[i]:
+            for a in range(found.n_active[env]):
+                chunk = found.active[env, a]
                 first = chunk * CHUNK
-                for slot in range(first, first + n_pressed[env, chunk]):
-                    j = pressed[env, slot]
-                    o = r - positions[j]
+                for slot in range(first, first + found.n_pressed[env, chunk]):
+                    j = found.pressed[env, slot]
+                    o = r - taxels.positions[j]
                     o -= wp.dot(o, n) * n
                     squared = wp.dot(o, o)
-                    g = wp.exp(-lambda_d * squared)
-                    w = gaussian * g
-                    if far != real(0.0):
-                        if table.shape[0] > 0:
-                            x = wp.sqrt(squared) / table_step
-                            k = wp.min(int(x), table.shape[0] - 2)
-                            w += far * wp.lerp(table[k], table[k + 1], x - real(k))
+                    g = wp.exp(-weights.lambda_d * squared)
+                    w = weights.gaussian * g
+                    if weights.far != real(0.0):
+                        if weights.table.shape[0] > 0:
+                            x = wp.sqrt(squared) / weights.table_step
+                            k = wp.min(int(x), weights.table.shape[0] - 2)
+                            w += weights.far * wp.lerp(weights.table[k], weights.table[k + 1], x - real(k))
                         else:
-                            w += far / (squared + eps * eps)
-                    plane += depth[env, j] * areas[j] * w * o
-                    bulge += power[env, j] * areas[j] * g
-        motion[env, i] = scale * (plane + bulge * n)
+                            w += weights.far / (squared + weights.eps * weights.eps)
+                    plane += found.depth[env, j] * taxels.areas[j] * w * o
+                    bulge += found.power[env, j] * taxels.areas[j] * g
+        motion[env, i] = weights.scale * (plane + bulge * n)
 
     return list_pressed, sum_pressed
 
@@ -162,27 +190,19 @@ def direct_dilation(
     n_chunks = -(-n // CHUNK)
     reach = float(np.linalg.norm(np.ptp(host_positions, axis=0))) + 1e-9
     weight = radial_weight(options, free_spacing(host_positions), reach)
-    n_pressed = context.zeros((n_envs, n_chunks), wp.int32)
-    pressed = context.zeros((n_envs, n_chunks * CHUNK), wp.int32)
-    table = wp.array(np.zeros(0) if weight.table is None else weight.table, dtype=real, device=device)
+    found, taxels, weights = pressed_type(real)(), taxels_type(real)(), weights_type(real)()
+    found.depth, found.power = arrays.depth, arrays.power
+    found.n_pressed = context.zeros((n_envs, n_chunks), wp.int32)
+    found.pressed = context.zeros((n_envs, n_chunks * CHUNK), wp.int32)
+    groups, list_chunks = active_groups(context, found.n_pressed)
+    found.n_active, found.active = groups.n_active, groups.active
+    taxels.positions, taxels.normals, taxels.is_sensing = positions, normals, arrays.is_sensing
+    taxels.areas = wp.array(areas, dtype=real, device=device)
+    weights.scale, weights.lambda_d = scale, options.lambda_d
+    weights.gaussian, weights.far, weights.eps = weight.gaussian, weight.far, weight.eps
+    table = np.zeros(0) if weight.table is None else weight.table
+    weights.table, weights.table_step = wp.array(table, dtype=real, device=device), weight.table_step
     list_pressed, sum_pressed = _kernels(real, not device.is_cpu)
-    groups, list_chunks = active_groups(context, n_pressed)
-    first = context.record(list_pressed, (n_envs, n_chunks), [arrays.depth], [n_pressed, pressed])
-    weights = [options.lambda_d, weight.gaussian, weight.far, weight.eps, table, weight.table_step]
-    on_device = wp.array(areas, dtype=real, device=device)
-    inputs = [
-        arrays.depth,
-        arrays.power,
-        n_pressed,
-        pressed,
-        groups.n_active,
-        groups.active,
-        positions,
-        normals,
-        on_device,
-        arrays.is_sensing,
-        scale,
-        *weights,
-    ]
-    second = context.record(sum_pressed, (n_envs, n), inputs, [arrays.motion])
+    first = context.record(list_pressed, (n_envs, n_chunks), [found], [])
+    second = context.record(sum_pressed, (n_envs, n), [found, taxels, weights], [arrays.motion])
     return in_turn(first, list_chunks, second)

@@ -23,7 +23,7 @@ from tactemu.sensors.elastomer.dilation_kernels import (
     radial_layer,
     spectral_layer,
 )
-from tactemu.sensors.elastomer.dilation_simd import dilation_kernel, scratch_numbers
+from tactemu.sensors.elastomer.dilation_simd import dilated_grid_type, dilation_kernel, scratch_numbers
 from tactemu.sensors.elastomer.separable import overlapping_blocks, separable_terms
 from tactemu.sensors.probe_grid import Grid
 
@@ -94,70 +94,53 @@ def plane_terms(grid: Grid, options: DilationOptions, tolerance: float) -> list[
 
 @functools.cache
 def _kernels(real):
-    vec3 = wp.types.vector(3, real)
+    vec3, grid_struct = wp.types.vector(3, real), dilated_grid_type(real)
     block, store = wp.types.vector(WIDTH, real), vector_writer(real, WIDTH)
     _, load_2, load_4 = vector_readers(real, WIDTH)
 
     @wp.kernel(module="unique", enable_backward=False, launch_bounds=(BLOCK, 6))
     def sum_rows(
-        first_env: int,
-        depth: wp.array3d(dtype=real),
-        power: wp.array3d(dtype=real),
-        box: wp.array2d(dtype=wp.int32),
-        row_blocks: wp.array2d(dtype=block),
-        n_terms: int,
-        # outputs
-        partial: wp.array4d(dtype=block),
+        first_env: int, grid: grid_struct, row_blocks: wp.array2d(dtype=block), partial: wp.array4d(dtype=block)
     ):
         env, term, i_block, col = wp.tid()
         env += first_env
-        if col < box[env, 2] or col > box[env, 3]:
+        if col < grid.box[env, 2] or col > grid.box[env, 3]:
             return
-        at = i_block * WIDTH + depth.shape[1] - 1
+        at = i_block * WIDTH + grid.depth.shape[1] - 1
         total = block()
-        if term < 2 * n_terms:
-            for k in range(box[env, 0], box[env, 1] + 1):
-                total += depth[env, k, col] * load_2(row_blocks, term, at - k)
+        if term < 2 * grid.n_terms:
+            for k in range(grid.box[env, 0], grid.box[env, 1] + 1):
+                total += grid.depth[env, k, col] * load_2(row_blocks, term, at - k)
         else:
-            for k in range(box[env, 0], box[env, 1] + 1):
-                total += power[env, k, col] * load_2(row_blocks, term, at - k)
+            for k in range(grid.box[env, 0], grid.box[env, 1] + 1):
+                total += grid.power[env, k, col] * load_2(row_blocks, term, at - k)
         store(partial, env, term, i_block, col, total)
 
     @wp.kernel(module="unique", enable_backward=False, launch_bounds=(BLOCK, 4))
     def sum_columns(
-        first_env: int,
-        partial: wp.array4d(dtype=block),
-        box: wp.array2d(dtype=wp.int32),
-        col_terms: wp.array2d(dtype=real),
-        n_terms: int,
-        u_axis: vec3,
-        v_axis: vec3,
-        normal: vec3,
-        is_sensing: wp.array2d(dtype=wp.bool),
-        # outputs
-        motion: wp.array3d(dtype=vec3),
+        first_env: int, grid: grid_struct, col_terms: wp.array2d(dtype=real), partial: wp.array4d(dtype=block)
     ):
         env, i_block, col = wp.tid()
         env += first_env
-        first = box[env, 2]
-        last = box[env, 3] + 1
+        first = grid.box[env, 2]
+        last = grid.box[env, 3] + 1
         at = col + partial.shape[3] - 1
         u = block()
         v = block()
         w = block()
-        for term in range(n_terms):
+        for term in range(grid.n_terms):
             for k in range(first, last):
                 u += col_terms[term, at - k] * load_4(partial, env, term, i_block, k)
-                v += col_terms[n_terms + term, at - k] * load_4(partial, env, n_terms + term, i_block, k)
+                v += col_terms[grid.n_terms + term, at - k] * load_4(partial, env, grid.n_terms + term, i_block, k)
         for k in range(first, last):
-            w += col_terms[2 * n_terms, at - k] * load_4(partial, env, 2 * n_terms, i_block, k)
+            w += col_terms[2 * grid.n_terms, at - k] * load_4(partial, env, 2 * grid.n_terms, i_block, k)
         for m in range(WIDTH):
             row = i_block * WIDTH + m
-            if row < motion.shape[1]:
-                marker = u[m] * u_axis + v[m] * v_axis + w[m] * normal
-                if not is_sensing[row, col]:
+            if row < grid.motion.shape[1]:
+                marker = u[m] * grid.u + v[m] * grid.v + w[m] * grid.normal
+                if not grid.is_sensing[row, col]:
                     marker = vec3(real(0.0))
-                motion[env, row, col] = marker
+                grid.motion[env, row, col] = marker
 
     return sum_rows, sum_columns
 
@@ -189,38 +172,34 @@ def grid_dilation(
         values[np.abs(values) < _NEGLIGIBLE * np.abs(values).max()] = 0.0
         return values
 
-    terms, vec3 = (stack(row_u, row_v, row_n), stack(col_u, col_v, col_n)), wp.types.vector(3, real)
+    vec3, as_grid = wp.types.vector(3, real), (context.n_envs, grid.rows, grid.cols)
+    dilated = dilated_grid_type(real)()
+    dilated.depth, dilated.power = arrays.depth.reshape(as_grid), arrays.power.reshape(as_grid)
+    dilated.box, dilated.n_terms = box, n_terms
+    dilated.u, dilated.v, dilated.normal = (vec3(*(scale * axis)) for axis in (grid.u, grid.v, grid.normal))
+    dilated.is_sensing, dilated.motion = arrays.is_sensing.reshape(as_grid[1:]), arrays.motion.reshape(as_grid)
     passes = _simd if context.device.is_cpu else _two_passes
-    axes = [vec3(*(scale * axis)) for axis in (grid.u, grid.v, grid.normal)]
-    as_grid = (context.n_envs, grid.rows, grid.cols)
-    contact = [arrays.depth.reshape(as_grid), arrays.power.reshape(as_grid), box]
-    is_sensing, motion = arrays.is_sensing.reshape(as_grid[1:]), arrays.motion.reshape(as_grid)
-    return passes(context, grid, terms, n_terms, contact, [*axes, is_sensing], motion)
+    return passes(context, dilated, stack(row_u, row_v, row_n), stack(col_u, col_v, col_n))
 
 
-def _two_passes(context, grid, terms: tuple, n_terms: int, contact: list, plane: list, motion):
+def _two_passes(context: Context, dilated, row_terms: np.ndarray, col_terms: np.ndarray) -> Callable[[], None]:
     """Record the passes on a GPU: a thread for each block of rows and column."""
     real, device = context.real, context.device
-    block = wp.types.vector(WIDTH, real)
-    row_blocks = wp.array(overlapping_blocks(terms[0], WIDTH), dtype=block, device=device)
-    col_terms = wp.array(terms[1], dtype=real, device=device)
-    n_blocks = -(-grid.rows // WIDTH)
-    partial = context.zeros((context.n_envs, 2 * n_terms + 1, n_blocks, grid.cols), block)
+    n_envs, rows, cols = dilated.motion.shape
+    block, n_blocks = wp.types.vector(WIDTH, real), -(-rows // WIDTH)
+    row_blocks = wp.array(overlapping_blocks(row_terms, WIDTH), dtype=block, device=device)
+    partial = context.zeros((n_envs, len(row_terms), n_blocks, cols), block)
     sum_rows, sum_columns = _kernels(real)
-    first = context.record(sum_rows, partial.shape, [*contact, row_blocks, n_terms], [partial])
-    second = context.record(
-        sum_columns,
-        (context.n_envs, n_blocks, grid.cols),
-        [partial, contact[2], col_terms, n_terms, *plane],
-        [motion],
-    )
-    return in_turn(first, second)
+    first = context.record(sum_rows, partial.shape, [dilated, row_blocks], [partial])
+    columns = wp.array(col_terms, dtype=real, device=device)
+    return in_turn(first, context.record(sum_columns, (n_envs, n_blocks, cols), [dilated, columns, partial], []))
 
 
-def _simd(context, grid, terms: tuple, n_terms: int, contact: list, plane: list, motion):
+def _simd(context: Context, dilated, row_terms: np.ndarray, col_terms: np.ndarray) -> Callable[[], None]:
     """Record the passes on a CPU: both passes of an environment in one thread."""
-    tables = [wp.array(np.pad(part, ((0, 0), (0, WIDTH))), dtype=context.real, device=context.device) for part in terms]
-    size = scratch_numbers(grid.rows, grid.cols, 2 * n_terms + 1)
+    padded = [np.pad(part, ((0, 0), (0, WIDTH))) for part in (row_terms, col_terms)]
+    tables = [wp.array(part, dtype=context.real, device=context.device) for part in padded]
+    size = scratch_numbers(*dilated.motion.shape[1:], len(row_terms))
     scratch = wp.zeros((context.threads, size), dtype=context.real, device=context.device)
-    inputs = [*contact, *tables, n_terms, *plane, scratch]
-    return context.record_blocks(dilation_kernel(context.real), context.threads, inputs, [motion], 1)
+    kernel = dilation_kernel(context.real)
+    return context.record_blocks(kernel, context.threads, [dilated, *tables, scratch], [], 1)

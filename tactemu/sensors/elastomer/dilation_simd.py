@@ -10,6 +10,26 @@ import warp as wp
 from tactemu.geometry.simd import padded_length, vector_prelude
 
 
+@functools.cache
+def dilated_grid_type(real):
+    """Return the Warp struct of a grid whose markers are spread by the depth of its taxels."""
+    vec3 = wp.types.vector(3, real)
+
+    @wp.struct
+    class DilatedGrid:
+        depth: wp.array3d(dtype=real)  # (n_envs, rows, columns)
+        power: wp.array3d(dtype=real)  # depth ** normal_exponent
+        box: wp.array2d(dtype=wp.int32)  # first and last row, first and last column in contact, per environment
+        n_terms: wp.int32  # separable terms of each of the planes along u and v; that along the normal has one
+        u: vec3  # axes, times the scale of the motion
+        v: vec3
+        normal: vec3
+        is_sensing: wp.array2d(dtype=wp.bool)
+        motion: wp.array3d(dtype=vec3)  # written
+
+    return DilatedGrid
+
+
 def scratch_numbers(rows: int, cols: int, n_all: int) -> int:
     """Return the number of scratch values of a thread for a grid: depth, its power, and the sums over rows of all
     terms."""
@@ -20,67 +40,37 @@ def scratch_numbers(rows: int, cols: int, n_all: int) -> int:
 def dilation_kernel(real):
     """Return the kernel that gives a thread a share of the environments; ``row_terms`` and ``col_terms`` are one
     register longer than needed."""
-    vec3 = wp.types.vector(3, real)
-    numbers, table = wp.array2d(dtype=real), wp.array(dtype=real)
+    grid_struct, numbers = dilated_grid_type(real), wp.array2d(dtype=real)
 
     @wp.func_native(vector_prelude(real) + _DILATE)
-    def dilate(
-        depth: numbers,
-        power: numbers,
-        box: wp.array(dtype=wp.int32),
-        row_terms: numbers,
-        col_terms: numbers,
-        n_terms: int,
-        scratch: table,
-        u_axis: vec3,
-        v_axis: vec3,
-        normal: vec3,
-        is_sensing: wp.array2d(dtype=wp.bool),
-        motion: wp.array2d(dtype=vec3),
-    ): ...
+    def dilate(env: int, grid: grid_struct, row_terms: numbers, col_terms: numbers, scratch: wp.array(dtype=real)): ...
 
     @wp.kernel(module="unique", enable_backward=False)
     def dilate_grids(
         turns: wp.vec4i,  # first environment, end, first slot, slots that take turns
-        depth: wp.array3d(dtype=real),
-        power: wp.array3d(dtype=real),
-        box: wp.array2d(dtype=wp.int32),
+        grid: grid_struct,
         row_terms: numbers,
         col_terms: numbers,
-        n_terms: int,
-        u_axis: vec3,
-        v_axis: vec3,
-        normal: vec3,
-        is_sensing: wp.array2d(dtype=wp.bool),
         scratch: numbers,
-        # outputs
-        motion: wp.array3d(dtype=vec3),
     ):
         place, _thread = wp.tid()
         for env in range(turns[0] + place, turns[1], turns[3]):
-            dilate(
-                depth[env],
-                power[env],
-                box[env],
-                row_terms,
-                col_terms,
-                n_terms,
-                scratch[turns[2] + place],
-                u_axis,
-                v_axis,
-                normal,
-                is_sensing,
-                motion[env],
-            )
+            dilate(env, grid, row_terms, col_terms, scratch[turns[2] + place])
 
     return dilate_grids
 
 
 _DILATE = """
-    const int rows = depth.shape[0], cols = depth.shape[1], all_rows = (rows + wide - 1) / wide * wide;
-    const bool touched = box.data[0] <= box.data[1];
-    const int top = touched ? box.data[0] : 0, deep = touched ? box.data[1] + 1 - top : 0;
-    const int left = touched ? box.data[2] : 0, across = touched ? box.data[3] + 1 - left : 0;
+    const int rows = grid.depth.shape[1], cols = grid.depth.shape[2], all_rows = (rows + wide - 1) / wide * wide;
+    const int n_terms = grid.n_terms;
+    const int64_t taxels = env * int64_t(rows) * cols;
+    const Number* const depth = grid.depth.data + taxels;
+    const Number* const power = grid.power.data + taxels;
+    auto* const motion = grid.motion.data + taxels;
+    const auto* const box = grid.box.data + 4 * env;
+    const bool touched = box[0] <= box[1];
+    const int top = touched ? box[0] : 0, deep = touched ? box[1] + 1 - top : 0;
+    const int left = touched ? box[2] : 0, across = touched ? box[3] + 1 - left : 0;
     const int stride = (across + wide - 1) / wide * wide;  // of the box
     Number* const pressed = scratch.data;
     Number* const raised = pressed + deep * stride;
@@ -88,8 +78,8 @@ _DILATE = """
     for (int k = 0; k < deep; ++k)
         for (int c = 0; c < stride; ++c) {
             const int64_t at = (k + top) * int64_t(cols) + left + c;
-            pressed[k * stride + c] = c < across ? depth.data[at] : Number(0);
-            raised[k * stride + c] = c < across ? power.data[at] : Number(0);
+            pressed[k * stride + c] = c < across ? depth[at] : Number(0);
+            raised[k * stride + c] = c < across ? power[at] : Number(0);
         }
     // An eight-by-eight block of a matrix product: factors have the row stride ``apart``, lines the stride ``to_next``.
     auto gather = [&](Vector* sums, const Number* factors, const int64_t apart, const int step,
@@ -124,12 +114,14 @@ _DILATE = """
             }
             for (int m = 0; m < wide && i + m < rows; ++m) {
                 Number moved[3][wide];
-                for (int axis = 0; axis < 3; ++axis)
-                    put(moved[axis], sums[0][m] * u_axis[axis] + sums[1][m] * v_axis[axis] + sums[2][m] * normal[axis]);
+                for (int axis = 0; axis < 3; ++axis) {
+                    const Vector along = sums[0][m] * grid.u[axis] + sums[1][m] * grid.v[axis];
+                    put(moved[axis], along + sums[2][m] * grid.normal[axis]);
+                }
                 for (int l = 0; l < wide && c + l < cols; ++l) {
                     const int64_t at = (i + m) * int64_t(cols) + c + l;
                     for (int axis = 0; axis < 3; ++axis)
-                        motion.data[at][axis] = is_sensing.data[at] ? moved[axis][l] : Number(0);
+                        motion[at][axis] = grid.is_sensing.data[at] ? moved[axis][l] : Number(0);
                 }
             }
         }
