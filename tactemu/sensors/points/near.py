@@ -4,7 +4,7 @@
 
 import functools
 from collections.abc import Callable
-from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -15,76 +15,69 @@ from tactemu.sensors.points.table import cloud_type
 from tactemu.sensors.sensor_model import Site
 
 
-@dataclass(frozen=True, kw_only=True)
-class NearClusters:
-    """The arrays that the stage writes."""
+@functools.cache
+def near_type(real):
+    """Return the Warp struct of the clusters near the skin, and of the box in whose reach they are."""
+    vec3 = wp.types.vector(3, real)
 
-    clusters: wp.array
-    """Indices of clusters, cloud by cloud, int32, shape ``(n_envs, n_clusters)``."""
-    start: wp.array
-    """Start of each cloud in that list, and the list's end, int32, shape ``(n_envs, n_clouds + 1)``."""
+    @wp.struct
+    class Near:
+        clouds: cloud_type(real)
+        pose: wp.array2d(dtype=wp.types.transformation(real))
+        low: vec3  # corners of the box around the probes
+        high: vec3
+        reach: real  # largest radius of a probe
+        clusters: wp.array2d(dtype=wp.int32)  # indices of the clusters, cloud by cloud, (n_envs, n_clusters)
+        start: wp.array2d(dtype=wp.int32)  # start of each cloud in that list, and its end, (n_envs, n_clouds + 1)
+
+    return Near
 
 
 @functools.cache
 def _kernel(real, lanes: int):
     vec3 = wp.types.vector(3, real)
-    transform = wp.types.transformation(real)
 
     @wp.kernel(module="unique", enable_backward=False)
-    def list_near(
-        first_env: int,
-        clouds: cloud_type(real),
-        pose: wp.array2d(dtype=transform),
-        low: vec3,
-        high: vec3,
-        reach: real,
-        # outputs
-        clusters: wp.array2d(dtype=wp.int32),
-        start: wp.array2d(dtype=wp.int32),
-    ):
+    def list_near(first_env: int, near: near_type(real)):
         env, lane = wp.tid()
         env += first_env
         found = int(0)
-        for k in range(clouds.bodies.shape[0]):
+        for k in range(near.clouds.bodies.shape[0]):
             if lane == 0:
-                start[env, k] = found
-            at = pose[env, clouds.bodies[k]]
-            for first in range(clouds.cloud_start[k], clouds.cloud_start[k + 1], wp.static(lanes)):
+                near.start[env, k] = found
+            at = near.pose[env, near.clouds.bodies[k]]
+            for first in range(near.clouds.cloud_start[k], near.clouds.cloud_start[k + 1], wp.static(lanes)):
                 c = first + lane
                 wanted = bool(False)
-                if c < clouds.cloud_start[k + 1]:
-                    ball = clouds.ball[c]
+                if c < near.clouds.cloud_start[k + 1]:
+                    ball = near.clouds.ball[c]
                     x = wp.transform_point(at, vec3(ball[0], ball[1], ball[2]))
-                    apart = wp.max(wp.max(low - x, x - high), vec3(real(0.0)))
-                    limit = ball[3] + reach
+                    apart = wp.max(wp.max(near.low - x, x - near.high), vec3(real(0.0)))
+                    limit = ball[3] + near.reach
                     wanted = not (wp.dot(apart, apart) > limit * limit)
                 place = found + rank(wanted)
                 found += ballot_count(wanted)
                 if wanted:
-                    clusters[env, place] = c
+                    near.clusters[env, place] = c
         if lane == 0:
-            start[env, clouds.bodies.shape[0]] = found
+            near.start[env, near.clouds.bodies.shape[0]] = found
 
     return list_near
 
 
-def near_clusters(site: Site, clouds, reach: float | None) -> tuple[NearClusters, Callable[[], None]]:
-    """Allocate the list, and return it with the launch that updates it.
+def near_clusters(site: Site, clouds, reach: float | None) -> tuple[Any, Callable[[], None]]:
+    """Allocate the list (:func:`near_type`), and return it with the launch that updates it.
 
     Args:
         site: the site of the sensor; it has at least one probe.
         clouds: the points on the device.
         reach: largest radius of a probe [m]; ``None``: unknown, every cluster is listed.
     """
-    context, positions = site.context, site.probes.positions
-    n_envs, vec3 = context.n_envs, site.vec3
-    near = NearClusters(
-        clusters=context.zeros((n_envs, len(clouds.ball)), wp.int32),
-        start=context.zeros((n_envs, len(clouds.bodies) + 1), wp.int32),
-    )
-    limits = [vec3(*positions.min(axis=0)), vec3(*positions.max(axis=0))]
-    limits.append(FAR_AWAY_M if reach is None else np.nextafter(reach * (1 + 1e-5), np.inf))
-    outputs = [near.clusters, near.start]
-    inputs = [clouds, site.view.pose, *limits]
+    context, positions, near = site.context, site.probes.positions, near_type(site.context.real)()
+    near.clouds, near.pose = clouds, site.view.pose
+    near.clusters = context.zeros((context.n_envs, len(clouds.ball)), wp.int32)
+    near.start = context.zeros((context.n_envs, len(clouds.bodies) + 1), wp.int32)
+    near.low, near.high = site.vec3(*positions.min(axis=0)), site.vec3(*positions.max(axis=0))
+    near.reach = FAR_AWAY_M if reach is None else np.nextafter(reach * (1 + 1e-5), np.inf)
     side = lanes_per_environment(context.device)
-    return near, context.record(_kernel(context.real, side), (n_envs, side), inputs, outputs)
+    return near, context.record(_kernel(context.real, side), (context.n_envs, side), [near], [])

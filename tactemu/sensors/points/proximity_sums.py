@@ -16,9 +16,7 @@ import warp as wp
 from tactemu.geometry.simd import WIDTH
 from tactemu.geometry.vector_io import vector_readers
 from tactemu.sensors.point_cloud import CLUSTER_SIZE, spatial_order
-from tactemu.sensors.points.near import NearClusters
-from tactemu.sensors.points.sums_simd import strip_sums_kernel
-from tactemu.sensors.points.table import cloud_type
+from tactemu.sensors.points.sums_simd import strip_sums_kernel, sums_type
 from tactemu.sensors.sensor_model import Site
 
 _TAXELS_PER_WARP = 32
@@ -35,45 +33,33 @@ _POINTS_PER_FETCH = 4
 @functools.cache
 def _kernel(real):
     """Return the kernel for a GPU, whose threads run in step: points out of reach add zeros, with fast square roots."""
-    vec3, vec4 = wp.types.vector(3, real), wp.types.vector(4, real)
-    transform = wp.types.transformation(real)
+    vec3, vec4, sums_struct = wp.types.vector(3, real), wp.types.vector(4, real), sums_type(real)
     fetch, _, _ = vector_readers(real, 4)
 
     @wp.kernel(module="unique", enable_backward=False, module_options={"fast_math": True}, launch_bounds=LAUNCH_BOUNDS)
-    def sum_points(
-        first_env: int,
-        clouds: cloud_type(real),
-        near: wp.array2d(dtype=wp.int32),
-        near_start: wp.array2d(dtype=wp.int32),
-        pose: wp.array2d(dtype=transform),
-        order: wp.array(dtype=wp.int32),
-        positions: wp.array(dtype=vec3),
-        radius: wp.array2d(dtype=real),
-        # outputs
-        sums: wp.array3d(dtype=vec4),
-    ):
+    def sum_points(first_env: int, sums: sums_struct):
         env, k, place = wp.tid()
         env += first_env
-        i = order[place]
-        at = pose[env, clouds.bodies[k]]
-        limit = radius[wp.min(env, radius.shape[0] - 1), i]
+        i = sums.order[place]
+        at = sums.near.pose[env, sums.near.clouds.bodies[k]]
+        limit = sums.radius[wp.min(env, sums.radius.shape[0] - 1), i]
         q = wp.transform_get_rotation(at)
-        p = wp.quat_rotate_inv(q, positions[i] - wp.transform_get_translation(at))
+        p = wp.quat_rotate_inv(q, sums.positions[i] - wp.transform_get_translation(at))
         total = real(0.0)
         moment = vec3(real(0.0))
-        ball = clouds.cloud_ball[k]
+        ball = sums.near.clouds.cloud_ball[k]
         away = p - vec3(ball[0], ball[1], ball[2])
         reach = ball[3] + limit
         if wp.dot(away, away) <= reach * reach:
-            for n in range(near_start[env, k], near_start[env, k + 1]):
-                c = near[env, n]
-                ball = clouds.ball[c]
+            for n in range(sums.near.start[env, k], sums.near.start[env, k + 1]):
+                c = sums.near.clusters[env, n]
+                ball = sums.near.clouds.ball[c]
                 away = p - vec3(ball[0], ball[1], ball[2])
                 reach = ball[3] + limit
                 if wp.dot(away, away) <= reach * reach:
-                    for j in range(c * CLUSTER_SIZE, c * CLUSTER_SIZE + clouds.counts[c], _POINTS_PER_FETCH):
+                    for j in range(c * CLUSTER_SIZE, c * CLUSTER_SIZE + sums.near.clouds.counts[c], _POINTS_PER_FETCH):
                         for m in range(_POINTS_PER_FETCH):
-                            x = fetch(clouds.points, j + m)
+                            x = fetch(sums.near.clouds.points, j + m)
                             d = vec3(x[0], x[1], x[2]) - p
                             overlap = wp.max(limit - wp.sqrt(wp.dot(d, d)), real(0.0))
                             total += overlap
@@ -81,7 +67,7 @@ def _kernel(real):
         if wp.isnan(p[0]):
             total = real(wp.nan)
         moment = wp.quat_rotate(q, moment)
-        sums[env, k, place] = vec4(moment[0], moment[1], moment[2], total)
+        sums.sums[env, k, place] = vec4(moment[0], moment[1], moment[2], total)
 
     return sum_points
 
@@ -91,12 +77,11 @@ class ProximitySums:
 
     Args:
         site: the site of the sensor.
-        clouds: its points on the device.
-        near: the clusters that taxels visit.
+        near: the clusters that taxels visit (:func:`~.near.near_type`).
     """
 
-    def __init__(self, site: Site, clouds, near: NearClusters):
-        self._site, self._clouds, self._near = site, clouds, near
+    def __init__(self, site: Site, near):
+        self._site, self._near = site, near
         self._on_cpu = site.context.device.is_cpu
         order = spatial_order(site.probes.positions, WIDTH if self._on_cpu else _TAXELS_PER_WARP)
         self._order = wp.array(order, dtype=wp.int32, device=site.context.device)
@@ -113,12 +98,11 @@ class ProximitySums:
             vec4 (``sum P_j (x_j - r)`` in the link's frame [m^2], ``sum P_j`` [m]), shape
             ``(n_envs, n_clouds, n_taxels)``; a point at ``r`` counts fully, a pose that is not finite gives NaN.
         """
-        site, near = self._site, self._near
-        context = site.context
-        shape = (context.n_envs, len(self._clouds.bodies), site.probes.n)
-        sums = context.zeros(shape, wp.types.vector(4, context.real))
-        inputs = [self._clouds, near.clusters, near.start, site.view.pose, self._order, site.positions, radius]
+        site, context, sums = self._site, self._site.context, sums_type(self._site.context.real)()
+        shape = (context.n_envs, len(self._near.clouds.bodies), site.probes.n)
+        sums.near, sums.order, sums.positions, sums.radius = self._near, self._order, site.positions, radius
+        found = sums.sums = context.zeros(shape, wp.types.vector(4, context.real))
         if self._on_cpu:
             strips = (*shape[:2], -(-shape[2] // WIDTH))
-            return sums, context.record(strip_sums_kernel(context.real), strips, inputs, [sums])
-        return sums, context.record(_kernel(context.real), shape, inputs, [sums])
+            return found, context.record(strip_sums_kernel(context.real), strips, [sums], [])
+        return found, context.record(_kernel(context.real), shape, [sums], [])

@@ -33,59 +33,55 @@ from tactemu.sensors.sensor_model import Compiled, SensorModel, Setting, Site
 
 
 @functools.cache
-def coefficients_type(real):
-    """Return the Warp struct of a ProximityTaxel's parameters."""
+def proximity_type(real):
+    """Return the Warp struct of a ProximityTaxel's parameters, and of what its forces are computed from."""
+    vec3 = wp.types.vector(3, real)
 
     @wp.struct
-    class Coefficients:
+    class Proximity:
         normal: real  # factor of the sum, along the probe's normal
         shear: real  # factor of the velocity sum
         twist: real
+        bodies: wp.array(dtype=wp.int32)  # of the clouds
+        sums: wp.array3d(dtype=wp.types.vector(4, real))  # (n_envs, n_clouds, n_taxels)
+        place: wp.array(dtype=wp.int32)  # index of each taxel in the sums
+        velocity: wp.array2d(dtype=vec3)
+        spin: wp.array2d(dtype=vec3)
+        link_spin: wp.array(dtype=vec3)
+        positions: wp.array(dtype=vec3)
+        normals: wp.array(dtype=vec3)
+        gain: wp.array2d(dtype=real)
 
-    return Coefficients
+    return Proximity
 
 
 @functools.cache
 def proximity_kernel(real, moving: bool, has_gain: bool):
     """Return the kernel of force and torque from the sums over points
     (:mod:`tactemu.sensors.points.proximity_sums`)."""
-    vec3, vec4 = wp.types.vector(3, real), wp.types.vector(4, real)
+    vec3, proximity_struct = wp.types.vector(3, real), proximity_type(real)
 
     @wp.kernel(module="unique", enable_backward=False)
-    def proximity(
-        first_env: int,
-        bodies: wp.array(dtype=wp.int32),
-        sums: wp.array3d(dtype=vec4),
-        place: wp.array(dtype=wp.int32),
-        velocity: wp.array2d(dtype=vec3),
-        spin: wp.array2d(dtype=vec3),
-        link_spin: wp.array(dtype=vec3),
-        positions: wp.array(dtype=vec3),
-        normals: wp.array(dtype=vec3),
-        c: coefficients_type(real),
-        gain: wp.array2d(dtype=real),
-        # outputs
-        out: wp.array3d(dtype=real),
-    ):
+    def proximity(first_env: int, c: proximity_struct, out: wp.array3d(dtype=real)):
         e, i = wp.tid()
         e += first_env
-        r = positions[i]
-        a = normals[i]
+        r = c.positions[i]
+        a = c.normals[i]
         total = real(0.0)
         motion = vec3(real(0.0))  # sum P_j v_j
         twist = real(0.0)  # sum P_j (w_j - w_skin) . a
-        for k in range(bodies.shape[0]):
-            s = sums[e, k, place[i]]
+        for k in range(c.bodies.shape[0]):
+            s = c.sums[e, k, c.place[i]]
             total += s[3]
             if wp.static(moving):
-                b = bodies[k]
-                w = spin[e, b]
+                b = c.bodies[k]
+                w = c.spin[e, b]
                 moment = vec3(s[0], s[1], s[2])
-                motion += s[3] * (velocity[e, b] + wp.cross(w, r)) + wp.cross(w + link_spin[e], moment)
+                motion += s[3] * (c.velocity[e, b] + wp.cross(w, r)) + wp.cross(w + c.link_spin[e], moment)
                 twist += s[3] * wp.dot(w, a)
         g = real(1.0)
         if wp.static(has_gain):
-            g = gain[e, i]
+            g = c.gain[e, i]
         force = c.normal * g * total * a
         if wp.static(moving):
             force += c.shear * g * (motion - wp.dot(motion, a) * a)
@@ -154,7 +150,7 @@ class ProximityTaxel(SensorModel):
     def _stages(self, site: Site, clusters: Clusters, truth: wp.array, raw: wp.array) -> list[Stage]:
         clouds = upload_clouds(clusters, site.context)
         near, find = near_clusters(site, clouds, float(site.probes.radii.max()) if site.radius is None else None)
-        sums = ProximitySums(site, clouds, near)
+        sums = ProximitySums(site, near)
         nominal, add_up = sums.record(site.radii.reshape((1, -1)))
         launches = [add_up, self._forces(site, clouds, sums, nominal, None, clusters.n_points, truth)]
         if site.separate:
@@ -172,17 +168,15 @@ class ProximityTaxel(SensorModel):
         ]
 
     def _forces(self, site: Site, clouds, sums: ProximitySums, values, gain, n_points: int, out) -> Callable[[], None]:
-        context, view = site.context, site.view
-        moving = self.velocity_reason() is not None
-        inputs = [clouds.bodies, values, sums.place, view.velocity, view.spin, view.link_spin]
-        inputs += [site.positions, site.normals, self._coefficients(context.real, n_points), gain]
-        kernel = proximity_kernel(context.real, moving, gain is not None)
-        return context.record(kernel, out.shape[:2], inputs, [out])
-
-    def _coefficients(self, real, n_points: int):
+        context, view, c = site.context, site.view, proximity_type(site.context.real)()
         density = self.density_scalar / max(n_points, 1)
         side = -1.0 if self.forces_on_skin else 1.0
-        c = coefficients_type(real)()
         c.normal, c.shear = side * self.stiffness * density, self.shear_coupling * density
         c.twist = side * self.twist_scalar
-        return c
+        c.bodies, c.sums, c.place = clouds.bodies, values, sums.place
+        c.velocity, c.spin, c.link_spin = view.velocity, view.spin, view.link_spin
+        c.positions, c.normals = site.positions, site.normals
+        if gain is not None:
+            c.gain = gain
+        kernel = proximity_kernel(context.real, self.velocity_reason() is not None, gain is not None)
+        return context.record(kernel, out.shape[:2], [c], [out])
