@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cached_property, partial
 from html import escape
 from itertools import pairwise
 from statistics import median
@@ -18,6 +18,7 @@ from typing import Any, Literal
 import numpy as np
 import warp as wp
 
+from tactemu.plan.clock import Clock
 from tactemu.plan.launches import Launch, Launches, record, record_blocks
 from tactemu.plan.thread_pool import ThreadPool, cores
 
@@ -61,6 +62,13 @@ class Context:
     def __post_init__(self):
         for name, dtype in (("dt", wp.float64), ("step", wp.int64), ("time_ns", wp.int64)):
             object.__setattr__(self, name, self.zeros(1, dtype))
+
+    @cached_property
+    def clock(self) -> Clock:
+        """The step being taken, as kernels read it."""
+        clock = Clock()
+        clock.dt, clock.step, clock.time_ns = self.dt, self.step, self.time_ns
+        return clock
 
     # These methods make every array that a stage writes or that may be set while it runs. Scratch, which a step fills
     # before it reads it, and constants are plain arrays.
