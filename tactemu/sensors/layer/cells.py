@@ -8,7 +8,8 @@ def over_cells(real, lanes: int, like: str, snippet: str) -> str:
     """Return a C++ snippet that processes the calling thread's cells of the window ``at`` of ``win``.
 
     ``snippet`` may use ``all(visit)``, which calls ``visit(cell)`` for each ``Vector`` of cells, ``load(win.x, cell)``
-    and ``store(win.x, cell, vector)``, and ``root(vector)``. It adds up ``doubles(vector)`` in ``Doubles``, and ``sum``
+    and ``store(win.x, cell, vector)``, ``root(vector)``, and ``fused(a, b, c)``: ``a * b + c`` as one alternative of a
+    choice, which a GPU's compiler would not fuse by itself. It adds up ``doubles(vector)`` in ``Doubles``, and ``sum``
     reduces those to one number: the thread's part.
 
     With more than one of ``lanes``, the windows have the strides of the window ``like``, multiples of a register.
@@ -29,6 +30,7 @@ _EIGHT = """
     };
     auto load = [&](const auto& a, const int64_t cell) { return get(a.data + cell); };
     auto store = [&](const auto& a, const int64_t cell, const Vector& v) { put(a.data + cell, v); };
+    auto fused = [](const auto& a, const Vector& b, const Vector& c) { return a * b + c; };
     auto root = [](const Vector& v) { return __builtin_elementwise_sqrt(v); };
     auto doubles = [](const Vector& v) { return __builtin_convertvector(v, Doubles); };
     auto sum = [](const Doubles& v) {
@@ -54,6 +56,11 @@ _ONE = """
     };
     auto load = [&](const auto& a, const Cell& cell) { return *place(a, cell); };
     auto store = [&](const auto& a, const Cell& cell, const Vector v) { *place(a, cell) = v; };
+#if defined(__CUDA_ARCH__)
+    auto fused = [](const Vector a, const Vector b, const Vector c) -> Vector { return fma(a, b, c); };
+#else
+    auto fused = [](const Vector a, const Vector b, const Vector c) -> Vector { return a * b + c; };
+#endif
     auto root = [](const Vector v) { return wp::sqrt(v); };
     auto doubles = [](const Vector v) { return double(v); };
     auto sum = [](const double v) { return v; };

@@ -125,11 +125,8 @@ _DIRECT = """
         const auto touches = load(win.limit, cell) > 0;
         const Vector stiff = load(win.stiffness, cell), weight = 1 / root(1 + stiff);
         const Pair z = pair(win.softened_x, win.softened_y, cell);
-        Pair d = {-weight * z.x, -weight * z.y};
-        if (!fresh) {
-            const Pair last = pair(win.along_x, win.along_y, cell);
-            d.x += beta * last.x, d.y += beta * last.y;
-        }
+        const Pair last = pair(win.along_x, win.along_y, cell), down = {-weight * z.x, -weight * z.y};
+        Pair d = {fresh ? down.x : fused(beta, last.x, down.x), fresh ? down.y : fused(beta, last.y, down.y)};
         const Pair q = pair(win.x, win.y, cell);
         const Vector length = root(dot(q, q));
         const Pair n = {q.x / length, q.y / length};

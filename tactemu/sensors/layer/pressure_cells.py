@@ -74,10 +74,8 @@ _DIRECT = """
     Doubles slope = {};
     all([&](const auto& cell) {
         const Vector m = load(win.masked, cell);
-        Vector d = -load(win.softened, cell);
-        if (!fresh)
-            d += beta * load(win.direction, cell);
-        d = m != 0 ? d : Vector{};
+        const Vector z = -load(win.softened, cell);
+        const Vector turned = fresh ? z : fused(beta, load(win.direction, cell), z), d = m != 0 ? turned : Vector{};
         store(win.direction, cell, d);
         slope += doubles(m) * doubles(d);
     });
