@@ -21,9 +21,10 @@ import warp as wp
 
 from tactemu.base.units import Length, Newtons, NonNegative, Pascals, Positive, TimeConstant
 from tactemu.plan.clearing import clear_rows
+from tactemu.plan.clock import Clock
 from tactemu.plan.plan import Stage
 from tactemu.plan.scalars import is_finite
-from tactemu.transducers.pressure import TAKES, output_type, pressure_function, skin_arrays
+from tactemu.transducers.pressure import TAKES, output_type, pressure_function, skin_arrays, skin_type
 from tactemu.transducers.transducer import CAPACITANCE, SignalType, Transducer, TransducerSite
 
 EPSILON_0 = 8.8541878128e-12
@@ -31,45 +32,47 @@ EPSILON_0 = 8.8541878128e-12
 
 
 @functools.cache
+def gap_type(real):
+    """Return the Warp struct of the gaps' parameters and state."""
+
+    @wp.struct
+    class Gap:
+        modulus: real
+        dead_band: real
+        per_area: real  # capacitance of the open gap per area
+        stray: real
+        tau: wp.float64
+        rated: real
+        baseline: wp.array2d(dtype=wp.float64)  # change of the baseline, in capacitances of the open gap
+
+    return Gap
+
+
+@functools.cache
 def gap_kernel(real, vector: bool, push: bool, follows: bool):
     """Return the kernel that computes capacitances, or with ``push`` the forces that they represent."""
-    vec3 = wp.types.vector(3, real)
-    pressure = pressure_function(real, vector)
+    pressure, skin_struct, gap_struct = pressure_function(real, vector), skin_type(real), gap_type(real)
+    readings = wp.array3d(dtype=real)
 
     @wp.kernel(module="unique", enable_backward=False)
-    def read_gaps(
-        first_env: int,
-        x: wp.array3d(dtype=real),
-        normals: wp.array(dtype=vec3),
-        areas: wp.array(dtype=real),
-        dt: wp.array(dtype=wp.float64),
-        modulus: real,
-        dead_band: real,
-        per_area: real,
-        stray: real,
-        tau: wp.float64,
-        rated: real,
-        # state: change of the baseline, in capacitances of the open gap
-        baseline: wp.array2d(dtype=wp.float64),
-        out: wp.array3d(dtype=real),
-    ):
+    def read_gaps(first_env: int, clock: Clock, x: readings, skin: skin_struct, gap: gap_struct, out: readings):
         e, i = wp.tid()
         e += first_env
-        p = pressure(x, normals, areas, e, i)
-        p = wp.where(p < dead_band, real(0.0), p - dead_band)
-        change = p / modulus  # 1/(1 − s) − 1: growth of the capacitance, in capacitances of the open gap
+        p = pressure(x, skin, e, i)
+        p = wp.where(p < gap.dead_band, real(0.0), p - gap.dead_band)
+        change = p / gap.modulus  # 1/(1 − s) − 1: growth of the capacitance, in capacitances of the open gap
         if wp.static(follows):
             if is_finite(change):
-                at = baseline[e, i]
-                at = at + (wp.float64(change) - at) * (wp.float64(1.0) - wp.exp(-dt[0] / tau))
-                baseline[e, i] = at
+                at = gap.baseline[e, i]
+                at = at + (wp.float64(change) - at) * (wp.float64(1.0) - wp.exp(-clock.dt[0] / gap.tau))
+                gap.baseline[e, i] = at
                 change = change - real(at)
         if wp.static(push):
-            n = normals[i]
+            n = skin.normals[i]
             for axis in range(out.shape[2]):
-                out[e, i, axis] = wp.where(out.shape[2] == 1, rated * change, -rated * change * n[axis])
+                out[e, i, axis] = wp.where(out.shape[2] == 1, gap.rated * change, -gap.rated * change * n[axis])
         else:
-            out[e, i, 0] = stray + per_area * areas[i] * (real(1.0) + change)
+            out[e, i, 0] = gap.stray + gap.per_area * skin.areas[i] * (real(1.0) + change)
 
     return read_gaps
 
@@ -102,18 +105,15 @@ class Capacitive(Transducer):
 
     def compile(self, site: TransducerSite, x: wp.array, taken: SignalType) -> tuple[wp.array, Sequence[Stage]]:
         context, real = site.context, site.context.real
-        normals, areas = skin_arrays(site)
-        follows = self.baseline_tau is not None
+        follows, gap = self.baseline_tau is not None, gap_type(real)()
         shape = (context.n_envs, len(site.positions))
-        baseline = context.zeros(shape if follows else (0, 0), wp.float64)
-        kind = self.gives(taken)
-        out = site.zeros(kind.n_channels)
-        inputs = [
-            x, normals, areas, context.dt, self.modulus, self.dead_band, EPSILON_0 * self.permittivity / self.gap,
-            self.stray, self.baseline_tau or 1.0, self.rated_n or 0.0, baseline,
-        ]  # fmt: skip
+        gap.baseline = context.zeros(shape if follows else (0, 0), wp.float64)
+        out = site.zeros(self.gives(taken).n_channels)
+        gap.modulus, gap.dead_band, gap.stray = self.modulus, self.dead_band, self.stray
+        gap.per_area = EPSILON_0 * self.permittivity / self.gap
+        gap.tau, gap.rated = self.baseline_tau or 1.0, self.rated_n or 0.0
         kernel = gap_kernel(real, taken.vector, self.rated_n is not None, follows)
-        launch = context.record(kernel, shape, inputs, [out])
+        launch = context.record(kernel, shape, [context.clock, x, skin_arrays(site), gap], [out])
         reason = "the gap closes" + (", the firmware follows its baseline" if follows else "")
-        reset = functools.partial(clear_rows, baseline) if follows else None
+        reset = functools.partial(clear_rows, gap.baseline) if follows else None
         return out, [Stage(name=f"{site.name}: capacitors", reason=reason, launch=launch, reset=reset)]

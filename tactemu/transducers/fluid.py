@@ -18,29 +18,27 @@ import warp as wp
 
 from tactemu.base.units import TimeConstant
 from tactemu.plan.clearing import clear_rows
+from tactemu.plan.clock import Clock
 from tactemu.plan.plan import Stage
 from tactemu.plan.scalars import is_finite
-from tactemu.transducers.pressure import TAKES, pressure_function, skin_arrays
+from tactemu.transducers.pressure import TAKES, pressure_function, skin_arrays, skin_type
 from tactemu.transducers.transducer import PRESSURE, SignalType, Transducer, TransducerSite
 
 
 @functools.cache
 def medium_kernel(real, vector: bool, shared: bool):
     """Return the kernel that computes the pressure of the medium, which lags behind that on the taxels."""
-    vec3 = wp.types.vector(3, real)
-    pressure = pressure_function(real, vector)
+    pressure, readings = pressure_function(real, vector), wp.array3d(dtype=real)
 
     @wp.kernel(module="unique", enable_backward=False)
     def pass_on(
         first_env: int,
-        x: wp.array3d(dtype=real),
-        normals: wp.array(dtype=vec3),
-        areas: wp.array(dtype=real),
-        dt: wp.array(dtype=wp.float64),
+        clock: Clock,
+        x: readings,
+        skin: skin_type(real),
         tau: wp.float64,
-        # state
-        late: wp.array2d(dtype=wp.float64),
-        out: wp.array3d(dtype=real),
+        late: wp.array2d(dtype=wp.float64),  # state
+        out: readings,
     ):
         e, i = wp.tid()
         e += first_env
@@ -48,14 +46,14 @@ def medium_kernel(real, vector: bool, shared: bool):
         if wp.static(shared):
             area = wp.float64(0.0)
             for k in range(x.shape[1]):
-                p += wp.float64(pressure(x, normals, areas, e, k) * areas[k])
-                area += wp.float64(areas[k])
+                p += wp.float64(pressure(x, skin, e, k) * skin.areas[k])
+                area += wp.float64(skin.areas[k])
             p = p / area
         else:
-            p = wp.float64(pressure(x, normals, areas, e, i))
+            p = wp.float64(pressure(x, skin, e, i))
         if is_finite(p):
             y = late[e, i]
-            y = y + (p - y) * (wp.float64(1.0) - wp.exp(-dt[0] / tau))
+            y = y + (p - y) * (wp.float64(1.0) - wp.exp(-clock.dt[0] / tau))
             late[e, i] = y
             p = y
         out[e, i, 0] = real(p)
@@ -83,7 +81,7 @@ class Fluid(Transducer):
         context = site.context
         shape = (context.n_envs, len(site.positions))
         late, out = context.zeros(shape, wp.float64), site.zeros(1)
-        inputs = [x, *skin_arrays(site), context.dt, self.tau, late]
+        inputs = [context.clock, x, skin_arrays(site), self.tau, late]
         kernel = medium_kernel(context.real, taken.vector, self.shared)
         launch = context.record(kernel, shape, inputs, [out])
         reset = functools.partial(clear_rows, late)

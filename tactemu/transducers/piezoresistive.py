@@ -27,34 +27,46 @@ from tactemu.base.options import number
 from tactemu.base.units import Celsius, Newtons, NonNegative, PerKelvin, Positive, Share
 from tactemu.plan.plan import Stage
 from tactemu.plan.scalars import is_finite
-from tactemu.transducers.pressure import TAKES, output_type, pressure_function, skin_arrays
+from tactemu.transducers.pressure import TAKES, output_type, pressure_function, skin_arrays, skin_type
 from tactemu.transducers.transducer import RESISTANCE, SignalType, Transducer, TransducerSite
+
+
+@functools.cache
+def divider_type(real):
+    """Return the Warp struct of the dividers' parameters and outputs."""
+
+    @wp.struct
+    class Divider:
+        half: real
+        exponent: real
+        rows: wp.int32
+        cols: wp.int32
+        ghost: real
+        gain: real
+        zero: real
+        threshold: real
+        rated: real
+        fixed: real
+        opened: real  # resistance of an unloaded taxel
+        share: wp.array2d(dtype=real)  # output of each divider, as a share of the supply
+
+    return Divider
 
 
 @functools.cache
 def share_kernel(real, vector: bool):
     """Return the kernel that computes the output of each divider, as a share of the supply."""
-    vec3 = wp.types.vector(3, real)
     pressure = pressure_function(real, vector)
 
     @wp.kernel(module="unique", enable_backward=False)
-    def shares_of_supply(
-        first_env: int,
-        x: wp.array3d(dtype=real),
-        normals: wp.array(dtype=vec3),
-        areas: wp.array(dtype=real),
-        half: real,
-        exponent: real,
-        # outputs
-        share: wp.array2d(dtype=real),
-    ):
+    def shares_of_supply(first_env: int, x: wp.array3d(dtype=real), skin: skin_type(real), divider: divider_type(real)):
         e, i = wp.tid()
         e += first_env
-        p = pressure(x, normals, areas, e, i)
-        u = wp.pow(p / half, exponent)
+        p = pressure(x, skin, e, i)
+        u = wp.pow(p / divider.half, divider.exponent)
         if p == real(0.0):
             u = real(0.0)
-        share[e, i] = wp.where(u > real(1.0e30), real(1.0), u / (real(1.0) + u))
+        divider.share[e, i] = wp.where(u > real(1.0e30), real(1.0), u / (real(1.0) + u))
 
     return shares_of_supply
 
@@ -62,55 +74,39 @@ def share_kernel(real, vector: bool):
 @functools.cache
 def readout_kernel(real, push: bool, ghosts: bool):
     """Return the kernel that computes readings from the dividers' outputs: resistances, or with ``push`` forces."""
-    vec3 = wp.types.vector(3, real)
 
     @wp.kernel(module="unique", enable_backward=False)
-    def read_divider(
-        first_env: int,
-        share: wp.array2d(dtype=real),
-        normals: wp.array(dtype=vec3),
-        rows: int,
-        cols: int,
-        ghost: real,
-        gain: real,
-        zero: real,
-        threshold: real,
-        rated: real,
-        fixed: real,
-        opened: real,
-        # outputs
-        out: wp.array3d(dtype=real),
-    ):
+    def read_divider(first_env: int, skin: skin_type(real), divider: divider_type(real), out: wp.array3d(dtype=real)):
         e, i = wp.tid()
         e += first_env
-        v = share[e, i]
+        v = divider.share[e, i]
         if wp.static(ghosts):
-            row = i // cols
-            col = i - row * cols
+            row = i // divider.cols
+            col = i - row * divider.cols
             of_row = real(0.0)
             of_col = real(0.0)
             of_all = real(0.0)
-            for c in range(cols):
-                of_row += share[e, row * cols + c]
-            for other in range(rows):
-                of_col += share[e, other * cols + col]
-            for k in range(rows * cols):
-                of_all += share[e, k]
+            for c in range(divider.cols):
+                of_row += divider.share[e, row * divider.cols + c]
+            for other in range(divider.rows):
+                of_col += divider.share[e, other * divider.cols + col]
+            for k in range(divider.rows * divider.cols):
+                of_all += divider.share[e, k]
             if of_all > real(0.0):
-                v = v + ghost * of_row * of_col / of_all
-        v = gain * v + zero
-        if v < threshold:
+                v = v + divider.ghost * of_row * of_col / of_all
+        v = divider.gain * v + divider.zero
+        if v < divider.threshold:
             v = real(0.0)
         if wp.static(push):
-            n = normals[i]
+            n = skin.normals[i]
             for axis in range(out.shape[2]):
-                out[e, i, axis] = wp.where(out.shape[2] == 1, rated * v, -rated * v * n[axis])
+                out[e, i, axis] = wp.where(out.shape[2] == 1, divider.rated * v, -divider.rated * v * n[axis])
         else:
-            r = opened
+            r = divider.opened
             if v >= real(1.0):
                 r = real(0.0)
             elif v > real(0.0):
-                r = wp.min(fixed * (real(1.0) - v) / v, opened)
+                r = wp.min(divider.fixed * (real(1.0) - v) / v, divider.opened)
             out[e, i, 0] = wp.where(is_finite(v), r, v)
 
     return read_divider
@@ -162,21 +158,19 @@ class Piezoresistive(Transducer):
         context, real = site.context, site.context.real
         if self.ghosts and len(site.layout) != 2:
             raise SceneError(f"sensor {site.name!r}: ghosts need taxels in rows and columns, got {site.layout}")
-        rows, cols = site.layout if len(site.layout) == 2 else (1, len(site.positions))
-        normals, areas = skin_arrays(site)
-        share = wp.zeros((context.n_envs, len(site.positions)), dtype=real, device=context.device)
+        skin, divider = skin_arrays(site), divider_type(real)()
+        divider.share = wp.zeros((context.n_envs, len(site.positions)), dtype=real, device=context.device)
         warm = self.temperature - self.temperature_reference
-        half = self.half * 2.718281828459045 ** (-self.half_per_k * warm / self.exponent)
-        inputs = [x, normals, areas, half, self.exponent]
-        divide = context.record(share_kernel(real, taken.vector), share.shape, inputs, [share])
-        kind = self.gives(taken)
+        divider.half = self.half * 2.718281828459045 ** (-self.half_per_k * warm / self.exponent)
+        divider.exponent, divider.ghost, divider.threshold = self.exponent, self.ghosts, self.threshold
+        divider.rows, divider.cols = site.layout if len(site.layout) == 2 else (1, len(site.positions))
+        divider.gain, divider.zero = self.gain * (1.0 + self.gain_per_k * warm), self.zero_per_k * warm
+        divider.rated, divider.fixed, divider.opened = self.rated_n or 0.0, self.fixed, self.r_open
+        kind, shape = self.gives(taken), divider.share.shape
+        divide = context.record(share_kernel(real, taken.vector), shape, [x, skin, divider], [])
         out = site.zeros(kind.n_channels)
-        inputs = [
-            share, normals, rows, cols, self.ghosts, self.gain * (1.0 + self.gain_per_k * warm),
-            self.zero_per_k * warm, self.threshold, self.rated_n or 0.0, self.fixed, self.r_open,
-        ]  # fmt: skip
         kernel = readout_kernel(real, self.rated_n is not None, bool(self.ghosts))
-        launch = context.record(kernel, share.shape, inputs, [out])
+        launch = context.record(kernel, shape, [skin, divider], [out])
         return out, [
             Stage(name=f"{site.name}: resistors", reason="resistance falls with pressure", launch=divide),
             Stage(name=f"{site.name}: divider", reason=kind.quantity, launch=launch),

@@ -12,30 +12,41 @@ TAKES = ("force", "pressure")
 
 
 @functools.cache
+def skin_type(real):
+    """Return the Warp struct of the taxels of a skin."""
+
+    @wp.struct
+    class Skin:
+        normals: wp.array(dtype=wp.types.vector(3, real))
+        areas: wp.array(dtype=real)
+
+    return Skin
+
+
+@functools.cache
 def pressure_function(real, vector: bool):
-    """Return the Warp function ``pressure(x, normals, areas, e, i)``: pressure on a taxel [Pa], 0 where it is pulled.
+    """Return the Warp function ``pressure(x, skin, e, i)``: pressure on a taxel [Pa], 0 where it is pulled.
 
     NaN stays NaN. ``vector``: ``x`` holds forces, else pressures.
     """
-    vec3 = wp.types.vector(3, real)
 
     @wp.func
-    def pressure(
-        x: wp.array3d(dtype=real), normals: wp.array(dtype=vec3), areas: wp.array(dtype=real), e: int, i: int
-    ) -> real:
+    def pressure(x: wp.array3d(dtype=real), skin: skin_type(real), e: int, i: int) -> real:
         p = x[e, i, 0]
         if wp.static(vector):
-            n = normals[i]
-            p = -(x[e, i, 0] * n[0] + x[e, i, 1] * n[1] + x[e, i, 2] * n[2]) / areas[i]
+            n = skin.normals[i]
+            p = -(x[e, i, 0] * n[0] + x[e, i, 1] * n[1] + x[e, i, 2] * n[2]) / skin.areas[i]
         return wp.where(p < real(0.0), real(0.0), p)  # not max(), which would hide a NaN
 
     return pressure
 
 
-def skin_arrays(site: TransducerSite) -> list[wp.array]:
-    """Return the taxels' normals and areas on the device, as :func:`pressure_function` takes them."""
-    vec3 = wp.types.vector(3, site.context.real)
-    return [site.constant(site.normals, vec3), site.constant(np.broadcast_to(site.areas, len(site.normals)))]
+def skin_arrays(site: TransducerSite):
+    """Return the taxels of a skin as :func:`pressure_function` takes them."""
+    skin = skin_type(site.context.real)()
+    skin.normals = site.constant(site.normals, wp.types.vector(3, site.context.real))
+    skin.areas = site.constant(np.broadcast_to(site.areas, len(site.normals)))
+    return skin
 
 
 def output_type(taken: SignalType, own: SignalType, rated: float | None) -> SignalType:
