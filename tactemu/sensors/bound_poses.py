@@ -23,49 +23,57 @@ PARTS = {"position": 3, "quaternion": 4, "linear_velocity": 3, "angular_velocity
 """The parts of a pose that may be bound, and their widths."""
 
 
+@wp.struct
+class Bound:
+    """The bound bodies, in the order in which they are given."""
+
+    bodies: wp.array(dtype=wp.int32)
+    columns: wp.array(dtype=wp.int32)  # index in the given arrays
+    place_columns: wp.array(dtype=wp.int32)  # index of the place where the velocity is taken
+    offsets: wp.array(dtype=wp.vec3d)  # position and turn in the given frame
+    turns: wp.array(dtype=wp.quatd)
+
+
 @functools.cache
 def convert_kernel(types: tuple, scalar_last: bool, at_com: bool, at_points: bool, offset: bool):
-    """Return the kernel that copies the given arrays into the world's poses. ``types`` are those of the four parts and
-    of the places of the velocities, ``None`` for parts not given; with ``offset`` our bodies are displaced in the given
-    frames."""
+    """Return the kernel that copies the given arrays into the world's poses, and the type of its ``given``.
+
+    ``types`` are those of the four parts and of the places of the velocities, ``None`` for parts not given; with
+    ``offset`` our bodies are displaced in the given frames.
+    """
     has_position, has_quaternion, has_velocity, has_spin, _ = (kind is not None for kind in types)
     position_t, quaternion_t, velocity_t, spin_t, place_t = (kind or wp.float32 for kind in types)
     f64 = wp.float64
 
+    @wp.struct
+    class Given:
+        position: wp.array3d(dtype=position_t)
+        quaternion: wp.array3d(dtype=quaternion_t)
+        velocity: wp.array3d(dtype=velocity_t)
+        spin: wp.array3d(dtype=spin_t)
+        place: wp.array3d(dtype=place_t)
+
     @wp.kernel(module="unique", enable_backward=False)
-    def convert_poses(
-        first_env: int,
-        bodies: wp.array(dtype=wp.int32),
-        columns: wp.array(dtype=wp.int32),
-        place_columns: wp.array(dtype=wp.int32),
-        offsets: wp.array(dtype=wp.vec3d),
-        turns: wp.array(dtype=wp.quatd),
-        position: wp.array3d(dtype=position_t),
-        quaternion: wp.array3d(dtype=quaternion_t),
-        velocity: wp.array3d(dtype=velocity_t),
-        spin: wp.array3d(dtype=spin_t),
-        place: wp.array3d(dtype=place_t),
-        # outputs
-        world: wp.array3d(dtype=wp.float64),
-    ):
+    def convert_poses(first_env: int, bound: Bound, given: Given, world: wp.array3d(dtype=wp.float64)):
         e, k = wp.tid()
         e += first_env
-        b = bodies[k]
-        c = columns[k]
+        b = bound.bodies[k]
+        c = bound.columns[k]
         origin = wp.vec3d(world[e, b, 0], world[e, b, 1], world[e, b, 2])
         turn = wp.quatd(world[e, b, 4], world[e, b, 5], world[e, b, 6], world[e, b, 3])
         if wp.static(has_position):
-            origin = wp.vec3d(f64(position[e, c, 0]), f64(position[e, c, 1]), f64(position[e, c, 2]))
+            origin = wp.vec3d(f64(given.position[e, c, 0]), f64(given.position[e, c, 1]), f64(given.position[e, c, 2]))
         if wp.static(has_quaternion):
             first = wp.static(0 if scalar_last else 1)
-            x, y, z = f64(quaternion[e, c, first]), f64(quaternion[e, c, first + 1]), f64(quaternion[e, c, first + 2])
-            turn = wp.quatd(x, y, z, f64(quaternion[e, c, wp.static(3 if scalar_last else 0)]))
+            x, y = f64(given.quaternion[e, c, first]), f64(given.quaternion[e, c, first + 1])
+            z = f64(given.quaternion[e, c, first + 2])
+            turn = wp.quatd(x, y, z, f64(given.quaternion[e, c, wp.static(3 if scalar_last else 0)]))
         frame = origin
         frame_turn = turn
         if wp.static(offset):
             frame_turn = wp.normalize(turn)
-            origin = frame + wp.quat_rotate(frame_turn, offsets[k])
-            turn = frame_turn * turns[k]
+            origin = frame + wp.quat_rotate(frame_turn, bound.offsets[k])
+            turn = frame_turn * bound.turns[k]
         if wp.static(has_position):
             for i in range(3):
                 world[e, b, i] = origin[i]
@@ -75,14 +83,14 @@ def convert_kernel(types: tuple, scalar_last: bool, at_com: bool, at_points: boo
                 world[e, b, 4 + i] = turn[i]
         if wp.static(has_spin):
             for i in range(3):
-                world[e, b, 10 + i] = f64(spin[e, c, i])
+                world[e, b, 10 + i] = f64(given.spin[e, c, i])
         if wp.static(has_velocity):
-            v = wp.vec3d(f64(velocity[e, c, 0]), f64(velocity[e, c, 1]), f64(velocity[e, c, 2]))
+            v = wp.vec3d(f64(given.velocity[e, c, 0]), f64(given.velocity[e, c, 1]), f64(given.velocity[e, c, 2]))
             if wp.static(at_com or at_points or offset):  # the velocity of the body at another place than its origin
                 there = frame
                 if wp.static(at_com or at_points):
-                    p = place_columns[k]
-                    there = wp.vec3d(f64(place[e, p, 0]), f64(place[e, p, 1]), f64(place[e, p, 2]))
+                    p = bound.place_columns[k]
+                    there = wp.vec3d(f64(given.place[e, p, 0]), f64(given.place[e, p, 1]), f64(given.place[e, p, 2]))
                 if wp.static(at_com):
                     there = frame + wp.quat_rotate(wp.normalize(frame_turn), there)
                 w = wp.vec3d(world[e, b, 10], world[e, b, 11], world[e, b, 12])
@@ -90,7 +98,7 @@ def convert_kernel(types: tuple, scalar_last: bool, at_com: bool, at_points: boo
             for i in range(3):
                 world[e, b, 7 + i] = v[i]
 
-    return convert_poses
+    return convert_poses, Given
 
 
 class VelocityPoints(NamedTuple):
@@ -125,18 +133,21 @@ class BoundPoses:
         """Return the stage that converts the arrays, the first of each step."""
         given = [self.arrays.get(name) for name in PARTS] + [self.places]
         types = tuple(None if array is None else array.dtype for array in given)
-        none = {kind: wp.zeros((0, 0, 0), dtype=kind, device=context.device) for kind in FLOATS}
-        inputs = [
-            wp.array([body.index for body in self.bodies], dtype=wp.int32, device=context.device),
-            wp.array(self.columns, dtype=wp.int32, device=context.device),
-            wp.array(self.place_columns, dtype=wp.int32, device=context.device),
-            wp.array([place for place, _ in self.offsets], dtype=wp.vec3d, device=context.device),
-            wp.array([np.roll(turn, -1) for _, turn in self.offsets], dtype=wp.quatd, device=context.device),
-            *(none[wp.float32] if array is None else array for array in given),
-        ]
         at = self.at == "com", self.at == "points"
-        kernel = convert_kernel(types, self.order == "xyzw", *at, bool(self.offsets))
-        launch = context.record(kernel, (context.n_envs, len(self.bodies)), inputs, [world])
+        kernel, given_struct = convert_kernel(types, self.order == "xyzw", *at, bool(self.offsets))
+
+        def upload(values, dtype) -> wp.array:
+            return wp.array(values, dtype=dtype, device=context.device)
+
+        bound, arrays = Bound(), given_struct()
+        bound.bodies = upload([body.index for body in self.bodies], wp.int32)
+        bound.columns, bound.place_columns = upload(self.columns, wp.int32), upload(self.place_columns, wp.int32)
+        bound.offsets = upload([place for place, _ in self.offsets], wp.vec3d)
+        bound.turns = upload([np.roll(turn, -1) for _, turn in self.offsets], wp.quatd)
+        for name, array in zip(("position", "quaternion", "velocity", "spin", "place"), given):
+            if array is not None:
+                setattr(arrays, name, array)
+        launch = context.record(kernel, (context.n_envs, len(self.bodies)), [bound, arrays], [world])
         words = ", ".join(self.arrays).replace("_", " ")
         reason = f"{words} of {', '.join(body.name for body in self.bodies)}, bound to arrays of another simulator"
         if any(self.arrays[name].dtype is wp.float32 for name in ("position",) if name in self.arrays):

@@ -21,6 +21,7 @@ import warp as wp
 from tactemu.geometry.bodies import Body
 from tactemu.geometry.coalesced import row_writer
 from tactemu.geometry.shapes.shape import FAR
+from tactemu.plan.clock import Clock
 from tactemu.plan.launches import record
 from tactemu.plan.plan import Context, Stage
 from tactemu.plan.scalars import is_finite
@@ -28,6 +29,35 @@ from tactemu.plan.scalars import is_finite
 POSE_WIDTH = 13
 MAX_QUATERNION_NORM = 1.0e150
 """Largest usable norm of a quaternion, so that its square stays finite."""
+
+
+@wp.func
+def advance(clock: Clock, dt_ns: wp.array(dtype=wp.int64)):
+    """Advance the step count and the time."""
+    clock.step[0] = clock.step[0] + wp.int64(1)
+    clock.time_ns[0] = clock.time_ns[0] + dt_ns[0]
+
+
+@functools.cache
+def links_type(real):
+    """Return the Warp struct of the links that carry skins, and of the bodies' poses in their frames."""
+    vec3 = wp.types.vector(3, real)
+
+    @wp.struct
+    class Links:
+        world: wp.array3d(dtype=wp.float64)
+        links: wp.array(dtype=wp.int32)  # indices of the links
+        middles: wp.array(dtype=wp.vec3d)  # centre of the skin on each
+        reaches: wp.array2d(dtype=wp.float64)  # distance from it within which a body is near, (n_links, n_bodies)
+        # Written, (n_links, n_envs * n_bodies, 7 or 3):
+        pose: wp.array3d(dtype=real)
+        velocity: wp.array3d(dtype=real)
+        spin: wp.array3d(dtype=real)
+        link_spin: wp.array2d(dtype=vec3)  # (n_links, n_envs)
+        near: wp.array3d(dtype=wp.uint8)  # (n_links, n_envs, n_bodies)
+        bad: wp.array3d(dtype=wp.uint8)  # likewise: 1 for a pose that could not be used
+
+    return Links
 
 
 @functools.cache
@@ -56,36 +86,20 @@ def relative_pose_kernel(real, with_twist: bool, ticks: bool):
         return q * (wp.float64(1.0) / wp.where(usable, length, wp.float64(wp.nan)))
 
     @wp.kernel(module="unique", enable_backward=False, grid_stride=False)
-    def relative_poses(
-        first_env: int,
-        world: wp.array3d(dtype=wp.float64),
-        links: wp.array(dtype=wp.int32),
-        middles: wp.array(dtype=wp.vec3d),
-        reaches: wp.array2d(dtype=wp.float64),
-        dt_ns: wp.array(dtype=wp.int64),
-        step: wp.array(dtype=wp.int64),
-        time_ns: wp.array(dtype=wp.int64),
-        pose_out: wp.array3d(dtype=real),
-        velocity_out: wp.array3d(dtype=real),
-        spin_out: wp.array3d(dtype=real),
-        link_spin_out: wp.array2d(dtype=vec3),
-        near_out: wp.array3d(dtype=wp.uint8),
-        bad_out: wp.array3d(dtype=wp.uint8),
-    ):
+    def relative_poses(first_env: int, clock: Clock, dt_ns: wp.array(dtype=wp.int64), links: links_type(real)):
         e, b = wp.tid()
         e += first_env
-        place = e * world.shape[1] + b
+        place = e * links.world.shape[1] + b
         if wp.static(ticks):
             if e == 0 and b == 0:
-                step[0] = step[0] + wp.int64(1)
-                time_ns[0] = time_ns[0] + dt_ns[0]
-        body = world[e, b]
+                advance(clock, dt_ns)
+        body = links.world[e, b]
         q_body = unit_quaternion(body)
         v = vector(body, 7)
         w = vector(body, 10)
         l = int(0)
-        while l < links.shape[0]:
-            link = world[e, links[l]]
+        while l < links.links.shape[0]:
+            link = links.world[e, links.links[l]]
             to_link = wp.quat_inverse(unit_quaternion(link))
             x = wp.quat_rotate(to_link, vector(body, 0) - vector(link, 0))
             q = to_link * q_body
@@ -93,35 +107,32 @@ def relative_pose_kernel(real, with_twist: bool, ticks: bool):
             total = wp.dot(x, x) + wp.dot(v, v) + wp.dot(w, w) + q_body[3]
             total += wp.dot(vector(link, 7), vector(link, 7)) + wp.dot(wl, wl)
             position = narrow(x)
-            away = x - middles[l]
-            near_out[l, e, b] = wp.where(wp.dot(away, away) > reaches[l, b] * reaches[l, b], wp.uint8(0), wp.uint8(1))
-            bad_out[l, e, b] = wp.uint8(0)
+            away = x - links.middles[l]
+            links.near[l, e, b] = wp.where(
+                wp.dot(away, away) > links.reaches[l, b] * links.reaches[l, b], wp.uint8(0), wp.uint8(1)
+            )
+            links.bad[l, e, b] = wp.uint8(0)
             if not is_finite(total) or not is_finite(position[0] + position[1] + position[2]):
                 position = vec3(real(wp.nan))
-                bad_out[l, e, b] = wp.uint8(1)
-                near_out[l, e, b] = wp.uint8(1)  # so that the taxels read NaN
+                links.bad[l, e, b] = wp.uint8(1)
+                links.near[l, e, b] = wp.uint8(1)  # so that the taxels read NaN
             pose = numbers(position[0], position[1], position[2], real(q[0]), real(q[1]), real(q[2]), real(q[3]))
-            write_pose(pose_out, l, place, pose, True)
+            write_pose(links.pose, l, place, pose, True)
             if wp.static(with_twist):
                 moved = v + wp.cross(w, vector(link, 0) - vector(body, 0)) - vector(link, 7)
-                write_vector(velocity_out, l, place, narrow(wp.quat_rotate(to_link, moved)), True)
-                write_vector(spin_out, l, place, narrow(wp.quat_rotate(to_link, w - wl)), True)
+                write_vector(links.velocity, l, place, narrow(wp.quat_rotate(to_link, moved)), True)
+                write_vector(links.spin, l, place, narrow(wp.quat_rotate(to_link, w - wl)), True)
                 if b == 0:
-                    link_spin_out[l, e] = narrow(wp.quat_rotate(to_link, wl))
+                    links.link_spin[l, e] = narrow(wp.quat_rotate(to_link, wl))
             l += 1
 
     return relative_poses
 
 
 @wp.kernel(module="unique", enable_backward=False)
-def tick(
-    dt_ns: wp.array(dtype=wp.int64),
-    step: wp.array(dtype=wp.int64),
-    time_ns: wp.array(dtype=wp.int64),
-):
+def tick(clock: Clock, dt_ns: wp.array(dtype=wp.int64)):
     """Advance the step count and the time, before threads that share a step begin."""
-    step[0] = step[0] + wp.int64(1)
-    time_ns[0] = time_ns[0] + dt_ns[0]
+    advance(clock, dt_ns)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -221,18 +232,19 @@ class RelativePoses:
         context = self._context
         shared, before = context.threads > 1, []
         if shared:
-            launch = record(tick, 1, [self.dt_ns], [context.step, context.time_ns], context.device)
+            launch = record(tick, 1, [context.clock, self.dt_ns], [], context.device)
             before = [Stage(name="time", reason="advances before threads share the step", launch=launch)]
-        inputs = [self.world, self._links, self._middles, self._reaches, self.dt_ns, context.step, context.time_ns]
-        outputs = [*map(self._numbers, (self._pose, self._velocity, self._spin)), self._link_spin, self._near, self.bad]
+        links = links_type(context.real)()
+        links.world, links.links, links.middles, links.reaches = self.world, self._links, self._middles, self._reaches
+        links.pose, links.velocity, links.spin = map(self._numbers, (self._pose, self._velocity, self._spin))
+        links.link_spin, links.near, links.bad = self._link_spin, self._near, self.bad
         kernel = relative_pose_kernel(context.real, self.with_twist, not shared)
         reason = "poses of all bodies in the skin's frame, formed in float64"
         if self.with_twist:
             reason += "; velocities for " + ", ".join(self._reasons)
         dim = self.world.shape[:2]
-        launch = context.record(
-            kernel, dim, inputs, outputs, block_dim=32
-        )  # float64 is slow on a GPU: spread it over more blocks
+        # float64 is slow on a GPU: spread it over more blocks
+        launch = context.record(kernel, dim, [context.clock, self.dt_ns, links], [], block_dim=32)
         return [*before, Stage(name="relative poses", reason=reason, launch=launch)]
 
     def _numbers(self, array: wp.array) -> wp.array:

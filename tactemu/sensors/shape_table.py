@@ -11,6 +11,7 @@ from tactemu.geometry.bodies import Body
 from tactemu.geometry.shapes.band import band_row
 from tactemu.geometry.shapes.distance import ShapeFunctions, shape_functions
 from tactemu.geometry.shapes.mesh import MESH
+from tactemu.geometry.shapes.nearest_feature import upload_surfaces
 from tactemu.geometry.shapes.shape import FAR, Row, kind_codes, table_type
 from tactemu.geometry.shapes.voxel_grid import VOXELS
 from tactemu.geometry.shapes.voxelise import voxelise
@@ -107,9 +108,6 @@ def pack(rows: list[Row], context: Context) -> ShapeTable:
     def gradients_of(grid):
         return np.zeros((*np.shape(grid.values), 3)) if grid.gradients is None else grid.gradients
 
-    def joined(parts, name, *width):
-        return np.concatenate([getattr(each, name) for each in parts]) if parts else np.zeros((1, *width))
-
     kinds = frozenset(row.kind for row in rows if row.kind is not None)
     code = {None: -1} | {kind: number for number, kind in kind_codes(kinds)}
     table = table_type(real)()
@@ -124,10 +122,7 @@ def pack(rows: list[Row], context: Context) -> ShapeTable:
     points, faces = ([0, *np.cumsum([len(getattr(each, key)) for each in parts])] for key in ("points", "beside"))
     first = {id(each): (points[k], faces[k]) for k, each in enumerate(parts)}
     table.mesh_first = upload([first.get(id(row.features), (0, 0)) for row in rows], wp.vec2i)
-    table.mesh_points = upload(joined(parts, "points", 3), vec3)
-    table.mesh_point_normals = upload(joined(parts, "point_normals", 3), vec3)
-    table.mesh_side_normals = upload(joined(parts, "side_normals", 4, 3), vec3)
-    table.mesh_beside = upload(joined(parts, "beside", 3), wp.vec3i)
+    table.surfaces = upload_surfaces(parts, real, device)
     table.grid_start = upload(starts, wp.int64)
     table.grid_nodes = upload([(0, 0, 0) if g is None else np.shape(g.values) for g in grids], wp.vec3i)
     table.grid_origin = upload([zero if g is None else np.asarray(g.origin, float) for g in grids], vec3)

@@ -45,29 +45,42 @@ def radius_of(moments: np.ndarray) -> np.ndarray:
 
 
 @functools.cache
-def move_kernel(real):
-    """Return the kernel that computes the positions of the magnets."""
+def magnets_type(real):
+    """Return the Warp struct of the magnets in the skin, and of those fixed to other bodies."""
     vec3 = wp.types.vector(3, real)
 
+    @wp.struct
+    class Magnets:
+        unloaded: wp.array(dtype=vec3)  # positions without a load
+        taxels: wp.array2d(dtype=wp.int32)  # that move each magnet
+        shares: wp.array2d(dtype=real)  # of their displacement
+        places: wp.array2d(dtype=vec3)  # positions, (n_envs, n_magnets)
+        moments: wp.array(dtype=vec3)
+        radii: wp.array(dtype=real)
+        bodies: wp.array(dtype=wp.int32)  # of the other magnets
+        other_places: wp.array(dtype=vec3)
+        other_moments: wp.array(dtype=vec3)
+        other_radii: wp.array(dtype=real)
+
+    return Magnets
+
+
+@functools.cache
+def move_kernel(real):
+    """Return the kernel that computes the positions of the magnets."""
+    vec3, magnets_struct = wp.types.vector(3, real), magnets_type(real)
+
     @wp.kernel(module="unique", enable_backward=False)
-    def move_magnets(
-        first_env: int,
-        moved: wp.array3d(dtype=real),
-        unloaded: wp.array(dtype=vec3),
-        taxels: wp.array2d(dtype=wp.int32),
-        shares: wp.array2d(dtype=real),
-        # outputs
-        places: wp.array2d(dtype=vec3),
-    ):
+    def move_magnets(first_env: int, moved: wp.array3d(dtype=real), magnets: magnets_struct):
         e, j = wp.tid()
         e += first_env
-        x = unloaded[j]
-        for k in range(taxels.shape[1]):
-            i = taxels[j, k]
-            w = shares[j, k]
+        x = magnets.unloaded[j]
+        for k in range(magnets.taxels.shape[1]):
+            i = magnets.taxels[j, k]
+            w = magnets.shares[j, k]
             if w != real(0.0):
                 x += w * vec3(moved[e, i, 0], moved[e, i, 1], moved[e, i, 2])
-        places[e, j] = x
+        magnets.places[e, j] = x
 
     return move_magnets
 
@@ -75,8 +88,7 @@ def move_kernel(real):
 @functools.cache
 def field_kernel(real, earth: bool, neighbours: bool):
     """Return the kernel that computes the field at the chips."""
-    vec3 = wp.types.vector(3, real)
-    transform = wp.types.transformation(real)
+    vec3, transform, magnets_struct = wp.types.vector(3, real), wp.types.transformation(real), magnets_type(real)
 
     @wp.func
     def dipole(r: vec3, m: vec3, radius: real):
@@ -89,32 +101,25 @@ def field_kernel(real, earth: bool, neighbours: bool):
     @wp.kernel(module="unique", enable_backward=False)
     def fields_at_chips(
         first_env: int,
-        places: wp.array2d(dtype=vec3),
-        moments: wp.array(dtype=vec3),
-        radii: wp.array(dtype=real),
+        magnets: magnets_struct,
         chips: wp.array(dtype=vec3),
         world: wp.array3d(dtype=wp.float64),
         link: int,
         earth_field: wp.vec3d,
         pose: wp.array2d(dtype=transform),
-        bodies: wp.array(dtype=wp.int32),
-        other_places: wp.array(dtype=vec3),
-        other_moments: wp.array(dtype=vec3),
-        other_radii: wp.array(dtype=real),
-        # outputs
         field: wp.array3d(dtype=real),
     ):
         e, k = wp.tid()
         e += first_env
         chip = chips[k]
         total = vec3(real(0.0))
-        for j in range(moments.shape[0]):
-            total += dipole(chip - places[e, j], moments[j], radii[j])
+        for j in range(magnets.moments.shape[0]):
+            total += dipole(chip - magnets.places[e, j], magnets.moments[j], magnets.radii[j])
         if wp.static(neighbours):
-            for j in range(bodies.shape[0]):
-                at = pose[e, bodies[j]]
-                place = wp.transform_point(at, other_places[j])
-                total += dipole(chip - place, wp.transform_vector(at, other_moments[j]), other_radii[j])
+            for j in range(magnets.bodies.shape[0]):
+                at = pose[e, magnets.bodies[j]]
+                place = wp.transform_point(at, magnets.other_places[j])
+                total += dipole(chip - place, wp.transform_vector(at, magnets.other_moments[j]), magnets.other_radii[j])
         if wp.static(earth):
             q = wp.quatd(world[e, link, 4], world[e, link, 5], world[e, link, 6], world[e, link, 3])
             b = wp.quat_rotate_inv(wp.normalize(q), earth_field)
@@ -211,21 +216,20 @@ class Magnetic(Transducer):
         unloaded, moments = self.places(site.positions)
         taxels, shares = self.shares(unloaded, site.positions)
         factor = self.compliance if taken.quantity == "force" else 1.0
-        moved = wp.zeros((context.n_envs, len(unloaded)), dtype=vec3, device=context.device)
-        inputs = [x, site.constant(unloaded, vec3), site.constant(taxels, wp.int32), site.constant(shares * factor)]
-        move = context.record(move_kernel(real), moved.shape, inputs, [moved])
+        magnets, per_moment = magnets_type(real)(), 1e-7  # µ0/4π
+        magnets.unloaded, magnets.taxels = site.constant(unloaded, vec3), site.constant(taxels, wp.int32)
+        magnets.shares, magnets.radii = site.constant(shares * factor), site.constant(radius_of(moments))
+        magnets.moments = site.constant(per_moment * moments, vec3)
+        magnets.places = wp.zeros((context.n_envs, len(unloaded)), dtype=vec3, device=context.device)
+        bodies, other_places, other_moments = self._others(site)
+        magnets.bodies, magnets.other_radii = site.constant(bodies, wp.int32), site.constant(radius_of(other_moments))
+        magnets.other_places = site.constant(other_places, vec3)
+        magnets.other_moments = site.constant(per_moment * other_moments, vec3)
+        move = context.record(move_kernel(real), magnets.places.shape, [x, magnets], [])
         field = site.zeros(3)
         chips = site.positions - self.chip_depth * site.normals
-        bodies, other_places, other_moments = self._others(site)
         kernel = field_kernel(real, any(self.earth), bool(len(self.neighbours)))
-        per_moment = 1e-7  # µ0/4π
-        inputs = [
-            moved, site.constant(per_moment * moments, vec3), site.constant(radius_of(moments)),
-            site.constant(chips, vec3), site.world, site.link,
-            wp.vec3d(*self.earth), site.pose, site.constant(bodies, wp.int32),
-            site.constant(other_places, vec3), site.constant(per_moment * other_moments, vec3),
-            site.constant(radius_of(other_moments)),
-        ]  # fmt: skip
+        inputs = [magnets, site.constant(chips, vec3), site.world, site.link, wp.vec3d(*self.earth), site.pose]
         launch = context.record(kernel, field.shape[:2], inputs, [field])
         why = f"{len(unloaded)} dipoles at {len(chips)} chips"
         return field, [

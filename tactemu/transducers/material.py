@@ -24,6 +24,7 @@ import warp as wp
 from tactemu.base.errors import SceneError
 from tactemu.base.units import NonNegative, Positive, SignedShare
 from tactemu.plan.clearing import clear_rows
+from tactemu.plan.clock import Clock
 from tactemu.plan.plan import Stage
 from tactemu.plan.scalars import is_finite
 from tactemu.transducers.laws import LogMemory
@@ -37,35 +38,35 @@ MAX_PRESSES = wp.constant(wp.float64(1000.0))
 """Number of presses after which the skin is not worked in any further."""
 
 
+@wp.struct
+class SoftSkin:
+    """The parameters and the memory of a soft skin; arrays are empty for laws that are off."""
+
+    taus: wp.array(dtype=wp.float64)
+    weights: wp.array(dtype=wp.float64)
+    after_one_s: wp.float64
+    per_decade: wp.float64
+    exponent: wp.float64
+    reference: wp.float64
+    width: wp.float64  # of the loop
+    softening: wp.float64
+    baseline: wp.float64
+    before: wp.float64  # presses before time 0
+    crept: wp.array4d(dtype=wp.float64)  # (n_envs, n_taxels, channels, taus); the following without the last
+    peak: wp.array3d(dtype=wp.float64)
+    largest: wp.array3d(dtype=wp.float64)
+    branch: wp.array3d(dtype=wp.float64)
+    last: wp.array3d(dtype=wp.float64)
+    count: wp.array3d(dtype=wp.float64)
+
+
 @functools.cache
 def material_kernel(real, creep: bool, loop: bool, presses: bool):
     """Return the kernel of the laws that are switched on; the others leave no code."""
-    f64 = wp.float64
+    f64, readings = wp.float64, wp.array3d(dtype=real)
 
     @wp.kernel(module="unique", enable_backward=False)
-    def remember_load(
-        first_env: int,
-        x: wp.array3d(dtype=real),
-        dt: wp.array(dtype=wp.float64),
-        taus: wp.array(dtype=wp.float64),
-        weights: wp.array(dtype=wp.float64),
-        after_one_s: wp.float64,
-        per_decade: wp.float64,
-        exponent: wp.float64,
-        reference: wp.float64,
-        width: wp.float64,
-        softening: wp.float64,
-        baseline: wp.float64,
-        before: wp.float64,
-        # state
-        crept: wp.array4d(dtype=wp.float64),
-        peak: wp.array3d(dtype=wp.float64),
-        largest: wp.array3d(dtype=wp.float64),
-        branch: wp.array3d(dtype=wp.float64),
-        last: wp.array3d(dtype=wp.float64),
-        count: wp.array3d(dtype=wp.float64),
-        out: wp.array3d(dtype=real),
-    ):
+    def remember_load(first_env: int, clock: Clock, x: readings, skin: SoftSkin, out: readings):
         e, i, c = wp.tid()
         e += first_env
         v = f64(x[e, i, c])
@@ -74,44 +75,44 @@ def material_kernel(real, creep: bool, loop: bool, presses: bool):
             return
         y = v
         if wp.static(creep):
-            share = per_decade
-            if exponent != f64(0.0):
-                share = share * wp.pow(wp.max(wp.abs(v), f64(0.01) * reference) / reference, -exponent)
+            share = skin.per_decade
+            if skin.exponent != f64(0.0):
+                share = share * wp.pow(wp.max(wp.abs(v), f64(0.01) * skin.reference) / skin.reference, -skin.exponent)
             total = f64(0.0)
-            for k in range(taus.shape[0]):
-                z = crept[e, i, c, k]
-                z = z + (v - z) * (f64(1.0) - wp.exp(-dt[0] / taus[k]))
-                crept[e, i, c, k] = z
-                total += weights[k] * z
-            y = y + share * (total - after_one_s * v)
+            for k in range(skin.taus.shape[0]):
+                z = skin.crept[e, i, c, k]
+                z = z + (v - z) * (f64(1.0) - wp.exp(-clock.dt[0] / skin.taus[k]))
+                skin.crept[e, i, c, k] = z
+                total += skin.weights[k] * z
+            y = y + share * (total - skin.after_one_s * v)
         if wp.static(loop or presses):
-            p = peak[e, i, c]
+            p = skin.peak[e, i, c]
             size = wp.abs(v)
-            top = wp.max(largest[e, i, c], size)
-            largest[e, i, c] = top
+            top = wp.max(skin.largest[e, i, c], size)
+            skin.largest[e, i, c] = top
             if size < f64(0.5) * PRESS_THRESHOLD_SHARE * top:
                 if wp.abs(p) > PRESS_THRESHOLD_SHARE * top:
-                    count[e, i, c] = wp.min(count[e, i, c] + f64(1.0), MAX_PRESSES)
-                    last[e, i, c] = p
+                    skin.count[e, i, c] = wp.min(skin.count[e, i, c] + f64(1.0), MAX_PRESSES)
+                    skin.last[e, i, c] = p
                     p = f64(0.0)
-                    branch[e, i, c] = f64(0.0)
+                    skin.branch[e, i, c] = f64(0.0)
             if size > wp.abs(p) or v * p < f64(0.0):
                 p = v
             if wp.static(loop):
                 if p != f64(0.0):
                     s = wp.clamp(v / p, f64(0.0), f64(1.0))
-                    was = branch[e, i, c]
+                    was = skin.branch[e, i, c]
                     # distance below the peak since the skin was last loaded, as a share of the peak
                     b = wp.clamp((f64(1.0) - s) / TURN_SHARE, f64(0.0), f64(1.0))
                     if s >= f64(1.0):
                         b = f64(0.0)
-                    branch[e, i, c] = wp.max(b, wp.where(s < f64(1.0), was, f64(0.0)))
-                    y = y + width * p * f64(4.0) * s * (f64(1.0) - s) * branch[e, i, c]
-            peak[e, i, c] = p
+                    skin.branch[e, i, c] = wp.max(b, wp.where(s < f64(1.0), was, f64(0.0)))
+                    y = y + skin.width * p * f64(4.0) * s * (f64(1.0) - s) * skin.branch[e, i, c]
+            skin.peak[e, i, c] = p
             if wp.static(presses):
-                worked = wp.log(f64(1.0) + wp.min(count[e, i, c] + before, MAX_PRESSES))
-                y = y * (f64(1.0) - softening * worked)
-                y = y + baseline * last[e, i, c] * wp.log(f64(1.0) + count[e, i, c])
+                worked = wp.log(f64(1.0) + wp.min(skin.count[e, i, c] + skin.before, MAX_PRESSES))
+                y = y * (f64(1.0) - skin.softening * worked)
+                y = y + skin.baseline * skin.last[e, i, c] * wp.log(f64(1.0) + skin.count[e, i, c])
         out[e, i, c] = real(y)
 
     return remember_load
@@ -158,19 +159,20 @@ class Material(Transducer):
             return x, []
         context, shape = site.context, (*x.shape,)
         memory = LogMemory.over(self.first, self.last)
-        crept = context.zeros((*shape, len(memory.taus) if creep else 0), wp.float64)
-        states = [context.zeros(shape if loop or presses else (0, 0, 0), wp.float64) for _ in range(5)]
+        skin, own = SoftSkin(), ("peak", "largest", "branch", "last", "count")
+        skin.crept = context.zeros((*shape, len(memory.taus) if creep else 0), wp.float64)
+        for name in own:
+            setattr(skin, name, context.zeros(shape if loop or presses else (0, 0, 0), wp.float64))
         out = site.zeros(taken.n_channels)
-        inputs = [
-            x, context.dt, site.constant(memory.taus, wp.float64), site.constant(memory.weights, wp.float64),
-            float(memory.grown(1.0)), self.creep_per_decade, self.creep_exponent, self.reference, self.loop,
-            self.softening, self.baseline, self.presses_before, crept, *states,
-        ]  # fmt: skip
+        skin.taus, skin.weights = site.constant(memory.taus, wp.float64), site.constant(memory.weights, wp.float64)
+        skin.after_one_s, skin.per_decade = float(memory.grown(1.0)), self.creep_per_decade
+        skin.exponent, skin.reference, skin.width = self.creep_exponent, self.reference, self.loop
+        skin.softening, skin.baseline, skin.before = self.softening, self.baseline, self.presses_before
         kernel = material_kernel(context.real, creep, loop, presses)
-        launch = context.record(kernel, shape, inputs, [out])
+        launch = context.record(kernel, shape, [context.clock, x, skin], [out])
 
         def reset(mask: wp.array) -> None:
-            for array in (crept, *states, out):
+            for array in (skin.crept, *(getattr(skin, name) for name in own), out):
                 clear_rows(array, mask)
 
         on = [name for name, is_on in (("creep", creep), ("loop", loop), ("presses", presses)) if is_on]

@@ -24,7 +24,7 @@ import numpy as np
 import warp as wp
 
 from tactemu.geometry.shapes.mesh_features import Features, features_of
-from tactemu.geometry.shapes.nearest_feature import feature_functions, normal_function
+from tactemu.geometry.shapes.nearest_feature import feature_functions, normal_function, surfaces_type, upload_surfaces
 from tactemu.geometry.shapes.shape import table_type
 from tactemu.geometry.shapes.triangles import Triangles
 
@@ -157,10 +157,7 @@ def _node_kernel(wound: bool):
     @wp.kernel(module="unique", enable_backward=False)
     def node_distances(
         mesh: wp.uint64,
-        points: wp.array(dtype=vec3),
-        point_normals: wp.array(dtype=vec3),
-        side_normals: wp.array2d(dtype=vec3),
-        beside: wp.array(dtype=wp.vec3i),
+        surfaces: surfaces_type(real),
         origin: vec3,
         cell: real,
         unit: real,
@@ -180,9 +177,9 @@ def _node_kernel(wound: bool):
                 found = hit.face
             else:
                 found = wp.mesh_query_point_no_sign(mesh, q, farthest).face
-            face, gap, feature = nearest(points, side_normals, beside, mesh, first, found, p)
+            face, gap, feature = nearest(surfaces, mesh, first, found, p)
             if not wp.static(wound):
-                n = normal_of(point_normals, side_normals, mesh, first, face, feature)
+                n = normal_of(surfaces, mesh, first, face, feature)
                 sign = wp.where(wp.dot(gap, n) < real(0.0), real(-1.0), real(1.0))
             d = wp.length(gap)
             out[i, j, k] = sign * d
@@ -192,13 +189,9 @@ def _node_kernel(wound: bool):
 
 
 def _node_values(mesh, unit, wound, features: Features, origin, cell, nodes, device) -> np.ndarray:
-    def upload(values, dtype):
-        return wp.array(values, dtype=dtype, device=device)
-
-    points, normals = upload(features.points, wp.vec3d), upload(features.point_normals, wp.vec3d)
-    sides, beside = upload(features.side_normals, wp.vec3d), upload(features.beside, wp.vec3i)
     out = wp.zeros(nodes, dtype=wp.float64, device=device)
-    inputs = [mesh.id, points, normals, sides, beside, wp.vec3d(*map(float, origin)), cell, unit]
+    surfaces = upload_surfaces([features], wp.float64, device)
+    inputs = [mesh.id, surfaces, wp.vec3d(*map(float, origin)), cell, unit]
     wp.launch(_node_kernel(wound), dim=nodes[:2], inputs=inputs, outputs=[out], device=device)
     return out.numpy()
 
@@ -262,13 +255,11 @@ def mesh_functions(real, closed: bool) -> MeshFunctions:
         if found < 0:  # the point is not finite
             return real(wp.nan), vec3(real(0.0))
         first = shapes.mesh_first[b]
-        face, gap, feature = nearest(
-            shapes.mesh_points, shapes.mesh_side_normals, shapes.mesh_beside, mesh, first, found, from_middle
-        )
+        face, gap, feature = nearest(shapes.surfaces, mesh, first, found, from_middle)
         length = wp.length(gap)
         touching = length <= real(wp.static(least)) * unit
         if feature == 0 or touching or (wp.static(closed) and wp.abs(node) <= away):
-            n = normal_of(shapes.mesh_point_normals, shapes.mesh_side_normals, mesh, first, face, feature)
+            n = normal_of(shapes.surfaces, mesh, first, face, feature)
             side = wp.where(wp.dot(gap, n) < real(0.0), real(-1.0), real(1.0))
             if wp.static(closed):
                 sign = side

@@ -3,36 +3,62 @@
 # pyright: reportIndexIssue=false
 
 import functools
+from collections.abc import Sequence
 
+import numpy as np
 import warp as wp
+
+from tactemu.geometry.shapes.mesh_features import Features
 
 MAX_NEIGHBOUR_STEPS = 24
 """Most faces around a vertex that are compared with the face that the hierarchy found."""
 
 
 @functools.cache
+def surfaces_type(real):
+    """Return the Warp struct of the faces, edges and vertices of one or several meshes, relative to their middles."""
+    vec3 = wp.types.vector(3, real)
+
+    @wp.struct
+    class Surfaces:
+        points: wp.array(dtype=vec3)
+        point_normals: wp.array(dtype=vec3)
+        side_normals: wp.array2d(dtype=vec3)  # per face: its own normal, and those of its three sides
+        beside: wp.array(dtype=wp.vec3i)  # the face beyond each side, counted from the mesh's first; -1: none
+
+    return Surfaces
+
+
+def upload_surfaces(parts: Sequence[Features], real, device):
+    """Return the surfaces of meshes on the device, one behind the other."""
+    surfaces, vec3 = surfaces_type(real)(), wp.types.vector(3, real)
+
+    def joined(name: str, *width: int) -> np.ndarray:
+        return np.concatenate([getattr(each, name) for each in parts]) if parts else np.zeros((1, *width))
+
+    surfaces.points = wp.array(joined("points", 3), dtype=vec3, device=device)
+    surfaces.point_normals = wp.array(joined("point_normals", 3), dtype=vec3, device=device)
+    surfaces.side_normals = wp.array(joined("side_normals", 4, 3), dtype=vec3, device=device)
+    surfaces.beside = wp.array(joined("beside", 3), dtype=wp.vec3i, device=device)
+    return surfaces
+
+
+@functools.cache
 def feature_functions(real):
     """Return two Warp functions: one for the nearest point of a face, one that also tries the faces around it.
 
-    ``foot(points, side_normals, mesh, first, face, p) -> (gap, feature)`` and ``nearest(points, side_normals, beside,
-    mesh, first, found, p) -> (face, gap, feature)``. ``gap`` points from the nearest point of the face to ``p``, which
+    ``foot(surfaces, mesh, first, face, p) -> (gap, feature)`` and ``nearest(surfaces, mesh, first, found, p) -> (face,
+    gap, feature)``. ``gap`` points from the nearest point of the face to ``p``, which
     is relative to the middle of the mesh. Feature 0 is the face's inside, 1 to 3 are its sides, 4 to 6 its corners.
     """
-    vec3 = wp.types.vector(3, real)
+    vec3, surfaces_struct = wp.types.vector(3, real), surfaces_type(real)
 
     @wp.func
-    def foot(
-        points: wp.array(dtype=vec3),
-        side_normals: wp.array2d(dtype=vec3),
-        mesh: wp.uint64,
-        first: wp.vec2i,
-        face: int,
-        p: vec3,
-    ):
-        n = side_normals[first[1] + face, 0]
-        a = points[first[0] + wp.mesh_get_index(mesh, 3 * face)]
-        b = points[first[0] + wp.mesh_get_index(mesh, 3 * face + 1)]
-        c = points[first[0] + wp.mesh_get_index(mesh, 3 * face + 2)]
+    def foot(surfaces: surfaces_struct, mesh: wp.uint64, first: wp.vec2i, face: int, p: vec3):
+        n = surfaces.side_normals[first[1] + face, 0]
+        a = surfaces.points[first[0] + wp.mesh_get_index(mesh, 3 * face)]
+        b = surfaces.points[first[0] + wp.mesh_get_index(mesh, 3 * face + 1)]
+        c = surfaces.points[first[0] + wp.mesh_get_index(mesh, 3 * face + 2)]
         gap = wp.dot(p - a, n) * n
         feature = int(0)
         least = real(wp.inf)
@@ -64,17 +90,9 @@ def feature_functions(real):
         return gap, feature
 
     @wp.func
-    def nearest(
-        points: wp.array(dtype=vec3),
-        side_normals: wp.array2d(dtype=vec3),
-        beside: wp.array(dtype=wp.vec3i),
-        mesh: wp.uint64,
-        first: wp.vec2i,
-        found: int,
-        p: vec3,
-    ):
+    def nearest(surfaces: surfaces_struct, mesh: wp.uint64, first: wp.vec2i, found: int, p: vec3):
         face = int(found)
-        gap, feature = foot(points, side_normals, mesh, first, face, p)
+        gap, feature = foot(surfaces, mesh, first, face, p)
         least = wp.dot(gap, gap)
         at = int(face)
         where = int(feature)
@@ -83,11 +101,11 @@ def feature_functions(real):
         # faces the one is nearer on which the foot is less of a corner, whatever rounding does to the lengths.
         while where > 0 and turns < wp.static(MAX_NEIGHBOUR_STEPS):
             turns += 1
-            at = beside[first[1] + at][(where - 1) % 3]
+            at = surfaces.beside[first[1] + at][(where - 1) % 3]
             if at < 0 or at == face:
                 where = 0
             else:
-                other, its = foot(points, side_normals, mesh, first, at, p)
+                other, its = foot(surfaces, mesh, first, at, p)
                 if wp.dot(other, other) < least or (its + 2) / 3 < (where + 2) / 3:
                     least = wp.dot(other, other)
                     face = at
@@ -105,23 +123,15 @@ def feature_functions(real):
 
 @functools.cache
 def normal_function(real):
-    """Return the Warp function ``normal_of(point_normals, side_normals, mesh, first, face, feature)``.
+    """Return the Warp function ``normal_of(surfaces, mesh, first, face, feature)``.
 
     It returns the normal of a face, an edge or a vertex.
     """
-    vec3 = wp.types.vector(3, real)
 
     @wp.func
-    def normal_of(
-        point_normals: wp.array(dtype=vec3),
-        side_normals: wp.array2d(dtype=vec3),
-        mesh: wp.uint64,
-        first: wp.vec2i,
-        face: int,
-        feature: int,
-    ):
+    def normal_of(surfaces: surfaces_type(real), mesh: wp.uint64, first: wp.vec2i, face: int, feature: int):
         if feature < 4:
-            return side_normals[first[1] + face, feature]
-        return point_normals[first[0] + wp.mesh_get_index(mesh, 3 * face + feature - 4)]
+            return surfaces.side_normals[first[1] + face, feature]
+        return surfaces.point_normals[first[0] + wp.mesh_get_index(mesh, 3 * face + feature - 4)]
 
     return normal_of

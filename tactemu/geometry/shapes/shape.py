@@ -149,6 +149,8 @@ def table_type(real):
     """Return the Warp struct that holds all shapes of a scene, one row per body."""
     import warp as wp
 
+    from tactemu.geometry.shapes.nearest_feature import surfaces_type
+
     vec3, vec4 = wp.types.vector(3, real), wp.types.vector(4, real)
 
     @wp.struct
@@ -162,11 +164,8 @@ def table_type(real):
         mesh_middle: wp.array(
             dtype=vec3
         )  # the point of the body's frame that a mesh and its coarse grid are relative to
-        mesh_first: wp.array(dtype=wp.vec2i)  # index of its first vertex and its first face in the following arrays
-        mesh_points: wp.array(dtype=vec3)
-        mesh_point_normals: wp.array(dtype=vec3)
-        mesh_side_normals: wp.array2d(dtype=vec3)  # per face: its own normal, and those of its three sides
-        mesh_beside: wp.array(dtype=wp.vec3i)  # the face beyond each side, counted from the mesh's first; -1: none
+        mesh_first: wp.array(dtype=wp.vec2i)  # index of its first vertex and its first face in the surfaces
+        surfaces: surfaces_type(real)  # of the meshes
         grid_start: wp.array(dtype=wp.int64)  # first node in grid_values; a mesh has a coarse grid
         grid_nodes: wp.array(dtype=wp.vec3i)
         grid_origin: wp.array(dtype=vec3)
