@@ -1,6 +1,6 @@
 """The laws' coefficients that depend on time, computed once a step per sensor: a few float64 numbers on the device."""
 
-# pyright: reportIndexIssue=false
+# pyright: reportIndexIssue=false, reportGeneralTypeIssues=false
 
 import functools
 

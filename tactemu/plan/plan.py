@@ -18,7 +18,7 @@ from typing import Any, Literal
 import numpy as np
 import warp as wp
 
-from tactemu.plan.clock import Clock
+from tactemu.plan.clock import clock_of
 from tactemu.plan.launches import Launch, Launches, record, record_blocks
 from tactemu.plan.thread_pool import ThreadPool, cores
 
@@ -64,11 +64,9 @@ class Context:
             object.__setattr__(self, name, self.zeros(1, dtype))
 
     @cached_property
-    def clock(self) -> Clock:
+    def clock(self) -> Any:
         """The step being taken, as kernels read it."""
-        clock = Clock()
-        clock.dt, clock.step, clock.time_ns = self.dt, self.step, self.time_ns
-        return clock
+        return clock_of(self.dt, self.step, self.time_ns)
 
     # These methods make every array that a stage writes or that may be set while it runs. Scratch, which a step fills
     # before it reads it, and constants are plain arrays.

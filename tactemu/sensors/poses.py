@@ -21,7 +21,7 @@ import warp as wp
 from tactemu.geometry.bodies import Body
 from tactemu.geometry.coalesced import row_writer
 from tactemu.geometry.shapes.shape import FAR
-from tactemu.plan.clock import Clock
+from tactemu.plan.clock import Clock, advance, tick
 from tactemu.plan.launches import record
 from tactemu.plan.plan import Context, Stage
 from tactemu.plan.scalars import is_finite
@@ -29,13 +29,6 @@ from tactemu.plan.scalars import is_finite
 POSE_WIDTH = 13
 MAX_QUATERNION_NORM = 1.0e150
 """Largest usable norm of a quaternion, so that its square stays finite."""
-
-
-@wp.func
-def advance(clock: Clock, dt_ns: wp.array(dtype=wp.int64)):
-    """Advance the step count and the time."""
-    clock.step[0] = clock.step[0] + wp.int64(1)
-    clock.time_ns[0] = clock.time_ns[0] + dt_ns[0]
 
 
 @functools.cache
@@ -127,12 +120,6 @@ def relative_pose_kernel(real, with_twist: bool, ticks: bool):
             l += 1
 
     return relative_poses
-
-
-@wp.kernel(module="unique", enable_backward=False)
-def tick(clock: Clock, dt_ns: wp.array(dtype=wp.int64)):
-    """Advance the step count and the time, before threads that share a step begin."""
-    advance(clock, dt_ns)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,6 +1,6 @@
 """The bodies that a sensor senses, as kernels take them: their shapes, their poses, and which of them are near."""
 
-# pyright: reportIndexIssue=false, reportArgumentType=false
+# pyright: reportIndexIssue=false, reportArgumentType=false, reportOperatorIssue=false
 
 import functools
 

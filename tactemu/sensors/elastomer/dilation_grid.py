@@ -199,7 +199,8 @@ def _simd(context: Context, dilated, row_terms: np.ndarray, col_terms: np.ndarra
     """Record the passes on a CPU: both passes of an environment in one thread."""
     padded = [np.pad(part, ((0, 0), (0, WIDTH))) for part in (row_terms, col_terms)]
     tables = [wp.array(part, dtype=context.real, device=context.device) for part in padded]
-    size = scratch_numbers(*dilated.motion.shape[1:], len(row_terms))
+    _, rows, cols = dilated.motion.shape
+    size = scratch_numbers(rows, cols, len(row_terms))
     scratch = wp.zeros((context.threads, size), dtype=context.real, device=context.device)
     kernel = dilation_kernel(context.real)
     return context.record_blocks(kernel, context.threads, [dilated, *tables, scratch], [], 1)

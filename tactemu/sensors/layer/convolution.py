@@ -11,7 +11,7 @@ CPU they fill the vector registers (:mod:`.simd`), on a GPU ``lanes`` is 1 and e
 transforms along the rows and writes its result transposed; a convolution takes two passes forward and two back.
 """
 
-# pyright: reportIndexIssue=false
+# pyright: reportIndexIssue=false, reportCallIssue=false, reportGeneralTypeIssues=false
 
 import functools
 from typing import Any, NamedTuple

@@ -3,6 +3,8 @@
 Values that a cell does not need (a circle, where it sticks) are computed too, and discarded.
 """
 
+# pyright: reportGeneralTypeIssues=false
+
 import functools
 from typing import Any, NamedTuple
 

@@ -1,6 +1,6 @@
 """The working arrays and the state of the friction solver (:mod:`tactemu.sensors.layer.friction`)."""
 
-# pyright: reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
+# pyright: reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false, reportGeneralTypeIssues=false
 
 import functools
 

@@ -1,5 +1,7 @@
 """The operations of the pressure solver on each cell of a window, between its convolutions (:mod:`.pressure`)."""
 
+# pyright: reportGeneralTypeIssues=false
+
 import functools
 from typing import Any, NamedTuple
 

@@ -5,7 +5,7 @@ any arrays. A transform of 32 or 64 points is one of 4 or 8 and one of 8, each i
 is copied to the scratch before it writes, so that a spectrum is transformed in place.
 """
 
-# pyright: reportCallIssue=false
+# pyright: reportCallIssue=false, reportGeneralTypeIssues=false
 
 import functools
 

@@ -6,6 +6,8 @@ registers as transposed blocks of eight by eight. It is C++, since the compiler'
 for vectors of eight is three times as slow.
 """
 
+# pyright: reportGeneralTypeIssues=false
+
 import functools
 
 import warp as wp

@@ -9,7 +9,7 @@ Tractions along x and y move the surface along both. With the mirrored wave numb
 ``-k`` mirrors both wave numbers. Lengths of transforms are powers of two, so that masking bits gives a mirrored place.
 """
 
-# pyright: reportIndexIssue=false
+# pyright: reportIndexIssue=false, reportGeneralTypeIssues=false
 
 import functools
 from typing import Any, NamedTuple

@@ -1,6 +1,6 @@
 """The window of cells that an environment's contact can reach, and its distribution over the threads of a block."""
 
-# pyright: reportIndexIssue=false, reportArgumentType=false, reportOperatorIssue=false
+# pyright: reportIndexIssue=false, reportArgumentType=false, reportOperatorIssue=false, reportCallIssue=false
 
 import functools
 

@@ -10,6 +10,8 @@ environment ``e`` into ``out``:
 The formula is called with depth 0 where no body is near a probe.
 """
 
+# pyright: reportCallIssue=false
+
 import functools
 from typing import Any, NamedTuple
 
