@@ -150,7 +150,7 @@ class Imperfections(Adjustments):
         kernel, key = resets.gain_kernel(self.context.real), self._key("gain")
 
         def redraw(mask: wp.array) -> None:
-            self._launch(kernel, gain.shape, [mask, self._streams, key, low, high, gain])
+            self._launch(kernel, gain.shape, [mask, self._streams, key, wp.vec2d(low, high), gain])
 
         redraw(wp.full(self.context.n_envs, True, dtype=wp.bool, device=self.context.device))
         return redraw

@@ -29,7 +29,8 @@ class DeadTaxels:
         """Draw again which taxels are dead in the environments of the mask (bool, shape ``(n_envs,)``)."""
         options, context = self._options, self._context
         key = stream_key(context.seed, f"{self._info.name}/dead")
-        drawn = [options.dead_taxel_probability, *options.dead_taxel_value_range, options.dead_taxel_mode == "last"]
+        limits, at_first = wp.vec2d(*options.dead_taxel_value_range), options.dead_taxel_mode == "last"
+        drawn = [options.dead_taxel_probability, limits, at_first]
         inputs = [mask, self._streams, key, *drawn, self._info.n_channels, self.stuck]
         wp.launch(dead_kernel(context.real), dim=self.stuck.shape, inputs=inputs, device=context.device)
 

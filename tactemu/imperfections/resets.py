@@ -18,22 +18,24 @@ def count_resets(mask: wp.array(dtype=wp.bool), streams: wp.array(dtype=wp.vec2i
         streams[e] = streams[e] + wp.vec2i(0, 1)
 
 
+@wp.func
+def between(limits: wp.vec2d, word: wp.uint32):
+    """Return a number between two limits."""
+    return limits[0] + (limits[1] - limits[0]) * unit_f64(word)
+
+
 @functools.cache
 def gain_kernel(real: type):
     """Return the kernel that draws a gain per taxel, uniform in a range."""
+    gains = wp.array2d(dtype=real)
 
     @wp.kernel(module="unique", enable_backward=False)
     def resample_gain(
-        mask: wp.array(dtype=wp.bool),
-        streams: wp.array(dtype=wp.vec2i),
-        key: wp.uint32,
-        low: wp.float64,
-        high: wp.float64,
-        gain: wp.array2d(dtype=real),
+        mask: wp.array(dtype=wp.bool), streams: wp.array(dtype=wp.vec2i), key: wp.uint32, limits: wp.vec2d, gain: gains
     ):
         e, i = wp.tid()
         if mask[e]:
-            gain[e, i] = real(low + (high - low) * unit_f64(draw(key, streams, e, i, wp.int64(0))[0]))
+            gain[e, i] = real(between(limits, draw(key, streams, e, i, wp.int64(0))[0]))
 
     return resample_gain
 
@@ -51,8 +53,7 @@ def dead_kernel(real: type):
         streams: wp.array(dtype=wp.vec2i),
         key: wp.uint32,
         probability: wp.float64,
-        low: wp.float64,
-        high: wp.float64,
+        limits: wp.vec2d,
         at_first: wp.bool,
         n_channels: int,
         stuck: wp.array2d(dtype=real),
@@ -62,7 +63,7 @@ def dead_kernel(real: type):
             words = draw(key, streams, e, c // n_channels, wp.int64(0))
             value = real(wp.static(ALIVE))
             if unit_f64(words[0]) < probability:
-                value = real(low + (high - low) * unit_f64(words[1]))
+                value = real(between(limits, words[1]))
                 if at_first:
                     value = real(wp.static(DIES_AT_FIRST))
             stuck[e, c] = value

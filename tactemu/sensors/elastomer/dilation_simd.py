@@ -46,13 +46,7 @@ def dilation_kernel(real):
     def dilate(env: int, grid: grid_struct, row_terms: numbers, col_terms: numbers, scratch: wp.array(dtype=real)): ...
 
     @wp.kernel(module="unique", enable_backward=False)
-    def dilate_grids(
-        turns: wp.vec4i,  # first environment, end, first slot, slots that take turns
-        grid: grid_struct,
-        row_terms: numbers,
-        col_terms: numbers,
-        scratch: numbers,
-    ):
+    def dilate_grids(turns: wp.vec4i, grid: grid_struct, row_terms: numbers, col_terms: numbers, scratch: numbers):
         place, _thread = wp.tid()
         for env in range(turns[0] + place, turns[1], turns[3]):
             dilate(env, grid, row_terms, col_terms, scratch[turns[2] + place])

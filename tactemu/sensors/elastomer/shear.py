@@ -126,12 +126,7 @@ def _tables_kernel(real, add: bool):
     def drag(env: int, anchors: anchors_struct, plane: plane_struct, tables: wp.array(dtype=real)): ...
 
     @wp.kernel(module="unique", enable_backward=False)
-    def add_shear(
-        turns: wp.vec4i,  # first environment, end, first slot, slots that take turns
-        anchors: anchors_struct,
-        plane: plane_struct,
-        tables: wp.array2d(dtype=real),
-    ):
+    def add_shear(turns: wp.vec4i, anchors: anchors_struct, plane: plane_struct, tables: wp.array2d(dtype=real)):
         slot, _thread = wp.tid()
         for env in range(turns[0] + slot, turns[1], turns[3]):
             drag(env, anchors, plane, tables[turns[2] + slot])

@@ -228,7 +228,7 @@ def friction_kernel(real, lanes: int, coupled: bool, is_shared: bool):
 
     @wp.kernel(module="unique", enable_backward=False, launch_bounds=SHARED_MEMORY_BLOCK if is_shared else BLOCK)
     def solve_friction(
-        turns: wp.vec4i,  # first environment, end, first slot, slots that take turns
+        turns: wp.vec4i,
         layer: layer_struct,
         over: overlap_struct,
         pressed: pressed_struct,

@@ -231,11 +231,7 @@ def normal_kernel(real, lanes: int, is_shared: bool):
 
     @wp.kernel(module="unique", enable_backward=False, launch_bounds=SHARED_MEMORY_BLOCK if is_shared else BLOCK)
     def solve_normal(
-        turns: wp.vec4i,  # first environment, end, first slot, slots that take turns
-        layer: layer_struct,
-        over: overlap_struct,
-        win: windows_struct,
-        state: state_struct,
+        turns: wp.vec4i, layer: layer_struct, over: overlap_struct, win: windows_struct, state: state_struct
     ):
         place, thread = wp.tid()
         if wp.static(is_shared):

@@ -89,7 +89,7 @@ def surface_kernel(real, lanes: int, with_friction: bool, is_shared: bool):
 
     @wp.kernel(module="unique", enable_backward=False, launch_bounds=SHARED_MEMORY_BLOCK if is_shared else BLOCK)
     def find_surface(
-        turns: wp.vec4i,  # first environment, end, first slot, slots that take turns
+        turns: wp.vec4i,
         layer: layer_struct,
         pressed: pressed_struct,
         friction: friction_state,

@@ -28,7 +28,7 @@ from tactemu.sensors.points.near import near_clusters
 from tactemu.sensors.points.proximity_sums import ProximitySums
 from tactemu.sensors.points.surface_points import FEWER_POINTS, surface_points
 from tactemu.sensors.points.table import upload_clouds
-from tactemu.sensors.probes.kinematic_taxel import ForceTorque
+from tactemu.sensors.probes.kinematic_taxel import ForceTorque, force_torque_writer
 from tactemu.sensors.sensor_model import Compiled, SensorModel, Setting, Site
 
 
@@ -59,7 +59,7 @@ def proximity_type(real):
 def proximity_kernel(real, moving: bool, has_gain: bool):
     """Return the kernel of force and torque from the sums over points
     (:mod:`tactemu.sensors.points.proximity_sums`)."""
-    vec3, proximity_struct = wp.types.vector(3, real), proximity_type(real)
+    vec3, proximity_struct, write = wp.types.vector(3, real), proximity_type(real), force_torque_writer(real)
 
     @wp.kernel(module="unique", enable_backward=False)
     def proximity(first_env: int, c: proximity_struct, out: wp.array3d(dtype=real)):
@@ -89,9 +89,7 @@ def proximity_kernel(real, moving: bool, has_gain: bool):
         if wp.static(moving):
             if total > real(0.0):
                 torque -= c.twist * twist / total * a
-        for k in range(3):
-            out[e, i, k] = force[k]
-            out[e, i, 3 + k] = torque[k]
+        write(out, e, i, force, torque)
 
     return proximity
 

@@ -37,6 +37,20 @@ class ForceTorque(NamedTuple):
 
 
 @functools.cache
+def force_torque_writer(real):
+    """Return ``write(out, e, i, force, torque)``, which writes both into the reading of taxel ``i``."""
+    vec3 = wp.types.vector(3, real)
+
+    @wp.func
+    def write(out: wp.array3d(dtype=real), e: int, i: int, force: vec3, torque: vec3):
+        for k in range(3):
+            out[e, i, k] = force[k]
+            out[e, i, 3 + k] = torque[k]
+
+    return write
+
+
+@functools.cache
 def springs_type(real):
     """Return the Warp struct of a KinematicTaxel's parameters and of the motion of the pressing bodies."""
     vec3 = wp.types.vector(3, real)
@@ -60,7 +74,7 @@ def springs_formula(real, moving: bool):
     """Return the formula of force and torque of one probe; ``moving``: damping, shear or twist are not 0."""
     vec3 = wp.types.vector(3, real)
     springs_struct, probes_type, touch_struct = springs_type(real), probes_struct(real), touch_type(real)
-    readings = wp.array3d(dtype=real)
+    readings, write = wp.array3d(dtype=real), force_torque_writer(real)
 
     @wp.func
     def measure(c: springs_struct, probes: probes_type, touch: touch_struct, e: int, i: int, out: readings):
@@ -92,9 +106,7 @@ def springs_formula(real, moving: bool):
             else:
                 force = push * n
                 torque = wp.cross(r, force)
-        for k in range(3):
-            out[e, i, k] = force[k]
-            out[e, i, 3 + k] = torque[k]
+        write(out, e, i, force, torque)
 
     return measure
 
