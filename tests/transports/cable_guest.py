@@ -26,6 +26,8 @@ from tests.transports.played import Played
 
 ROOT = Path(__file__).parents[2]
 NEAR, FAR = "/dev/ttyUSB0", "/dev/ttyUSB1"
+NEAR_2, FAR_2 = "/dev/ttyUSB2", "/dev/ttyUSB3"
+"""The ends of a cable between a CP2102 and an FT232R."""
 
 
 def wait(condition, seconds=30.0):
@@ -39,8 +41,8 @@ def tell(what, **said):
     print(json.dumps({"what": what, **said}), flush=True)
 
 
-def opened(options="", **line):
-    port = transports.create(f"serial:{NEAR}{options}")
+def opened(options="", near=NEAR, **line):
+    port = transports.create(f"serial:{near}{options}")
     port.set_connector(Serial(**({"baud": 115_200} | line)))
     port.open()
     return port
@@ -61,28 +63,28 @@ def counted(seen):
     return counts
 
 
-def readings(count):
+def readings(count, near=NEAR, far=FAR):
     """Every reading of a sensor's own driver."""
-    with Played("anyskin", f"serial:{NEAR}") as played:
-        read = [sys.executable, ROOT / "tests/drivers/scripts/anyskin_read.py", "anyskin", FAR, str(count)]
+    with Played("anyskin", f"serial:{near}") as played:
+        read = [sys.executable, ROOT / "tests/drivers/scripts/anyskin_read.py", "anyskin", far, str(count)]
         done = subprocess.run(read, capture_output=True, text=True, timeout=120, check=True)
     got = json.loads(done.stdout.splitlines()[-1])["readings"]
     samples = played.samples()
     equal = sum(np.array(each).tobytes() in samples for each in got)
-    tell("readings", count=len(got), equal=equal, counters=dict(played.wire.counters))
+    tell(f"readings {near}", count=len(got), equal=equal, counters=dict(played.wire.counters))
 
 
-def both_ways():
+def both_ways(near=NEAR, far=FAR):
     """All bytes, at speeds that a 16550A does not have, too."""
     data, equal = bytes(range(256)) + b"\xff\xff\x00", {}
     for baud in (9_600, 250_000, 1_000_000):
-        with opened(baud=baud) as port, serial.Serial(FAR, baud, timeout=5) as driver:
+        with opened(near=near, baud=baud) as port, serial.Serial(far, baud, timeout=5) as driver:
             port.poll()
             is_sent = port.write(data) and driver.read(len(data)) == data
             driver.write(data)
             seen = events_until(port, lambda seen: len(received(seen)) >= len(data))
             equal[baud] = is_sent and received(seen) == data
-    tell("both ways", equal=equal)
+    tell(f"both ways {near}", equal=equal)
 
 
 def received(seen):
@@ -253,8 +255,13 @@ def main(number, *words):
             soak(float(words[0]))
             pulls(int(words[1]))
         else:
-            for part in (both_ways, lines, errors, speeds, fills, partial(readings, int(words[0])), stays_open):
+            for node in (NEAR_2, FAR_2):
+                assert wait(lambda node=node: os.path.exists(node), 60), f"no {node}"
+            count = int(words[0])
+            for part in (both_ways, lines, errors, speeds, fills, partial(readings, count), stays_open):
                 part()
+            both_ways(NEAR_2, FAR_2)
+            readings(count, NEAR_2, FAR_2)
     finally:
         keeper.terminate()
         keeper.wait()

@@ -1,7 +1,8 @@
-"""Two FT232R adapters and a null-modem cable between them, by USB/IP: a bench for ``serial:`` without hardware.
+"""Two USB-serial adapters and a null-modem cable between them, by USB/IP: a bench for ``serial:`` without hardware.
 
-Bytes take their time at the sender's speed. A receiver that is set otherwise receives noise, and its chip's status says
-framing or parity error. Modem lines and breaks cross over. A chip with a full buffer takes no more of its host.
+Bytes take their time at the sender's speed. A receiver that is set otherwise receives noise, and the status of an
+FT232R says framing or parity error. Modem lines and breaks cross over. A chip with a full buffer takes no more of its
+host.
 """
 
 import select
@@ -25,8 +26,8 @@ BREAK, FRAMING, PARITY = 0x10, 0x08, 0x04
 class End:
     """One adapter, and what leaves it."""
 
-    def __init__(self, address: str, name: str):
-        self.port = UsbIpTransport(f"ftdi@{address}")
+    def __init__(self, address: str, name: str, chip: str):
+        self.port = UsbIpTransport(f"{chip}@{address}")
         self.port.set_connector(Serial(baud=9600, usb=USB(0x0403, 0x6001, serial=name, node="ttyUSB")))
         self.port.open()
         self.other = self
@@ -34,13 +35,9 @@ class End:
         self.counts = Counter()
         self._leaving, self._free_s = bytearray(), 0.0
         self._arrived, self._since_s = bytearray(), 0.0
+        self.chip = self.port._chip if isinstance(self.port._chip, Ft232R) else Ft232R()
+        """The chip; of another one than an FT232R the state has no effect."""
         self.chip.modem = ALWAYS
-
-    @property
-    def chip(self) -> Ft232R:
-        chip = self.port._chip
-        assert isinstance(chip, Ft232R)
-        return chip
 
     @property
     def is_busy(self) -> bool:
@@ -103,10 +100,10 @@ class End:
 class NullModem:
     """The two ends, moved by a thread; ``pull`` takes the adapter of one end away and brings it back."""
 
-    def __init__(self):
-        first = End("0", "NEAR")
+    def __init__(self, number: int = 0, near: str = "ftdi"):
+        first = End(str(number), "NEAR", near)
         self.number = int(first.port.address.split("--tcp-port ")[1].split()[0])
-        self.ends = (first, End(str(self.number), "FAR"))
+        self.ends = (first, End(str(self.number), "FAR", "ftdi"))
         first.other, self.ends[1].other = self.ends[1], first
         self._pulls: list[tuple[End, float]] = []
         self._thread = threading.Thread(target=self._run)

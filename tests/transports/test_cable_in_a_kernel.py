@@ -1,4 +1,4 @@
-"""``serial:`` on an FTDI adapter of Debian's own kernel, a null-modem cable away from its driver: ``-m kernel``."""
+"""``serial:`` on USB adapters of Debian's own kernel, a null-modem cable away from the driver: ``-m kernel``."""
 
 import pytest
 
@@ -6,30 +6,33 @@ from tests.transports.kernel_guest import said_by
 from tests.transports.null_modem import NullModem
 
 pytestmark = [pytest.mark.kernel, pytest.mark.timeout(600)]
-READINGS = 60
+READINGS = 40
+NODES = {"/dev/ttyUSB0": "FT232R", "/dev/ttyUSB2": "CP2102"}
 
 
 @pytest.fixture(scope="module")
 def told():
     """What the guest's program says, by its words; the adapter is pulled when it asks for it."""
     said = {}
-    with NullModem() as cable:
+    with NullModem() as cable, NullModem(cable.number, "cp210x"):
         module, arguments = "tests.transports.cable_guest", (cable.number, READINGS)
-        for each in said_by(module, *arguments, modules="vhci-hcd ftdi_sio", seconds=400):
+        for each in said_by(module, *arguments, modules="vhci-hcd ftdi_sio cp210x", seconds=400):
             said[each.pop("what")] = each
             if "pull" in said and "pulled" not in said:
                 cable.pull(0, 1.0)
     return said
 
 
-def test_every_reading_of_anyskins_driver_is_a_sample(told):
-    readings = told["readings"]
+@pytest.mark.parametrize("node", NODES, ids=NODES.values())
+def test_every_reading_of_anyskins_driver_is_a_sample(told, node):
+    readings = told[f"readings {node}"]
     assert readings["equal"] == readings["count"] == READINGS
     assert not readings["counters"].get("dropped_readings")
 
 
-def test_all_bytes_pass_both_ways_at_every_speed(told):
-    assert told["both ways"]["equal"] == {"9600": True, "250000": True, "1000000": True}
+@pytest.mark.parametrize("node", NODES, ids=NODES.values())
+def test_all_bytes_pass_both_ways_at_every_speed(told, node):
+    assert told[f"both ways {node}"]["equal"] == {"9600": True, "250000": True, "1000000": True}
 
 
 def test_modem_lines_cross_over(told):
