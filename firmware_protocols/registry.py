@@ -56,6 +56,7 @@ DEVICES: dict[str, str] = {
     "linker_hand_l20": f"{_HERE}.linker_hand:LinkerHandL20",
     "linker_hand_l21": f"{_HERE}.linker_hand:LinkerHandL21",
     "linker_hand_l25": f"{_HERE}.linker_hand:LinkerHandL25",
+    "linker_hand_l30": f"{_HERE}.linker_hand_l30:LinkerHandL30",
     "linker_hand_l6": f"{_HERE}.linker_hand:LinkerHandL6",
     "linker_hand_l7": f"{_HERE}.linker_hand:LinkerHandL7",
     "linker_hand_o20": f"{_HERE}.linker_hand_o20:LinkerHandO20",
