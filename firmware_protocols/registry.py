@@ -34,6 +34,7 @@ DEVICES: dict[str, str] = {
     "brainco_revo2": f"{_HERE}.brainco_revo2:BraincoRevo2",
     "brainco_revo2_canfd": f"{_HERE}.brainco_revo2:BraincoRevo2CanFd",
     "brainco_revo3": f"{_HERE}.brainco_revo3:BraincoRevo3",
+    "brainco_revo3_canfd": f"{_HERE}.brainco_revo3:BraincoRevo3CanFd",
     "contactile_papillarray": f"{_HERE}.contactile_papillarray:ContactilePapillArray",
     "cyskin_cpm_finger": f"{_HERE}.cyskin_cpm_finger:CyskinCpmFinger",
     "dexrobot_dexhand": f"{_HERE}.dexrobot_dexhand:DexrobotDexHand",

@@ -45,14 +45,10 @@ Try it: ``tactemu run brainco_revo2``, then ``bc_stark_sdk.main_mod.modbus_open(
 ``await client.get_touch_sensor_status(0x7E)``.
 """
 
-from firmware_protocols import Can, CanFrame, CanRequests, Identifier, Rs485, Transmissions, command_table
+from firmware_protocols import CanFrame, Rs485, Transmissions, command_table
+from firmware_protocols.devices import brainco_canfd
 from firmware_protocols.devices.brainco_revo2_hand import BAUDS, Revo2
-from firmware_protocols.protocols.modbus import Banks, Rtu, answer, rtu, silence_ns
-from firmware_protocols.sums import crc16_modbus
-
-FUNCTIONS = (3, 4, 6, 16)
-MAX_CAN_DATA_BYTES = 64
-"""The bytes of a CAN-FD frame; a longer answer becomes exception 3."""
+from firmware_protocols.protocols.modbus import Banks, Rtu, silence_ns
 
 
 class BraincoRevo2(Revo2):
@@ -96,7 +92,7 @@ class BraincoRevo2(Revo2):
 
     def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
         """Answer Modbus requests, which arrive in chunks of any size."""
-        banks = Banks(holding=self, inputs=self, functions=FUNCTIONS)
+        banks = Banks(holding=self, inputs=self, functions=brainco_canfd.FUNCTIONS)
         return self._restarted(self.rtu.answers(data, t_ns, {self.unit: banks}))
 
 
@@ -134,23 +130,8 @@ class BraincoRevo2CanFd(Revo2):
     )
 
     def _plug(self) -> None:
-        ident = Identifier(f"{self.unit:013b}hhhhhhhhssssssss", {"host": "h", "size": "s"})
-        self.packets = CanRequests(ident, by="", is_fd=True)
-        self.ports = (Can(data_bitrate=5_000_000, filters=(ident.filter(),)),)
+        brainco_canfd.plug(self)
 
     def receive(self, data: CanFrame, t_ns: int, port: str) -> Transmissions[CanFrame]:
         """Answer the request in one frame."""
-        asked = self.packets.fields(data)
-        if asked is None:
-            self.counters["ignored"] += 1
-            return ()
-        adu = data.data[: asked["size"]]
-        if len(adu) < 4 or len(adu) != asked["size"] or adu[0] != self.unit or crc16_modbus(adu):
-            self.counters["bad_checksum"] += 1
-            return ()
-        self.counters["requests"] += 1
-        reply = answer(adu[1:-2], Banks(holding=self, inputs=self, functions=FUNCTIONS), t_ns)
-        if len(reply) + 3 > MAX_CAN_DATA_BYTES:
-            reply = bytes([adu[1] | 0x80, 3])
-        frame = rtu(self.unit, reply)
-        return self._restarted([self.packets.frame(asked["id"] & ~0xFF | len(frame), frame)])
+        return self._restarted(brainco_canfd.answers(self, data, t_ns))

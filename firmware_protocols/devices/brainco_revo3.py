@@ -1,4 +1,4 @@
-"""BrainCo Revo3 Touch: a hand with eleven tactile modules, over Modbus RTU.
+"""BrainCo Revo3 Touch: a hand with eleven tactile modules, over Modbus RTU or CAN-FD.
 
 Wire: RS-485, 5 Mbit/s (or 1, 2, 3) 8N1, Modbus RTU, unit 7E; functions 03, 04, 06, 16. Modules are the palm, then tip
 and pad of thumb, index, middle, ring and little finger. Register 135 gives the kind of sensors:
@@ -28,19 +28,23 @@ Mbit/s); 135 kind of touch; 240..260 and 270..290 the joints' limits [0.01 deg];
 3060 and 3300 serial numbers and versions of their motors; 3030, 3040, 3050 firmware, hardware and serial number, 20
 characters each, two in a register. The serial number of a left Ultra Touch begins BCUTL4.
 
+On CAN-FD (``brainco_revo3_canfd``) the same Modbus frame, CRC included, is the data of a frame, padded with zeros, as
+for ``brainco_revo2_canfd``: more than 29 registers do not fit, and the SDK reads points in pieces.
+
 Try it: ``tactemu run brainco_revo3``, then
 ``await bc_revo3_sdk.Manager().connect_auto(port=..., protocol=ProtocolType.Modbus, slave_id=0x7E)``.
 """
 
 from collections.abc import Sequence
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 
 from firmware_protocols import (
-    Column, Counts, Device, Layout, Option, Reading, RegisterMap, Registers, Rs485, Transmissions, command_table,
-    fact_table, filled, grid_layout, place, quantize, stack,
+    CanFrame, Column, Counts, Device, Layout, Option, Reading, RegisterMap, Registers, Rs485, Transmissions,
+    command_table, fact_table, filled, grid_layout, place, quantize, stack,
 )  # fmt: skip
+from firmware_protocols.devices import brainco_canfd
 from firmware_protocols.protocols.modbus import Banks, Rtu, silence_ns
 
 BAUD_CODES = {1000000: 0, 2000000: 1, 3000000: 2, 5000000: 4}
@@ -125,17 +129,115 @@ SDK = "BrainCoTech/brainco-revo3-sdk@7ba96eb "
 LOOKED = f"all of {SDK}docs, python; bc-revo3-sdk 2.3.2 and 1.5.1 main_mod.pyi"
 
 
-class BraincoRevo3(Device):
-    """A hand with eleven tactile modules; its joints do not move."""
+Touch = Annotated[Literal["array", "matrix"], Option("kind of sensors")]
+Packing = Annotated[
+    Literal["pairs", "single"], Option("points of a matrix in a register: two as in the SDK, or one as in the document")
+]
+Side = Annotated[Literal["left", "right"], Option("which hand; sets the serial number")]
+SerialNumber = Annotated[str, Option("20 characters of ASCII, from which the SDK reads the model; default: by side")]
 
-    name = "brainco_revo3"
-    title = "BrainCo Revo3 Touch hand"
+
+class Revo3(Device[Any]):
+    """A hand with eleven tactile modules, for either line; its joints do not move."""
+
     kind = "hand"
     evidence = ("vendor document", "driver")
     sources = (
         f"{SDK}docs/device/REVO3_TOUCH_API.md, REVO3_MOTOR_API.md (registers)",
         "bc-revo3-sdk 2.3.2 and 1.5.1: what they read and write (identity, points per module, regions, packing)",
     )
+    facts = fact_table(f"""
+        stated touch: registers, points of each module, units of force @ {SDK}docs/device/REVO3_TOUCH_API.md
+        assumed touch: places: row by row, flat, normal +z, 2 mm pitch on fingers, 4 mm on the palm; matrices 10 x 6
+        assumed touch: a point is 200 counts/N (ADC, raw), 0..4095, or of a matrix 50 counts/N (ADC)
+        assumed touch: regions are equal runs of points; forces and points can be read with any value of 4023
+        assumed touch: a zero holds until the next restart; 4025..4036 have no effect; modules that are off read 0
+        stated identity: 101 is the hand: 1 right, 2 left @ bc-revo3-sdk 1.5.1 revo3_get_hand_type(), main_mod.pyi:575
+        stated identity: 109 and 110 are the lines, and their codes @ bc-revo3-sdk 1.5.1 revo3_get_rs485_baudrate(),
+            each code tried
+        stated identity: motors: status, versions, which are there @ {SDK}docs/device/REVO3_MOTOR_API.md:292, 350
+        assumed identity: firmware 0.1.2, hardware V1.0; motors 1.1; modules and motors have no serial number
+        assumed configuration: limits 0 and 90 deg, 200 rpm, 1500 mA; 24 V, 0.3 A, 25 deg C; switches on
+        assumed configuration: functions 03 and 04 show the same registers; all others read 0; joints do not move
+        stated configuration: Modbus frames in CAN-FD frames, 29 registers at most @ bc-revo3-sdk 2.3.2, as it speaks
+        assumed timing: it answers at once; 100 conversions a second
+    """, looked=LOOKED)  # fmt: skip
+
+    def _power_up(self, touch: str, packing: str, side: str, serial: str) -> None:
+        serial = serial or f"BCUT{side[0].upper()}40000000000"
+        self.touch, self.packing, self.array = touch, packing, touch == "array"
+        self.columns = (Column(name="touch", low=0, high=4095 if self.array else 255, push=1),)
+        self.layout = _hand(touch)
+        self.modules = np.repeat(np.arange(11), ARRAY_POINTS if self.array else MATRIX_POINTS)
+        """The module of each point."""
+        self.registers = registers = Registers(MAP)
+        registers["kind"] = 1 if self.array else 2
+        registers["hand"] = 2 if side == "left" else 1
+        registers["array_size" if self.array else "matrix_size"] = ARRAY_POINTS if self.array else MATRIX_POINTS
+        for name, text in (("firmware", "0.1.2"), ("hardware", "V1.0"), ("serial", serial)):
+            registers[name] = text.encode("ascii")
+        self.unit = registers["unit"]
+        self.felt = self.zero = np.zeros(len(self.layout))
+        self.counts = np.zeros(len(self.layout), int)
+
+    def measure(self, reading: Reading, t_ns: int) -> Counts:
+        """Return the points, 0..4095 of an array, 0..255 of a matrix, in the unit that is set for their module."""
+        self.felt = self.layout.push(reading["force"])
+        pushes = (self.felt - self.zero) * np.array(self.registers.all(f"{self.touch}_on"))[self.modules]
+        if self.array:
+            self.counts = quantize(pushes, ARRAY_COUNTS_PER_NEWTON[self.registers["array_mode"]], 0, 4095)
+            self.registers["forces"] = np.add.reduceat(pushes, REGION_STARTS) * MILLINEWTONS_PER_NEWTON
+        else:
+            modes = np.array(self.registers.all("matrix_mode"))[1:]
+            self.counts = quantize(pushes, MATRIX_COUNTS_PER_NEWTON[modes][self.modules], 0, 255)
+        return self.counts
+
+    def read(self, address: int, n: int, t_ns: int) -> bytes:
+        """Return registers, with the points of the last conversion."""
+        if address + n <= MAP.by_name["array_0"].address:
+            return self.registers.read(address, n)
+        wire, area = self.layout.on_wire(self.counts), np.zeros(1320, int)
+        for k, patch in enumerate(self.layout.patches):
+            points = wire[patch.taxels]
+            if self.array:
+                self.registers[f"array_{k}"] = points
+            elif self.packing == "single":
+                area[120 * k + 1 : 120 * k + 120 : 2] = points
+            else:
+                area[2 * PAIRED_FIRST_REGISTERS[k] - MATRIX_OFFSET :][:60] = points
+        self.registers["matrix"] = area
+        return self.registers.read(address, n)
+
+    def write(self, address: int, data: bytes, t_ns: int) -> Sequence[str]:
+        """Store what the host writes, and execute its orders."""
+        written = self.registers.write(address, data)
+        if self.array:
+            self._zero(self.registers.all("array_zero"))
+        else:
+            self._zero(self.registers.all("matrix_zero"))
+            self._zero([UNDO * order for order in self.registers.all("restart")])
+            if address <= MAP.by_name["matrix_mode"].address < address + len(data):
+                self.registers["matrix_mode"] = self.registers["matrix_mode"]  # the first is for all
+        self.registers.reset("array_zero", "matrix_zero", "restart")
+        return written
+
+    def _zero(self, orders: list[int]) -> None:
+        """Set or cancel the zero of all modules (the first order) and of each."""
+        zeroed = np.array(self.registers.all("zeroed"))
+        for order, which in zip(orders, (slice(None), *range(11))):
+            if order:
+                points = np.isin(self.modules, np.arange(11)[which])
+                self.zero = np.where(points, self.felt if order == ZERO else 0.0, self.zero)
+                zeroed[1:][which] = order == ZERO
+        zeroed[0] = zeroed[1:].all()
+        self.registers["zeroed"] = zeroed
+
+
+class BraincoRevo3(Revo3):
+    """A hand on RS-485."""
+
+    name = "brainco_revo3"
+    title = "BrainCo Revo3 Touch hand"
     judge = "bc-revo3-sdk 2.3.2, bc-revo3-sdk 1.5.1"
     documented = command_table(
         """
@@ -181,110 +283,60 @@ class BraincoRevo3(Device):
         head="7E",
     )
     documented_with = ("packing", "serial", "baud")
-    facts = fact_table(f"""
-        stated touch: registers, points of each module, units of force @ {SDK}docs/device/REVO3_TOUCH_API.md
-        assumed touch: places: row by row, flat, normal +z, 2 mm pitch on fingers, 4 mm on the palm; matrices 10 x 6
-        assumed touch: a point is 200 counts/N (ADC, raw), 0..4095, or of a matrix 50 counts/N (ADC)
-        assumed touch: regions are equal runs of points; forces and points can be read with any value of 4023
-        assumed touch: a zero holds until the next restart; 4025..4036 have no effect; modules that are off read 0
-        stated identity: 101 is the hand: 1 right, 2 left @ bc-revo3-sdk 1.5.1 revo3_get_hand_type(), main_mod.pyi:575
-        stated identity: 109 and 110 are the lines, and their codes @ bc-revo3-sdk 1.5.1 revo3_get_rs485_baudrate(),
-            each code tried
-        stated identity: motors: status, versions, which are there @ {SDK}docs/device/REVO3_MOTOR_API.md:292, 350
-        assumed identity: firmware 0.1.2, hardware V1.0; motors 1.1; modules and motors have no serial number
-        assumed configuration: limits 0 and 90 deg, 200 rpm, 1500 mA; 24 V, 0.3 A, 25 deg C; switches on
-        assumed configuration: functions 03 and 04 show the same registers; all others read 0; joints do not move
-        assumed timing: it answers at once; 100 conversions a second
-    """, looked=LOOKED)  # fmt: skip
 
     def __init__(
         self,
         *,
-        touch: Annotated[Literal["array", "matrix"], Option("kind of sensors")] = "array",
-        packing: Annotated[
-            Literal["pairs", "single"],
-            Option("points of a matrix in a register: two as in the SDK, or one as in the document"),
-        ] = "pairs",
-        side: Annotated[Literal["left", "right"], Option("which hand; sets the serial number")] = "left",
-        serial: Annotated[
-            str, Option("20 characters of ASCII, from which the SDK reads the model; default: by side")
-        ] = "",
+        touch: Touch = "array",
+        packing: Packing = "pairs",
+        side: Side = "left",
+        serial: SerialNumber = "",
         baud: Annotated[Literal[1000000, 2000000, 3000000, 5000000], Option("line speed")] = 5000000,
     ):
-        serial = serial or f"BCUT{side[0].upper()}40000000000"
-        self.touch, self.packing, self.array = touch, packing, touch == "array"
+        self._power_up(touch, packing, side, serial)
+        self.registers["baud"] = BAUD_CODES[baud]
         self.ports = (Rs485(baud=baud),)
-        self.columns = (Column(name="touch", low=0, high=4095 if self.array else 255, push=1),)
-        self.layout = _hand(touch)
-        self.modules = np.repeat(np.arange(11), ARRAY_POINTS if self.array else MATRIX_POINTS)
-        """The module of each point."""
-        self.registers = registers = Registers(MAP)
-        registers["kind"], registers["baud"] = 1 if self.array else 2, BAUD_CODES[baud]
-        registers["hand"] = 2 if side == "left" else 1
-        registers["array_size" if self.array else "matrix_size"] = ARRAY_POINTS if self.array else MATRIX_POINTS
-        for name, text in (("firmware", "0.1.2"), ("hardware", "V1.0"), ("serial", serial)):
-            registers[name] = text.encode("ascii")
-        self.unit = registers["unit"]
         self.rtu = Rtu(counters=self.counters, gap_ns=silence_ns(baud))
-        self.felt = self.zero = np.zeros(len(self.layout))
-        self.counts = np.zeros(len(self.layout), int)
-
-    def measure(self, reading: Reading, t_ns: int) -> Counts:
-        """Return the points, 0..4095 of an array, 0..255 of a matrix, in the unit that is set for their module."""
-        self.felt = self.layout.push(reading["force"])
-        pushes = (self.felt - self.zero) * np.array(self.registers.all(f"{self.touch}_on"))[self.modules]
-        if self.array:
-            self.counts = quantize(pushes, ARRAY_COUNTS_PER_NEWTON[self.registers["array_mode"]], 0, 4095)
-            self.registers["forces"] = np.add.reduceat(pushes, REGION_STARTS) * MILLINEWTONS_PER_NEWTON
-        else:
-            modes = np.array(self.registers.all("matrix_mode"))[1:]
-            self.counts = quantize(pushes, MATRIX_COUNTS_PER_NEWTON[modes][self.modules], 0, 255)
-        return self.counts
 
     def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
         """Answer Modbus requests, which arrive in chunks of any size."""
         banks = Banks(holding=self, inputs=self, functions=(3, 4, 6, 16))
         return self.rtu.answers(data, t_ns, {self.unit: banks})
 
-    def read(self, address: int, n: int, t_ns: int) -> bytes:
-        """Return registers, with the points of the last conversion."""
-        if address + n <= MAP.by_name["array_0"].address:
-            return self.registers.read(address, n)
-        wire, area = self.layout.on_wire(self.counts), np.zeros(1320, int)
-        for k, patch in enumerate(self.layout.patches):
-            points = wire[patch.taxels]
-            if self.array:
-                self.registers[f"array_{k}"] = points
-            elif self.packing == "single":
-                area[120 * k + 1 : 120 * k + 120 : 2] = points
-            else:
-                area[2 * PAIRED_FIRST_REGISTERS[k] - MATRIX_OFFSET :][:60] = points
-        self.registers["matrix"] = area
-        return self.registers.read(address, n)
 
-    def write(self, address: int, data: bytes, t_ns: int) -> Sequence[str]:
-        """Store what the host writes, and execute its orders."""
-        written = self.registers.write(address, data)
-        if self.array:
-            self._zero(self.registers.all("array_zero"))
-        else:
-            self._zero(self.registers.all("matrix_zero"))
-            self._zero([UNDO * order for order in self.registers.all("restart")])
-            if address <= MAP.by_name["matrix_mode"].address < address + len(data):
-                self.registers["matrix_mode"] = self.registers["matrix_mode"]  # the first is for all
-        self.registers.reset("array_zero", "matrix_zero", "restart")
-        return written
+class BraincoRevo3CanFd(Revo3):
+    """A hand on CAN-FD."""
 
-    def _zero(self, orders: list[int]) -> None:
-        """Set or cancel the zero of all modules (the first order) and of each."""
-        zeroed = np.array(self.registers.all("zeroed"))
-        for order, which in zip(orders, (slice(None), *range(11))):
-            if order:
-                points = np.isin(self.modules, np.arange(11)[which])
-                self.zero = np.where(points, self.felt if order == ZERO else 0.0, self.zero)
-                zeroed[1:][which] = order == ZERO
-        zeroed[0] = zeroed[1:].all()
-        self.registers["zeroed"] = zeroed
+    name = "brainco_revo3_canfd"
+    title = "BrainCo Revo3 Touch hand on CAN-FD"
+    judge = "bc-revo3-sdk 2.3.2"
+    documented = command_table(
+        """
+        @ bc-revo3-sdk 2.3.2, as it speaks; CRC by pymodbus
+        ? unit                   007E0108##1 7E 03 00 6C 00 01 4F D8  007E0107##1 7E 03 02 00 7E 2D AE
+        ? serial number          007E0108##1 7E 04 0B EA 00 0A 58 12  007E0119##1 7E 04 14 ..{20} ..{2} 00{7}
+        ? kind of touch          007E0108##1 7E 03 00 87 00 01 3F EC  007E0107##1 7E 03 02 00 01 6C 4E
+        ? lower limits           007E0108##1 7E 03 00 F0 00 15 8F F9  007E012F##1 7E 03 2A ..{42} ..{2} 00
+        ? points of each module  007E0108##1 7E 03 0F C5 00 0B 1C EB  007E011B##1 7E 03 16 ..{22} ..{2} 00{5}
+        ? palm, first 29         007E0108##1 7E 04 10 68 00 1D BE D0  007E013F##1 7E 04 3A ..{58} ..{2} 00
+        ? palm, last 7           007E0108##1 7E 04 10 85 00 07 AF 2E  007E0113##1 7E 04 0E ..{14} ..{2} 00
+        ? thumb tip, first 29    007E0108##1 7E 04 10 9A 00 1D 1F 23  007E013F##1 7E 04 3A ..{58} ..{2} 00
+        ? index tip              007E0108##1 7E 04 10 FE 00 15 5F 3A  007E012F##1 7E 04 2A ..{42} ..{2} 00
+        zero all                 007E0108##1 7E 06 0F AB 00 01 31 31  =
+        ? too much for a frame: illegal value  007E0108##1 7E 04 10 68 00 24 7E C2  007E0105##1 7E 84 03 32 D9
+        """
+    )
+    documented_with = ("packing", "serial")
+
+    def __init__(
+        self, *, touch: Touch = "array", packing: Packing = "pairs", side: Side = "left", serial: SerialNumber = ""
+    ):
+        self._power_up(touch, packing, side, serial)
+        brainco_canfd.plug(self)
+
+    def receive(self, data: CanFrame, t_ns: int, port: str) -> Transmissions[CanFrame]:
+        """Answer the request in one frame."""
+        return brainco_canfd.answers(self, data, t_ns)
 
 
 def _hand(touch: str) -> Layout:

@@ -68,3 +68,15 @@ def test_exceptions(pdu, code):
     request = bytes.fromhex(pdu)
     reply = ask(fp.create("brainco_revo3"), request)
     assert (reply == bytes([request[0] | 0x80, code])) == bool(code)
+
+
+def test_on_canfd_29_registers_fit_a_frame():
+    device = fp.create("brainco_revo3_canfd")
+    sample(device, 1.0)
+    (answer,) = send(device, "007E0108##17E041068001DBED0")
+    assert answer.arbitration_id == 0x7E013F and answer.data[3:61] == (200).to_bytes(2, "big") * 29
+    (refused,) = send(device, "007E0108##17E04106800247EC2")
+    assert str(refused) == "007E0105##17E840332D9"
+    for text in ("007F0108##17E041068001DBED0", "007E0108#7E041068001DBED0"):
+        assert send(device, text) == []
+    assert device.counters["ignored"] == 2
