@@ -70,7 +70,7 @@ class AidinAft200(Device[CanFrame]):
     def __init__(
         self,
         *,
-        tool: Tool = (0.0, 0.0, 0.05),
+        tool: Tool = (0.02, 0.01, 0.05),
         can_id: Annotated[int, Option("id of the force, as delivered", low=1, high=0x7F0)] = 1,
     ):
         self.layout = points({"tool": tool})

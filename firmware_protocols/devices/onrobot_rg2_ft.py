@@ -83,7 +83,7 @@ class OnrobotRg2Ft(Device):
     facts = fact_table(f"""
         stated touch: 0.1 N and 0.01 Nm, two's complement @ {MESSAGES}/OnRobotRGInput.msg:42-62
         stated touch: the registers of both fingers @ {BASE}:99-134, {COM}:101-113
-        assumed touch: touched 12 mm above and 3 mm beside the origin of their sensor, z out of the pad @ {ALL}
+        assumed touch: touched 12 mm above and 20 mm beside the origin of their sensor, z out of the pad @ {ALL}
         assumed touch: the proximity is 30 mm less its offset, whatever is near; status 0 @ {ALL}
         stated configuration: limits of force and width @ {BASE}:34-51
         stated configuration: 1 grips, 8 stops; the driver stops by 0; busy ignores it @ {MESSAGES}/OnRobotRGOutput.msg;
@@ -96,7 +96,7 @@ class OnrobotRg2Ft(Device):
     """)
 
     def __init__(self):
-        self.layout = in_fingers(0.003, 0.012)
+        self.layout = in_fingers(0.02, 0.012)
         self.registers = Registers(MAP)
         self.clients: dict[str, modbus.Mbap] = {}
         self.motors = Motors(

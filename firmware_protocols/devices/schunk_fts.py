@@ -95,7 +95,7 @@ class SchunkFts(Device):
         assumed timing: a restart takes 0.1 s; the vendor's test waits 5 s @ {ALL}
     """)
 
-    def __init__(self, *, tool: Tool = (0.0, 0.0, 0.05)):
+    def __init__(self, *, tool: Tool = (0.02, 0.01, 0.05)):
         self.layout = points({"tool": tool})
         self.packets = Packets(MESSAGE, by="command", counters=self.counters, max_data=64)
         self.streaming, self.counter, self.answers, self.mean_of = False, 0, 0, 1

@@ -73,7 +73,7 @@ class SunriseM8128(Device):
         assumed timing: SMPR is, too; 100 Hz at first, {MAX_HZ} at most @ {ALL}
     """)
 
-    def __init__(self, *, tool: Tool = (0.0, 0.0, 0.05)):
+    def __init__(self, *, tool: Tool = (0.02, 0.01, 0.05)):
         self.layout = points({"tool": tool})
         rate = self.flash.get("rate", SETTINGS[b"SMPF"])
         self.settings = {**SETTINGS, b"SMPF": rate, b"SMPR": rate}

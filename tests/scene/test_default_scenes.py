@@ -45,6 +45,19 @@ def test_the_scene_of_every_device_presses_it(name):
     assert peaks.max() > 0.0, "touched later"
 
 
+@pytest.mark.each_device
+@pytest.mark.parametrize(
+    "name", ["aidin_aft200", "ati_wireless_ft", "onrobot_rg2_ft", "schunk_fts", "sunrise_m8128", "tesollo_dg"]
+)
+def test_every_count_of_these_force_torque_sensors_moves(name):
+    emulator = assemble(load(name), AssemblyOptions(port="memory:", rate_hz=20)).emulator
+    emulator.clock = VirtualClock()
+    with emulator:
+        emulator.run(5)
+    counts = np.array([sample.counts for sample in emulator.truth.samples])
+    assert np.ptp(counts, axis=0).all()
+
+
 def test_every_file_of_a_default_scene_belongs_to_a_device():
     assert {path.stem for path in DEFAULTS.iterdir()} <= set(firmware_protocols.DEVICES)
 
