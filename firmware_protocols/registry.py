@@ -46,6 +46,7 @@ DEVICES: dict[str, str] = {
     "flexitac": f"{_HERE}.flexitac:FlexiTac",
     "fulai_glove": f"{_HERE}.fulai_glove:FulaiGlove",
     "ghand5": f"{_HERE}.ghand5:GHand5",
+    "harp_loadcells": f"{_HERE}.harp_loadcells:HarpLoadCells",
     "icub_skin": f"{_HERE}.icub_skin:IcubSkin",
     "imada_zt": f"{_HERE}.imada_zt:ImadaZt",
     "inspire_rh56dftp": f"{_HERE}.inspire_rh56dftp:InspireRh56dftp",
