@@ -1,4 +1,4 @@
-"""BrainCo Revo2 Touch: a hand with capacitive fingertips, or with pressure sensors in fingers and palm.
+"""BrainCo Revo2 Touch: a hand with capacitive fingertips, pressure sensors or three-axis points.
 
 Wire: RS-485, 460800 8N1, Modbus RTU, unit 7E of a left hand, 7F of a right one; functions 03, 04, 06, 16. Or CAN-FD,
 1 and 5 Mbit/s (``brainco_revo2_canfd``): the same Modbus frame, CRC included, is the data of a CAN frame, padded with
@@ -10,7 +10,7 @@ own length; more than 29 registers do not fit. Five values are thumb, index, mid
     904         3        LED, buzzer, vibration: on or off
     910, 920    10, 10   factory key, and the serial number that may be written after it
     930..944             protected currents; unit; limits of a finger: its number and a value
-    970         1        kind of touch: 1 capacitive, 2 pressure
+    970         1        kind of touch: 1 capacitive, 2 pressure, 4 three-axis points
     1000, 1001  1, 1     unit and line: 0 115200, 1 57600, 2 19200, 3 460800, 4 1 M ... 9 3 M; then the hand restarts
     1002        1        CAN-FD's data rate: 10 is 5 Mbit/s
     1009        1        order: restart
@@ -36,6 +36,12 @@ own length; more than 29 registers do not fit. Five values are thumb, index, mid
     6110, 6240  6 x 10   firmware, serial number of each
     6200        6        on or off
     6310        6        order: calibrate
+
+    three-axis points, four being index, middle, ring and little finger
+    7001        4        on or off
+    7006        4        order: calibrate
+    7100        4 x 2    sums: x and y, signed bytes; z
+    7200..7500  31 x 2   points of a finger, likewise
 
 The vendor's SDK reads the proximities at 4250 with the low byte of all four first, against its own reading of 4215
 (option ``single_proximity=big`` for a hand that sends both alike). Its get_single_modulus_touch_data(k) reads from 6010

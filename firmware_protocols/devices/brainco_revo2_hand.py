@@ -11,7 +11,7 @@ import numpy as np
 
 from firmware_protocols import (
     Column, Counts, Device, Layout, Motors, Option, Reading, RegisterMap, Registers, Restart, fact_table, filled,
-    grid_layout, place, quantize, stack,
+    grid_layout, place, quantize, stack, xyz,
 )  # fmt: skip
 
 MAP = RegisterMap(
@@ -32,7 +32,7 @@ MAP = RegisterMap(
     1904   >u2 x 6   highest          = 1000  r  flash
     1916   >u2 x 6   fastest          = 1000  r  flash
     1928   >u2 x 6   strongest        = 1000  r  flash
-    1940   >u2       kind             1..2  = 1  r
+    1940   >u2       kind             1..4  = 1  r
     1960   u1 x 14   backlash         flash
     2000   >u2       unit             1..247  = 126  flash
     2002   >u2       baud             0..9  = 3  flash
@@ -75,10 +75,26 @@ MAP = RegisterMap(
     12400  >u2 x 6   pads_on          0..1  = 1
     12480  u1 x 120  pad_serial       r
     12620  >u2 x 6   calibrate_pads   0..1
+    14002  >u2 x 4   force_on         0..1  = 1
+    14012  >u2 x 4   calibrate_force  0..1
+    14200  u1 x 16   force_sums       r
+    14400  u1 x 124  force_index      r
+    14600  u1 x 124  force_middle     r
+    14800  u1 x 124  force_ring       r
+    15000  u1 x 124  force_little     r
     """
 )
 """Offsets count bytes: two for each register."""
-ORDER_REGISTERS = ("baseline", "calibrate", "calibrate_pads", "defaults", "restart")
+TOUCH = {
+    # kind of touch: its number, switches, and orders that zero it
+    "capacitive": (1, "tips_on", ("baseline", "calibrate")),
+    "pressure": (2, "pads_on", ("calibrate_pads",)),
+    "force3d": (4, "force_on", ("calibrate_force",)),
+}
+ORDER_REGISTERS = ("baseline", "calibrate", "calibrate_pads", "calibrate_force", "defaults", "restart")
+POINT_TYPE = np.dtype([("shear", "i1", 2), ("normal", ">u2")])
+POINT_LIMITS = np.array([(-128, -128, 0), (127, 127, 0xFFFF)])
+FORCE3D_COUNTS_PER_NEWTON = 10.0
 BAUDS = (115200, 57600, 19200, 460800, 1_000_000, 2_000_000, 5_000_000, 6_000_000, 4_000_000, 3_000_000)
 RESTARTING_REGISTERS = {"unit", "baud", "can_baud", "restart", "auto_calibration", "defaults"}
 """The registers that restart the hand when they change."""
@@ -124,6 +140,9 @@ class Revo2(Device[Any]):
         assumed touch: 100 counts/N, direction in degrees 0..359, proximity 10000 counts/N of push; states are normal
         assumed touch: points 200 counts/N raw or calibrated, [mN] of force, 0..4095; sums of their module in the same
             unit
+        stated touch: three-axis points: registers of four fingers, 31 points each; x and y signed bytes, z 16 bits
+            @ bc-stark-sdk 2.0.8, what it makes of each byte
+        assumed touch: three-axis points 10 counts/N, over 12 x 18 mm, row by row; sums of their finger, limited
         assumed touch: new baseline and calibration make the present forces zero, until power-off; sensors that are off
             read 0
         stated identity: registers of versions, serial numbers, unit and line, and their codes @ bc-stark-sdk 2.0.8
@@ -147,28 +166,30 @@ class Revo2(Device[Any]):
         self,
         *,
         side: Annotated[Literal["left", "right"], Option("which hand; sets unit and serial number")] = "left",
-        touch: Annotated[Literal["capacitive", "pressure"], Option("kind of sensors")] = "capacitive",
+        touch: Annotated[Literal["capacitive", "pressure", "force3d"], Option("kind of sensors")] = "capacitive",
         serial: Annotated[str, Option("20 characters of ASCII; default: by side")] = "",
         single_proximity: Annotated[
             Literal["little", "big"],
             Option("first byte of the proximities at 4250: low, as the SDK reads them, or high"),
         ] = "little",
     ):
-        self.capacitive, self.single_type = touch == "capacitive", f"{'>' if single_proximity == 'big' else '<'}u4"
-        self.layout, self.columns = _hand(self.capacitive), _columns(self.capacitive)
+        self.touch, self.single_type = touch, f"{'>' if single_proximity == 'big' else '<'}u4"
+        self.layout, self.columns = _hand(touch), _columns(touch)
         serial = serial or f"BCXT{side[0].upper()}2313J2500008"
         delivered = {"unit": 0x7E if side == "left" else 0x7F, "serial": serial.encode("ascii")}
         self.registers = Registers(MAP, kept={**delivered, **self.flash})
-        self.registers["side"], self.registers["kind"] = (2 if side == "left" else 1), (1 if self.capacitive else 2)
+        self.registers["side"], self.registers["kind"] = (2 if side == "left" else 1), TOUCH[touch][0]
         self.registers["firmware"] = FIRMWARE
-        self.registers["tip_firmware" if self.capacitive else "pad_firmware"] = FIRMWARE * len(self.layout.patches)
-        if not self.capacitive:
+        if touch != "force3d":
+            name = "tip_firmware" if touch == "capacitive" else "pad_firmware"
+            self.registers[name] = FIRMWARE * len(self.layout.patches)
+        if touch == "pressure":
             self.registers["pad_serial"] = b"".join(b"BCPT2313J250000%d" % k + bytes(4) for k in range(1, 7))
         self.unit = self.registers["unit"]
         self.motors = Motors([0.0] * N_MOTORS, low=0, high=1000, speed_limit=2000, names=(), time_constant_s=0.02)
         self.felt = self.zero = np.zeros((len(self.layout), 3))
         self.modules = np.repeat(np.arange(len(self.layout.patches)), [len(patch) for patch in self.layout.patches])
-        self.counts = np.zeros((5, 4) if self.capacitive else 91, int)
+        self.counts = np.zeros({"capacitive": (5, 4), "pressure": 91, "force3d": (124, 3)}[touch], int)
         self.restarts = False
         """True after a write that restarts the hand."""
         self._plug()
@@ -178,15 +199,20 @@ class Revo2(Device[Any]):
         """Set up the ports and the framing of the line."""
 
     def measure(self, reading: Reading, t_ns: int) -> Counts:
-        """Return normal, tangential, direction and proximity, shape ``(5, 4)``; or points, shape ``(91,)``."""
+        """Return normal, tangential, direction, proximity ``(5, 4)``; or points ``(91,)``; or x, y, z ``(124, 3)``."""
         self.felt = self.layout.to_taxel_frame(reading["force"])
-        on = np.array(self.registers.all("tips_on" if self.capacitive else "pads_on"))
+        on = np.array(self.registers.all(TOUCH[self.touch][1]))
         x, y, z = ((self.felt - self.zero) * on[self.modules, None]).T
-        if self.capacitive:
+        if self.touch == "capacitive":
             direction = np.rint(np.rad2deg(np.arctan2(y, x))).astype(int) % 360
             forces = [quantize(force, COUNTS_PER_NEWTON) for force in (-z, np.hypot(x, y))]
             near = quantize(-z, PROXIMITY_COUNTS_PER_NEWTON, 0, 0xFFFFFFFF)
             self.counts = np.stack([*forces, direction, near], axis=-1)
+        elif self.touch == "force3d":
+            forces = np.stack([x, y, -z], axis=-1)
+            self.counts = quantize(forces, FORCE3D_COUNTS_PER_NEWTON, *POINT_LIMITS)
+            sums = quantize(np.add.reduceat(forces, range(0, 124, 31)), FORCE3D_COUNTS_PER_NEWTON, *POINT_LIMITS)
+            self.registers["force_sums"] = _points(sums)
         else:
             scale = POINT_COUNTS_PER_NEWTON[self.registers["mode"]]
             self.counts = quantize(-z, scale, 0, 4095)
@@ -201,7 +227,10 @@ class Revo2(Device[Any]):
             self.registers["now_positions"] = self.motors.positions(t_ns)
             self.registers["now_speeds"] = self.motors.velocities(t_ns)
             self.registers["now_states"] = self.motors.moving(t_ns, 1.0)
-        if self.capacitive:
+        if self.touch == "force3d":
+            for patch in self.layout.patches:
+                self.registers[f"force_{patch.name}"] = _points(wire[patch.taxels])
+        elif self.touch == "capacitive":
             self.registers["forces"], self.registers["proximity"] = wire[:, :3].ravel(), wire[:, 3]
             singles = np.zeros(5, [("forces", ">u2", 3), ("proximity", self.single_type), ("state", ">u2")])
             singles["forces"], singles["proximity"] = wire[:, :3], wire[:, 3]
@@ -214,7 +243,7 @@ class Revo2(Device[Any]):
         """Store what the host writes, and execute its orders."""
         before = {name: self.registers.all(name) for name in RESTARTING_REGISTERS}
         written = self.registers.write(address, data)
-        for order in ORDER_REGISTERS[:2] if self.capacitive else ORDER_REGISTERS[2:3]:
+        for order in TOUCH[self.touch][2]:
             ordered = np.array(self.registers.all(order))[self.modules, None]
             self.zero = np.where(ordered, self.felt, self.zero)
         for name in written:
@@ -266,8 +295,18 @@ class Revo2(Device[Any]):
         return [*sent, Restart(delay_ns=RESTART_NS)] if ordered else [*sent]
 
 
-def _columns(capacitive: bool) -> tuple[Column, ...]:
-    if not capacitive:
+def _points(counts: np.ndarray) -> bytes:
+    """Return points as they are sent: x and y in the two bytes of a register, z in the next one."""
+    points = np.zeros(len(counts), POINT_TYPE)
+    points["shear"], points["normal"] = counts[:, :2], counts[:, 2]
+    return points.tobytes()
+
+
+def _columns(touch: str) -> tuple[Column, ...]:
+    if touch == "force3d":
+        low, high = POINT_LIMITS
+        return xyz("Fx Fy Fz", low=low, high=high, assumed_per_unit=FORCE3D_COUNTS_PER_NEWTON, push=1)
+    if touch == "pressure":
         return (Column(name="touch", low=0, high=4095, push=1),)
     return (
         Column(name="normal", axis="z", low=0, high=0xFFFF, push=1),
@@ -277,8 +316,11 @@ def _columns(capacitive: bool) -> tuple[Column, ...]:
     )
 
 
-def _hand(capacitive: bool) -> Layout:
+def _hand(touch: str) -> Layout:
     """Return fingertips, then the palm, each on its link; x across the hand, y along the fingers, z out of it."""
-    size, pitch = ((1, 1), 0.01) if capacitive else ((3, 3), 0.003)
+    if touch == "force3d":
+        fingers = list(FINGERTIPS_M.items())[1:]
+        return stack(*(place(filled(31, 0.012, 0.018, name=f, link=f), (*at, 0.0)) for f, at in fingers))
+    size, pitch = ((1, 1), 0.01) if touch == "capacitive" else ((3, 3), 0.003)
     pads = [place(grid_layout(*size, pitch, name=name, link=name), (*at, 0.0)) for name, at in FINGERTIPS_M.items()]
-    return stack(*pads) if capacitive else stack(*pads, filled(46, 0.035, 0.035, name="palm", link="palm"))
+    return stack(*pads) if touch == "capacitive" else stack(*pads, filled(46, 0.035, 0.035, name="palm", link="palm"))

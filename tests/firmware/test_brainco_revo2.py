@@ -113,3 +113,16 @@ def test_a_serial_number_wants_a_key():
     write(device, 920, *[0x4141] * 10)
     device.power_cycle()
     assert read(device, 3010, 10) == [0x4141] * 10
+
+
+def test_three_axis_points_saturate_and_are_calibrated_finger_by_finger():
+    device = fp.create("brainco_revo2", touch="force3d")
+    sample(device, force=(100.0, -100.0, -1e5))
+    assert ask(device, struct.pack(">BHH", 4, 7500, 2))[2:] == bytes([127, 128, 255, 255])
+    ask(device, struct.pack(">BHHB4H", 16, 7006, 4, 8, 0, 0, 0, 1))
+    sample(device, force=(100.0, -100.0, -1e5))
+    assert ask(device, struct.pack(">BHH", 4, 7106, 2))[2:] == bytes(4)
+    assert ask(device, struct.pack(">BHH", 4, 7100, 2))[2:] == bytes([127, 128, 255, 255])
+    ask(device, struct.pack(">BHH", 6, 7001, 0))
+    sample(device, force=(100.0, -100.0, -1e5))
+    assert not device.counts[:31].any() and device.counts[31].tolist() == [127, -128, 65535]

@@ -29,6 +29,7 @@ VARIANTS = [
     ("ati_net_ft", {"tool": (0.01, -0.02, 0.1), "counts_per_torque": 2_000_000}),
     ("ati_netcanoem", {"base": 0x10, "order": "012345"}),
     ("brainco_revo2", {"touch": "pressure"}),
+    ("brainco_revo2", {"touch": "force3d"}),
     ("brainco_revo2_canfd", {"side": "right", "touch": "pressure"}),
     ("brainco_revo3", {"touch": "matrix", "packing": "single"}),
     ("brainco_revo3", {"touch": "matrix"}),
