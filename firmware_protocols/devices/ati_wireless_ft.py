@@ -78,7 +78,7 @@ class AtiWirelessFt(Device):
     evidence = ("driver",)
     sources = (f"{CPP} (commands, CRC, telnet)", f"{HPP} (record, status)")
     judge = DRIVER
-    origin = f"{CPP}:340-430; CRC by its crcBuf"
+    origin = f"{CPP}:351-432; CRC by its crcBuf"
     documented = command_table(
         r"""
         rate          telnet: 'rate 50 2\r\n'      'OK\r\n>'
@@ -86,21 +86,21 @@ class AtiWirelessFt(Device):
         bias of one   telnet: 'bias 1 OFF\r\n'     'OK\r\n>'
         time          telnet: 'ntp enable 1\r\n'   'OK\r\n>'
         """,
-        origin=f"{CPP}:215-255",
+        origin=f"{CPP}:202-236",
     )
     documented_with = ("transducers",)
     facts = fact_table(f"""
-        stated touch: record, high byte first; only transducers of the mask, in their order @ {HPP}:124-136; {CPP}
-        stated touch: counts per N and Nm, 1000000 by default @ {DRIVER} src/main.cpp, countsPerN, countsPerNm
-        stated touch: time of 20 bits of seconds and 12 of a second @ {CPP}, toSystemTimestamp
-        stated touch: bits of the status @ {HPP}:55-109
+        stated touch: record, high byte first; only transducers of the mask, in order @ {HPP}:119-133; {CPP}:526-538
+        stated touch: counts per N and Nm, 1000000 by default @ {DRIVER} src/main.cpp:107, 116
+        stated touch: time of 20 bits of seconds and 12 of a second @ {CPP}:481-500
+        stated touch: bits of the status @ {HPP}:58-106
         assumed touch: counts of force and torque, not of gauges; touched 50 mm above the origin, beside it @ {ALL}
         assumed identity: every LED of a transducer that is present is green; battery 100; records from 1 @ {ALL}
-        stated configuration: lengths, sequence, CRC from 1234; number of records @ {CPP}, udpStartStreaming
-        stated configuration: lines of telnet; rate times samples is 4000 at most @ {CPP}, setRate, setBias, enableNTP
+        stated configuration: lengths, sequence, CRC from 1234; number of records @ {CPP}:351-432, 471
+        stated configuration: lines of telnet; rate times samples is 4000 at most @ {CPP}:202-236; {HPP}:113
         assumed configuration: the text of the answers; the time begins with 0, with NTP, too; records are not averaged;
-            a wrong CRC has no answer; settings are forgotten at power-off; rates from {MIN_HZ} @ {ALL}
-        stated timing: UDP 49152, TCP 23 @ {HPP}:111-112
+            a wrong CRC has no answer; settings are forgotten at power-off; rates from 5, as the driver allows @ {ALL}
+        stated timing: UDP 49152, TCP 23 @ {HPP}:109-110
         assumed timing: 50 records a second at first, as the driver sets @ {ALL}
     """)
 
