@@ -107,14 +107,14 @@ class Cobs(Lines):
         """Return the contents of the frames that these bytes complete; an invalid one counts as ``broken_frames``."""
         contents = []
         for frame in super().cut(data):
-            if (content := _decoded_cobs(frame)) is None:
+            if (content := uncobs(frame)) is None:
                 self._counters["broken_frames"] += 1
             else:
                 contents.append(content)
         return contents
 
 
-def _decoded_cobs(frame: bytes) -> bytes | None:
+def uncobs(frame: bytes) -> bytes | None:
     """Return the content of a frame, ``None`` if a block reaches beyond the end."""
     content, at, code = bytearray(), 0, 0xFF
     while at < len(frame):

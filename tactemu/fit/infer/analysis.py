@@ -24,7 +24,7 @@ from tactemu.fit.infer.dialogue import (
     sends_more,
 )
 from tactemu.fit.infer.fields import Field, Group, integers
-from tactemu.fit.infer.framing import Framing, find_framing
+from tactemu.fit.infer.framing import Framing, find_framing, with_others
 from tactemu.fit.infer.groups import agree, by_length, by_question, by_selector, find_fields
 from tactemu.fit.infer.segments import LEAST_ROWS
 from tactemu.fit.infer.sums import find_sum
@@ -95,6 +95,8 @@ def _stream(chunks: list[Chunk]) -> Draft:
         return Draft(False, framing)
     if len(sent) < len(chunks):
         framing.messages = _with_answers(stream, framing, _borders(chunks))
+    elif framing.coding is None:
+        framing.messages = with_others(stream, framing)
     groups = by_length([each.data for each in framing.messages])
     length = None
     if framing.kind == "length" and framing.cut is not None:
@@ -175,8 +177,7 @@ def _dialogue(chunks: list[Chunk]) -> Draft:
     answers = [pair.answer for pair in answered]
     coding = coding_of(answers)
     if coding is not None:
-        end = bytes([coding.end])
-        answers = [end + (coding.decode(each[1:-1]) or b"") + end for each in answers]
+        answers = [coding.end + (coding.decode(each[1:-1]) or b"") + coding.end for each in answers]
     found = find_sum(answers[:SUM_MESSAGES])
     length = length_field(answers)
     groups = by_question([pair.question for pair in answered], answers, [None] * len(answers))

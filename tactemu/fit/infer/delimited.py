@@ -1,11 +1,14 @@
-"""Streams whose messages end with a byte: escaped ones (PPP, SLIP, COBS) and lines of text."""
+"""Streams whose messages end with a byte: escaped ones (PPP, SLIP, COBS, and others) and lines of text."""
 
 from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Callable
 from dataclasses import dataclass
+
+from firmware_protocols import Stuffing
+from firmware_protocols.stuffing import uncobs
+from tactemu.fit.infer.stuffings import find_stuffing
 
 LEAST_MESSAGES = 12
 ESCAPE_SHARE = 1 / 600
@@ -26,90 +29,50 @@ class Message:
     """The content, escapes undone."""
 
 
-def unescaped(part: bytes, escape: int, decode: Callable[[int], int | None]) -> bytes | None:
-    """Return bytes without escapes; ``None`` if an escape is wrong."""
-    if escape not in part:
-        return part
-    out, k = bytearray(), 0
-    while k < len(part):
-        byte = part[k]
-        if byte == escape:
-            k += 1
-            decoded = decode(part[k]) if k < len(part) else None
-            if decoded is None:
-                return None
-            byte = decoded
-        out.append(byte)
-        k += 1
-    return bytes(out)
-
-
-def escaped(data: bytes, end: int, escape: int, encode: Callable[[int], int]) -> bytes:
-    """Return bytes with the end byte and the escape byte escaped."""
-    out = bytearray()
-    for byte in data:
-        out += bytes([escape, encode(byte)]) if byte in (end, escape) else bytes([byte])
-    return bytes(out)
-
-
-def uncobs(part: bytes) -> bytes | None:
-    """Return the content of a COBS message; ``None`` if a length is wrong."""
-    out, k = bytearray(), 0
-    while k < len(part):
-        code = part[k]
-        if code == 0 or k + code > len(part):
-            return None
-        out += part[k + 1 : k + code]
-        k += code
-        if code < 255 and k < len(part):
-            out.append(0)
-    return bytes(out)
-
-
 @dataclass(frozen=True)
 class Coding:
     """A way to end messages with a byte that their content never has."""
 
     name: str
-    end: int
-    escape: int | None
-    decode: Callable[[bytes], bytes | None]
-    encode: Callable[[bytes], bytes]
+    stuffing: Stuffing | None = None
+    """Its bytes; none: COBS."""
+
+    @property
+    def head(self) -> bytes:
+        """The byte that begins a message, if there is one."""
+        return self.stuffing.head if self.stuffing is not None else b""
+
+    @property
+    def end(self) -> bytes:
+        """The byte that ends a message."""
+        return self.stuffing.tail if self.stuffing is not None else b"\0"
+
+    def decode(self, part: bytes) -> bytes | None:
+        """Return the content between head and end; ``None`` if an escape is wrong."""
+        return uncobs(part) if self.stuffing is None else self.stuffing.unwrap(part)
+
+    def messages(self, stream: bytes) -> list[Message]:
+        """Return the messages whose escapes are right."""
+        found = []
+        for at, part in parts_of(stream, self.end):
+            if self.head:
+                begin = part.rfind(self.head)
+                at, part = at + begin, part[begin + 1 :] if begin >= 0 else b""
+            data = self.decode(part)
+            if data:
+                found.append(Message(at, len(part) + len(self.head), data))
+        return found
 
 
-def _slip_code(byte: int) -> int | None:
-    return {0xDC: 0xC0, 0xDD: 0xDB}.get(byte)
+PPP = Stuffing(tail=b"\x7e", escape=b"\x7d", codes={bytes([k]): bytes([k ^ 0x20]) for k in range(256)})
+SLIP = Stuffing(tail=b"\xc0", escape=b"\xdb", codes={b"\xc0": b"\xdc", b"\xdb": b"\xdd"})
+ESCAPED = (Coding("PPP", PPP), Coding("SLIP", SLIP))
 
 
-def _cobs(data: bytes) -> bytes:
-    from firmware_protocols import cobs
-
-    return cobs(data)[:-1]
-
-
-CODINGS = (
-    Coding(
-        "PPP",
-        0x7E,
-        0x7D,
-        lambda part: unescaped(part, 0x7D, lambda byte: byte ^ 0x20),
-        lambda data: escaped(data, 0x7E, 0x7D, lambda byte: byte ^ 0x20),
-    ),
-    Coding(
-        "SLIP",
-        0xC0,
-        0xDB,
-        lambda part: unescaped(part, 0xDB, _slip_code),
-        lambda data: escaped(data, 0xC0, 0xDB, lambda byte: {0xC0: 0xDC, 0xDB: 0xDD}[byte]),
-    ),
-    Coding("COBS", 0x00, None, uncobs, _cobs),
-)
-
-
-def parts_of(stream: bytes, end: int) -> list[tuple[int, bytes]]:
+def parts_of(stream: bytes, end: bytes) -> list[tuple[int, bytes]]:
     """Return offset and bytes of the parts between end bytes, without empty ones and without the cut ones."""
     parts, at = [], 0
-    for part in stream.split(bytes([end])):
+    for part in stream.split(end):
         parts.append((at, part))
         at += len(part) + 1
     return [(at, part) for at, part in parts[1:-1] if part]
@@ -117,13 +80,13 @@ def parts_of(stream: bytes, end: int) -> list[tuple[int, bytes]]:
 
 def find_coding(stream: bytes) -> Coding | None:
     """Return the coding whose escapes are right in nearly all of a stream's messages."""
-    for coding in CODINGS:
+    for coding in (*ESCAPED, Coding("COBS")):
         parts = parts_of(stream, coding.end)
         if len(parts) < LEAST_MESSAGES:
             continue
         body = sum(len(part) for _, part in parts)
-        if coding.escape is not None:
-            escapes = sum(part.count(coding.escape) for _, part in parts)
+        if coding.stuffing is not None:
+            escapes = sum(part.count(coding.stuffing.escape) for _, part in parts)
             if escapes < max(4, ESCAPE_SHARE * body):
                 continue
         decoded = [data for _, part in parts if (data := coding.decode(part)) is not None and len(data) > 1]
@@ -131,7 +94,8 @@ def find_coding(stream: bytes) -> Coding | None:
         few = sum(count for _, count in lengths.most_common(8))
         if len(decoded) > 0.97 * len(parts) and few > 0.9 * len(decoded) and sum(map(len, decoded)) > 5 * len(decoded):
             return coding
-    return None
+    found = find_stuffing(stream)
+    return None if found is None else Coding("stuffed", found)
 
 
 def is_text(stream: bytes) -> bool:

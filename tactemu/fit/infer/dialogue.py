@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from firmware_protocols import sums
 from tactemu.fit.infer.captures import Chunk
-from tactemu.fit.infer.delimited import CODINGS, Coding
+from tactemu.fit.infer.delimited import ESCAPED, Coding
 from tactemu.fit.infer.fields import Field
 
 LEAST_QUESTIONS = 40
@@ -99,9 +99,10 @@ def _continues(pair: Pair, data: bytes) -> bool:
 
 def coding_of(answers: Sequence[bytes]) -> Coding | None:
     """Return the coding whose flags begin and end nearly every answer."""
-    for coding in CODINGS[:2]:
-        flagged = [each for each in answers if len(each) > 3 and each[0] == each[-1] == coding.end]
-        if len(flagged) > 0.9 * len(answers) and any(bytes([coding.escape or 0]) in each for each in flagged):
+    for coding in ESCAPED:
+        assert coding.stuffing is not None
+        flagged = [each for each in answers if len(each) > 3 and each[:1] == each[-1:] == coding.end]
+        if len(flagged) > 0.9 * len(answers) and any(coding.stuffing.escape in each for each in flagged):
             decoded = [coding.decode(each[1:-1]) for each in flagged]
             if sum(each is not None for each in decoded) > 0.95 * len(decoded):
                 return coding

@@ -13,27 +13,20 @@ from tactemu.fit.infer import delimited
 from tactemu.fit.infer.delimited import Coding, LineShape, Message
 from tactemu.fit.infer.heads import Cut, best_size, find_cuts, positions
 from tactemu.fit.infer.sums import FrameSum, find_sum
+from tactemu.fit.infer.turns import BEGUN_SHARE, best_turn, timed_turn, turns_of
 
 SAMPLE_BYTES = 400_000
 LEAST_MESSAGES = 30
 """The fewest messages of one length that state a framing without a checksum."""
 CONSTANT_SHARE = 0.995
 MASK_BYTES = 12
-TIMED_SHARE = 0.6
-TRIED_SUMS = 120
-BEGUN_SHARE = 0.9
-"""The least share of the messages before which the line was silent, where there are other silences, too."""
-OTHER_SHARE = 0.3
 CONTRADICTED_SHARE = 0.2
 """The least share of messages after a silence: where the line pauses elsewhere, they begin elsewhere, too."""
 STRETCH = 300
 """The number of neighbouring messages whose constant bytes are looked for."""
 STRETCHES = 5
-LENGTH_BONUS = 4.0
-"""The weight of a length among the constants of a head, in bytes of the head."""
-MAX_LENGTH_AT = 12
-LEAST_TOLD = 16
-"""The least number that is taken for a length."""
+LEAST_REST = 100
+"""The fewest bytes between messages that may be messages of another framing."""
 
 
 @dataclass
@@ -59,7 +52,8 @@ class Framing:
         if self.kind == "text":
             return f"lines of text, ended by {self.end.hex(' ').upper()}: {', '.join(map(str, self.shapes[:3]))}"
         if self.coding is not None:
-            return f"{self.kind}: messages end with {self.coding.end:02X}"
+            head = f"begin with {self.coding.head.hex().upper()}, " if self.coding.head else ""
+            return f"{self.kind}: messages {head}end with {self.coding.end.hex().upper()}"
         if self.kind == "length" and self.cut is not None:
             cut = self.cut
             return (
@@ -97,14 +91,39 @@ def find_framing(stream: bytes, silences: Sequence[int] | None = None) -> Framin
 def cut_messages(stream: bytes, framing: Framing) -> list[Message]:
     """Return the messages of further bytes of a stream whose framing is known."""
     if framing.coding is not None:
-        parts = delimited.parts_of(stream, framing.coding.end)
-        decoded = [(at, part, framing.coding.decode(part)) for at, part in parts]
-        return [Message(at, len(part), data) for at, part, data in decoded if data]
+        return framing.coding.messages(stream)
     if framing.kind == "length" and framing.cut is not None:
         return _cut_by_length(stream, framing.cut)
     if framing.kind == "fixed" and framing.cut is not None and framing.mask:
         return _cut_fixed(stream, framing.cut.size, 0, framing.mask)
     return []
+
+
+def with_others(stream: bytes, framing: Framing) -> list[Message]:
+    """Return the messages with those of another framing between them: answers, told by their lengths and a sum.
+
+    The sum is proven, or that of the other messages.
+    """
+    messages, gaps, at = framing.messages, [], 0
+    for each in [*messages, Message(len(stream), 0, b"")]:
+        if each.at > at:
+            gaps.append((at, each.at))
+        at = each.at + each.size
+    rest = b"".join(stream[begin:end] for begin, end in gaps)
+    lengths = [cut for cut in find_cuts(rest) if not cut.is_fixed] if len(rest) > LEAST_REST else []
+    found = _by_length(rest, lengths, None) if lengths else None
+    if found is None or found.sum is None:
+        return messages
+    own = framing.sum
+    if not found.sum.is_certain and (own is None or (own.name, own.at) != (found.sum.name, found.sum.at)):
+        return messages
+    offsets = np.cumsum([0, *(end - begin for begin, end in gaps)])
+    more = []
+    for each in found.messages:
+        gap = int(np.searchsorted(offsets, each.at, side="right")) - 1
+        if each.at + each.size <= offsets[gap + 1]:
+            more.append(Message(gaps[gap][0] + each.at - int(offsets[gap]), each.size, each.data))
+    return sorted([*messages, *more], key=lambda each: each.at)
 
 
 def _text(stream: bytes) -> Framing:
@@ -179,11 +198,11 @@ def _fixed(stream: bytes, cuts: list[Cut], silences: Sequence[int] | None) -> Fr
         size, exclusive = part, []
     head = max((cut.head for cut in exclusive if cut.size == size), key=len, default=b"")
     rows = _aligned(stream, size, head)
-    turns = _turns(rows.constant, rows.values)
-    timed = _timed_turn(silences, size, rows.anchors)
+    turns = turns_of(rows.constant, rows.values)
+    timed = timed_turn(silences, size, rows.anchors)
     if timed is not None:
         turns = [timed]
-    turn, found = _best_turn(stream, size, rows.anchors, turns)
+    turn, found = best_turn(stream, size, rows.anchors, turns)
     turned = [(k, (turn + k) % size) for k in range(size)]
     mask = {k: int(rows.values[at]) for k, at in turned if rows.constant[at]}
     mask = dict(list(mask.items())[:MASK_BYTES])
@@ -265,68 +284,6 @@ def _columns(data: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray, int]:
     everywhere = (constants == constants[0]).all(axis=0) & (constants[0] >= 0)
     best = max(stretches, key=lambda each: int(each[0].sum()))
     return (everywhere, stretches[0][1], 0) if 2 * everywhere.sum() > best[0].sum() else best
-
-
-def _turns(constant: np.ndarray, values: np.ndarray) -> list[int]:
-    """Return where a message may begin: at runs of constants, the longest and oddest first."""
-    size, is_constant = len(constant), constant
-    if is_constant.all() or not is_constant.any():
-        return [0]
-    found = []
-    for begin in np.nonzero(is_constant & ~np.roll(is_constant, 1))[0]:
-        run = 0
-        while is_constant[(begin + run) % size] and run < size:
-            run += 1
-        for k in range(run):
-            rest = [int(values[(begin + j) % size]) for j in range(k, run)]
-            odd = sum(byte != 0 for byte in rest[:4]) + (-2 if rest[0] in (0, 0x0D, 0x0A) else 0.5)
-            head = [int(values[at]) if constant[at] else -1 for at in (begin + k + np.arange(MAX_LENGTH_AT + 2)) % size]
-            if rest[0] not in (0, 0x0D, 0x0A) and _tells_size(head, size):
-                odd += LENGTH_BONUS
-            found.append((-odd + 0.01 * k + (0.3 if k else 0.0), int(begin + k) % size))
-    return [turn for _, turn in sorted(found)][:40]
-
-
-def _tells_size(head: list[int], size: int) -> bool:
-    """Return True if constants at the beginning of a message are the number of the bytes behind them.
-
-    ``head`` has -1 for bytes that change.
-    """
-    for at in range(1, MAX_LENGTH_AT):
-        one, two = head[at], head[at + 1]
-        words = [(1, one)] if min(one, two) < 0 else [(1, one), (2, one | two << 8), (2, one << 8 | two)]
-        for width, value in words:
-            behind = size - at - width
-            if value >= LEAST_TOLD and value in (behind, behind - 1, behind - 2):
-                return True
-    return False
-
-
-def _timed_turn(silences: Sequence[int] | None, size: int, anchors: np.ndarray) -> int | None:
-    """Return where messages begin behind an anchor, if the line was silent there mostly."""
-    known = np.array([each for each in silences or () if anchors[0] <= each <= anchors[-1] + size], int)
-    if not len(known):
-        return None
-    before = anchors[np.searchsorted(anchors, known, side="right") - 1]
-    turns = Counter(((known - before) % size).tolist()).most_common(2)
-    turn, count = turns[0]
-    is_alone = len(turns) < 2 or turns[1][1] < OTHER_SHARE * len(anchors)
-    if count > TIMED_SHARE * len(known) or (count > BEGUN_SHARE * len(anchors) and is_alone):
-        return turn
-    return None
-
-
-def _best_turn(stream: bytes, size: int, anchors: np.ndarray, turns: list[int]) -> tuple[int, FrameSum | None]:
-    best: tuple[int, FrameSum] | None = None
-    anchors = anchors[:: max(1, len(anchors) // TRIED_SUMS)]
-    for rank, turn in enumerate(turns):
-        begins = [int(at) + turn for at in anchors if at + turn + size <= len(stream)]
-        found = find_sum([stream[at : at + size] for at in begins])
-        if found and (best is None or found.width > best[1].width):
-            best = turn, found
-        if (found and (found.width > 1 or rank > 6)) or (rank > 12 and size > 600):
-            break
-    return best or (turns[0], None)
 
 
 def _cut_fixed(stream: bytes, size: int, begin: int, mask: dict[int, int]) -> list[Message]:

@@ -5,7 +5,7 @@ import struct
 import numpy as np
 import pytest
 
-from firmware_protocols import cobs, sums
+from firmware_protocols import Stuffing, cobs, sums
 from tactemu.fit.infer.analysis import families_of, infer
 from tactemu.fit.infer.captures import Chunk
 from tests.fit.infer.captures import dialogue, fields_at, slow, stream
@@ -112,6 +112,30 @@ def test_a_length_field_is_found_and_its_sum():
 def test_cobs_is_found():
     draft = infer(stream([cobs(HEAD + part) for part in _values()]))
     assert draft.framing.kind == "COBS" and draft.framing.is_certain
+
+
+def test_a_stuffing_of_no_standard_is_found():
+    stuffing = Stuffing(head=b"[", tail=b"]", escape=b"\\", codes={b"[": b"{", b"]": b"}", b"\\": b"|"})
+    bodies = _values("B", 20, "<", high=200, noise=2.0)
+    draft = infer(stream([stuffing.wrap(part) for part in bodies], times=False))
+    assert draft.framing.coding is not None and draft.framing.coding.stuffing == stuffing
+    assert [each.data for each in draft.framing.messages] == bodies[1:]
+    assert all(each.is_certain for _, each in draft.fields)
+
+
+def test_a_line_end_ends_binary_messages():
+    draft = infer(stream([part + b"\r\n" for part in _values()], times=False))
+    assert all(each.data.endswith(b"\r\n") for each in draft.framing.messages) and not draft.framing.is_certain
+
+
+def test_answers_between_messages_of_one_length_are_found_without_times():
+    frames = []
+    for k, part in enumerate(_values()):
+        frames.append(_with_crc(b"\xaa\x56" + part))
+        if k % 20 == 7:
+            frames.append(_with_crc(b"\xaa\x55" + bytes([k // 20 % 3 + 3]) + part[: k // 20 % 3 + 3]))
+    draft = infer(stream(frames, times=False))
+    assert sorted({len(each.data) for each in draft.framing.messages}) == [8, 9, 10, 16]
 
 
 def test_lines_of_text_are_found():
