@@ -74,8 +74,9 @@ def judge(truth: Truth, *, with_times: bool = True) -> Verdict:
     verdict.sums = str(draft.framing.sum or next((group.sum for group in draft.groups if group.sum), ""))
     entries_of = _matcher(truth, draft, starts, verdict)
     sums: Counter[bool] = Counter()
+    head = len(draft.framing.coding.head) if draft.framing.coding else 0
     for group in draft.groups:
-        _judge_group(truth, group, entries_of(group), verdict, sums)
+        _judge_group(truth, group, entries_of(group), verdict, sums, head)
     verdict.is_sum_right = not sums[False]
     if draft.framing.is_certain and not verdict.is_framed:
         verdict.false_certain.append("framing")
@@ -127,7 +128,10 @@ def _matcher(truth: Truth, draft: Draft, starts: dict[int, Sent], verdict: Verdi
             rows = []
             for row, k in zip(group.rows, group.index):
                 sent = true.get(answered[k].number)
-                rows.append(None if sent is None else (sent[1][0], row.tobytes(), sent[0]))
+                same = (
+                    None if sent is None else next((each for each in sent[1] if each.data == row.tobytes()), sent[1][0])
+                )
+                rows.append(None if sent is None else (same, row.tobytes(), sent[0]))
             return rows
 
         return answers
@@ -171,7 +175,10 @@ def _count_pairs(truth: Truth, draft: Draft, verdict: Verdict) -> dict[int, tupl
     return true
 
 
-def _judge_group(truth: Truth, group: Group, entries: list, verdict: Verdict, sums: Counter[bool]) -> None:
+def _judge_group(
+    truth: Truth, group: Group, entries: list, verdict: Verdict, sums: Counter[bool], head: int = 0
+) -> None:
+    """Judge a group whose messages lack ``head`` bytes of the true ones: those that begin a stuffed packet."""
     known = [each for each in entries if each is not None]
     if len(known) < 0.9 * len(group.rows):
         for each in group.fields:
@@ -184,6 +191,7 @@ def _judge_group(truth: Truth, group: Group, entries: list, verdict: Verdict, su
     if truth.name in TRUTHS:
         by_hand = TRUTHS[truth.name](data, question, sent.id)
         places = places if by_hand is None else by_hand
+    places = [(at - head, size, kind, code, name) for at, size, kind, code, name in places]
     if truth.name in NOT_COUNTED:
         return
     _judge_sums(group, places, verdict, sums)

@@ -260,7 +260,7 @@ TRUTHS: dict[str, Truth] = {
     "inspire_rh56dftp": _inspire,
     "linker_hand_l10_rs485": modbus(words),
     **{f"linker_hand_{name}": _linker for name in ("l6", "l10", "l20", "l25", "g20", "o6")},
-    "matsense": lambda data, question, identifier: [*numbers("u1", 0, 256), *numbers("<i2", 256, 6)],
+    "matsense": lambda data, question, identifier: [*numbers("u1", 1, 256), *numbers("<i2", 257, 6)],
     "nibotics_prvs01": _nibotics,
     "orca_touch": _pushes("orca_touch"),
     "paxini_gen2": _paxini_gen2,

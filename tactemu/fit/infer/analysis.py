@@ -14,13 +14,16 @@ from tactemu.fit.infer.delimited import Message
 from tactemu.fit.infer.dialogue import (
     MODBUS_DATA_AT,
     MODBUS_FUNCTIONS,
+    SUM_MESSAGES,
     Pair,
     RegisterRead,
     coding_of,
+    find_chain,
     is_dialogue,
     length_field,
     modbus_reads,
     pairs_of,
+    parts_of_answer,
     sends_more,
 )
 from tactemu.fit.infer.fields import Field, Group, integers
@@ -33,7 +36,6 @@ SILENCE_SHARE = 0.4
 """A pause is a silence if it is longer than this share of the pauses' 90th percentile."""
 STEADY_SHARE = 0.5
 """The least share of pauses that are alike, if a chunk is a message."""
-SUM_MESSAGES = 3000
 STREAM_SHARE = 0.7
 MAX_ANSWER = 4096
 ANSWER_SHARE = 0.8
@@ -178,16 +180,26 @@ def _dialogue(chunks: list[Chunk]) -> Draft:
     coding = coding_of(answers)
     if coding is not None:
         answers = [coding.end + (coding.decode(each[1:-1]) or b"") + coding.end for each in answers]
-    found = find_sum(answers[:SUM_MESSAGES])
+    chain = find_chain(answers) if coding is None else None
+    parts = [[each] if chain is None else parts_of_answer(each, *chain) for each in answers]
+    owners = np.repeat(np.arange(len(parts)), [len(each) for each in parts])
+    answers = [part for each in parts for part in each]
+    found = chain[1] if chain is not None else find_sum(answers[:SUM_MESSAGES])
     length = length_field(answers)
-    groups = by_question([pair.question for pair in answered], answers, [None] * len(answers))
+    groups = by_question([answered[k].question for k in owners], answers, [None] * len(answers))
     reads = modbus_reads(pairs)
     for group in groups:
+        group.index = owners[group.index]
         question = group.question or b""
         is_read = bool(reads) and len(question) == 8 and question[1] in MODBUS_FUNCTIONS and group.length > 5
         find_fields(group, found, length, MODBUS_DATA_AT if is_read else None)
     framing = Framing(
-        "answers", sum=found, coding=coding, is_certain=True, why="each answer lies between two questions"
+        "answers",
+        sum=found,
+        cut=chain and chain[0],
+        coding=coding,
+        is_certain=True,
+        why="each answer lies between two questions",
     )
     return Draft(False, framing, groups, pairs, reads)
 

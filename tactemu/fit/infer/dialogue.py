@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,6 +11,8 @@ from firmware_protocols import sums
 from tactemu.fit.infer.captures import Chunk
 from tactemu.fit.infer.delimited import ESCAPED, Coding
 from tactemu.fit.infer.fields import Field
+from tactemu.fit.infer.heads import Cut
+from tactemu.fit.infer.sums import FrameSum, find_sum
 
 LEAST_QUESTIONS = 40
 ONCE_SHARE = 0.5
@@ -22,6 +25,13 @@ MODBUS_DATA_AT = 3
 LENGTH_SHARE = 0.95
 MAX_LENGTH_AT = 13
 MAX_EXTRA = 20
+WIDTHS = ((1, ""), (2, "<"), (2, ">"))
+"""Sizes and byte orders of length fields."""
+SUM_MESSAGES = 3000
+LEAST_CHAIN, CHAIN_SAMPLE = 16, 12
+"""The fewest bytes of an answer that may be several messages, and the number of answers that are tried."""
+MAX_ACKNOWLEDGE = 8
+"""The most bytes of an answer before messages with a length field."""
 
 
 @dataclass
@@ -122,13 +132,55 @@ def modbus_reads(pairs: Sequence[Pair]) -> list[RegisterRead]:
     return [RegisterRead(*read, times) for read, times in sorted(reads.items())]
 
 
+def find_chain(answers: Sequence[bytes]) -> tuple[Cut, FrameSum] | None:
+    """Return length field and sum of the messages of which answers consist, one behind another.
+
+    A device that streams, or that has more to say than it was asked, is read so.
+    """
+    longest = sorted({len(each): each for each in answers if len(each) >= LEAST_CHAIN}.values(), key=len)
+    sample = longest[:: max(1, len(longest) // CHAIN_SAMPLE)][:CHAIN_SAMPLE]
+    if len(sample) < 2:
+        return None
+    chained: dict[Cut, int] = {}
+    for (size, order), at, extra in itertools.product(WIDTHS, range(1, MAX_LENGTH_AT), range(MAX_EXTRA)):
+        cut = Cut(1.0, b"", 0, at, size, order, extra)
+        chained[cut] = sum(len(each) for each in sample if len(parts_of_answer(each, cut)) > 1)
+    most = max(chained.values())
+    if most <= 0.5 * sum(map(len, sample)):
+        return None
+    for cut in [each for each, size in chained.items() if size == most]:
+        parts = [part for answer in answers if len(each := parts_of_answer(answer, cut)) > 1 for part in each]
+        found = find_sum(parts[:SUM_MESSAGES])
+        if found is not None and found.is_certain:
+            return cut, found
+    return None
+
+
+def parts_of_answer(answer: bytes, cut: Cut, check: FrameSum | None = None) -> list[bytes]:
+    """Return the messages of an answer, of which a short one may stand before the others; itself if it is one.
+
+    ``check`` is the sum that holds in each.
+    """
+    for begin in range(min(MAX_ACKNOWLEDGE, len(answer)) + 1):
+        at, parts = begin, []
+        while at < len(answer):
+            size = cut.size_at(answer, at)
+            if not size or at + size > len(answer) or (check and not check.holds(answer[at : at + size])):
+                break
+            parts.append(answer[at : at + size])
+            at += size
+        if at == len(answer) and len(parts) > (1 if begin else 0):
+            return [answer[:begin], *parts] if begin else parts
+    return [answer]
+
+
 def length_field(answers: Sequence[bytes]) -> Field | None:
     """Return the field that tells the length, in messages of two lengths or more."""
     if len({len(each) for each in answers}) < 2:
         return None
     best: Field | None = None
     for at in range(MAX_LENGTH_AT):
-        for size, order in ((1, ""), (2, "<"), (2, ">")):
+        for size, order in WIDTHS:
             values = [
                 (len(each) - int.from_bytes(each[at : at + size], "big" if order == ">" else "little"), each)
                 for each in answers

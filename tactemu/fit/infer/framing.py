@@ -55,16 +55,14 @@ class Framing:
             head = f"begin with {self.coding.head.hex().upper()}, " if self.coding.head else ""
             return f"{self.kind}: messages {head}end with {self.coding.end.hex().upper()}"
         if self.kind == "length" and self.cut is not None:
-            cut = self.cut
-            return (
-                f"head {cut.head.hex(' ').upper()}, length {cut.length_order}u{cut.length_size} at {cut.length_at}"
-                f" + {cut.extra}"
-            )
+            return f"head {self.cut.head.hex(' ').upper()}, {self.cut.length_text}"
         if self.kind == "fixed" and self.cut is not None:
             head = " ".join(f"{at}: {value:02X}" for at, value in list(self.mask.items())[:6])
             return f"messages of {self.cut.size} bytes, constant bytes {head or 'none'}"
         if self.kind == "silence":
             return "messages between silences of the line"
+        if self.kind == "answers" and self.cut is not None:
+            return f"answers to questions, of messages with {self.cut.length_text}"
         return {"answers": "an answer to each question", "CAN": "CAN frames"}.get(self.kind, "unknown")
 
 

@@ -45,6 +45,11 @@ class Cut:
         """True if all messages have one length."""
         return self.size > 0
 
+    @property
+    def length_text(self) -> str:
+        """The length field in words."""
+        return f"length {self.length_order}u{self.length_size} at {self.length_at} + {self.extra}"
+
     def size_at(self, stream: bytes, at: int) -> int | None:
         """Return the length of the message that begins at an offset, ``None`` if it is cut off."""
         if self.is_fixed:

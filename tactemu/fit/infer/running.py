@@ -12,6 +12,7 @@ import numpy as np
 from tactemu.base.errors import TactemuError
 from tactemu.fit.infer.analysis import Draft, infer
 from tactemu.fit.infer.captures import Capture, Chunk
+from tactemu.fit.infer.dialogue import parts_of_answer
 from tactemu.fit.infer.fields import Group
 from tactemu.fit.infer.frame_texts import Coverage, coverage_of, encoded_bytes, table_of
 from tactemu.fit.infer.framing import cut_messages
@@ -71,7 +72,9 @@ def _checked(draft: Draft, chunks: Iterator[Chunk]) -> Iterator[tuple[int, int]]
                 if chunk.direction == "rx":
                     question = (chunk.id or 0).to_bytes(4, "big") + chunk.data if draft.is_can else chunk.data
                 else:
-                    messages.append((chunk.id, question, chunk.data))
+                    cut = draft.framing.cut
+                    parts = [chunk.data] if cut is None else parts_of_answer(chunk.data, cut, draft.framing.sum)
+                    messages += [(chunk.id, question, part) for part in parts]
         else:
             stream = rest + b"".join(chunk.data for chunk in block if chunk.direction == "tx")
             found = cut_messages(stream, draft.framing)

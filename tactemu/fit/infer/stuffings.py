@@ -44,11 +44,12 @@ def find_stuffing(stream: bytes) -> Stuffing | None:
 
 def _evens_lengths(packets: list[bytes], escape: bytes) -> bool:
     """Return True if packets with and without escapes are as long as each other once those are gone."""
-    plain = Counter(len(each) - each.count(escape) for each in packets)
-    escaped = [each for each in packets if escape in each]
-    if not plain or min(len(escaped), len(packets) - len(escaped)) < LEAST_ESCAPED:
+    escaped = [len(each) - each.count(escape) for each in packets if escape in each]
+    plain = [len(each) for each in packets if escape not in each]
+    if min(len(escaped), len(plain)) < LEAST_ESCAPED:
         return False
-    return plain.most_common(1)[0][1] >= SAME_SHARE * len(packets)
+    usual = Counter(plain).most_common(1)[0][0]
+    return all(some.count(usual) >= SAME_SHARE * len(some) for some in (escaped, plain))
 
 
 def _stuffing(packets: list[bytes], head: int, tail: int, escape: int, codes: list[int]) -> Stuffing:

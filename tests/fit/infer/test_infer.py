@@ -164,6 +164,18 @@ def test_modbus_reads_are_recognised_and_paired():
     assert all(each.order == ">" for each in fields_at(draft, 3))
 
 
+def test_an_answer_of_several_messages_is_cut_by_their_lengths():
+    messages = []
+    for k, part in enumerate(_values("B", 8, high=250, noise=2.0)):
+        body = b"\x03\x26" + bytes([4 + k % 5]) + part[: 4 + k % 5]
+        messages.append(body + bytes([sum(body) & 0xFF]))
+    answers = [b"".join(messages[at : at + 1 + at // 3 % 4]) for at in range(0, N - 4, 3)]
+    draft = infer(dialogue([(b"\x81\x26", answer) for answer in answers]))
+    assert {group.length for group in draft.groups} == set(range(8, 13))
+    assert draft.framing.sum is not None and draft.framing.sum.kit_name == "sum8"
+    assert [pair.answer for pair in draft.pairs] == answers
+
+
 def test_a_byte_of_a_can_frame_selects_the_others():
     columns = [slow(N, seed, high=255, noise=2.0) for seed in range(14)]
     chunks = []
