@@ -206,6 +206,20 @@ def _nibotics(data: bytes, question: bytes, identifier: int | None) -> list[Span
     return [*numbers("<f4", 7, 2 * n), *twelve(at, 7), *numbers("u1", at + 11, 7), *numbers("<i2", at + 18, 6), crc]
 
 
+def _sensel(data: bytes, question: bytes, identifier: int | None) -> list[Span] | None:
+    if len(data) < 14 or data[1] != 0x26 or data[2]:
+        return None
+    found, at = [*numbers("u1", 0), *numbers("u1", 6), *numbers("<u4", 7)], 11
+    if data[5] & 4:
+        n = data[12]
+        for k in range(n):
+            found += [*numbers("u1", 13 + 10 * k, 2), *numbers("<u2", 15 + 10 * k, 4)]
+        at = 13 + 10 * n
+    if data[5] & 8:
+        found += numbers("<i2", at, 3)
+    return [*found, (len(data) - 1, 1, "sum", "sum8", "")]
+
+
 def _singletact(data: bytes, question: bytes, identifier: int | None) -> list[Span] | None:
     if len(data) != 22:
         return None
@@ -271,6 +285,7 @@ TRUTHS: dict[str, Truth] = {
     "robotiq_tsf85": _robotiq_tsf85,
     "robotis_hx5": _robotis,
     "rohand": modbus(_bytes_from(2000)),
+    "sensel_morph": _sensel,
     "singletact": _singletact,
     "synria_60": _synria,
     "weiss_wts": _weiss_wts,

@@ -1,9 +1,9 @@
 """The proof that one part of a message is the upper digits of another: it steps when, and only when, the lower wraps.
 
 Two models foretell the lower part from its last value. In the first it is the low digits of one number, which moves by
-little: when the upper part steps, it must wrap. In the second it is a value of its own, with or without sign. Each
-half of the capture is foretold with the statistics of the other half, and the difference is counted in bits: many bits
-prove the link, many bits less than none refute it, and in between it is open.
+little: when the upper part steps, it must wrap. In the second it is a value of its own, with or without sign, which
+may leap when the upper part does. Each half of the capture is foretold with the statistics of the other half, and the
+difference is counted in bits: many bits prove the link, many bits less than none refute it, and in between it is open.
 """
 
 from __future__ import annotations
@@ -17,6 +17,14 @@ PROOF_BITS = 30.0
 HALF_BITS = 6.0
 """The least bits of each half of the capture, so that neither rests on one event."""
 REFUTED_BITS = -25.0
+PAIR_BITS = 20.0
+"""The most bits that the steps of the upper part between two of its values say together."""
+NEAR = 4
+"""The part of its range that the lower part steps at most in a small step, over its ends as well."""
+NEAR_BITS = 15.0
+"""The least bits of small steps: two values may leap together, as two digits do."""
+MAX_NOISE = 16
+"""The largest step between -1 and a positive value, where -1 is most of what looks negative."""
 CLASSES = 40
 LEAST_EVENTS = 4
 SMALL = 8
@@ -68,21 +76,20 @@ class Link:
     high_bits: int = 8
 
     @cached_property
-    def _halves(self) -> tuple[float, float]:
-        """The bits in favour of the link in each half of the capture, foretold from the other half."""
+    def _halves(self) -> list[tuple[float, float]]:
+        """The bits in favour of the link in each half of the capture, and those of small steps alone."""
         full = 1 << self.high_bits
         high_step = (np.diff(self.high) + full // 2) % full - full // 2
         if (high_step != 0).sum() + self._leaps().sum() < LEAST_EVENTS:
-            return 0.0, 0.0
+            return [(0.0, 0.0)] * 2
         middle = len(high_step) // 2
         parts = slice(None, middle), slice(middle, None)
-        first, second = (self._foretold(high_step, known, asked) for known, asked in (parts[::-1], parts))
-        return first, second
+        return [self._foretold(high_step, known, asked) for known, asked in (parts[::-1], parts)]
 
     def _leaps(self) -> np.ndarray:
         return np.abs(np.diff(self.low)) > (1 << self.low_bits) // 2
 
-    def _foretold(self, high_step: np.ndarray, known: slice, asked: slice) -> float:
+    def _foretold(self, high_step: np.ndarray, known: slice, asked: slice) -> tuple[float, float]:
         full = 1 << self.low_bits
         before, step = self.low[:-1], np.diff(self.low)
         joined = full * high_step + step
@@ -91,8 +98,25 @@ class Link:
         offset = full * high_step[new] - before[new]
         possible = np.maximum(steps.share_between(offset, full - 1), 1e-12)
         as_digits = np.minimum(steps.bits(joined[new]) + np.log2(possible), 24.0)
-        alone = min(self._alone(before, step, known, new, turn).sum() for turn in (0, full // 2))
-        return float(alone - as_digits.sum())
+        changed, learnt = high_step != 0, np.zeros(len(high_step), bool)
+        learnt[known] = True
+        total = near = 0.0
+        circular = np.abs((step + full // 2) % full - full // 2)
+        for is_part in (changed, ~changed):
+            part = new[is_part[new]]
+            alone = self._alone(before, step, (learnt, learnt & is_part), part)
+            gained = alone - as_digits[is_part[new]]
+            total += self._capped(gained, part)
+            near += float(gained[circular[part] <= full // NEAR].sum())
+        return total, near
+
+    def _capped(self, gained: np.ndarray, events: np.ndarray) -> float:
+        """Return the sum of the bits, where one step of the upper part says no more than so much, however often."""
+        if not len(events):
+            return 0.0
+        ends = np.sort([self.high[events], self.high[events + 1]], axis=0)
+        _, pair = np.unique(ends[0] << self.high_bits | ends[1], return_inverse=True)
+        return float(np.minimum(np.bincount(pair, weights=gained), PAIR_BITS).sum())
 
     def _different(self, asked: slice) -> np.ndarray:
         """Return the numbers of the steps that were not seen before: one that repeats itself proves nothing again."""
@@ -101,29 +125,46 @@ class Link:
         _, first = np.unique(code[asked], return_index=True)
         return first + (asked.start or 0)
 
-    def _alone(self, before: np.ndarray, step: np.ndarray, known: slice, asked: np.ndarray, turn: int) -> np.ndarray:
-        """Return the bits of the lower part as a value of its own, unsigned, or signed if turned by half its range."""
+    def _alone(
+        self, before: np.ndarray, step: np.ndarray, known: tuple[np.ndarray, ...], asked: np.ndarray
+    ) -> np.ndarray:
+        """Return the bits of the lower part as a value of its own, the fewest of several models.
+
+        It is unsigned, or signed: turned by half its range. ``known`` are the events that it is learnt from: all, and
+        those in which the upper part stepped or stood still as in those asked, since two values may leap together.
+        """
         full = 1 << self.low_bits
-        start = (before + turn) % full
-        turned = (before + step + turn) % full - start
-        steps = Steps(turned[known])
-        possible = np.maximum(steps.share_between(-np.arange(full), full - 1), 1e-12)[start[asked]]
-        return np.minimum(steps.bits(turned[asked]) + np.log2(possible), 24.0)
+        models = []
+        for turn in (0, full // 2):
+            start = (before + turn) % full
+            turned = (before + step + turn) % full - start
+            for learnt in known:
+                steps = Steps(turned[learnt])
+                possible = np.maximum(steps.share_between(-np.arange(full), full - 1), 1e-12)[start[asked]]
+                models.append(np.minimum(steps.bits(turned[asked]) + np.log2(possible), 24.0))
+        return min(models, key=lambda each: each.sum())
 
     @cached_property
     def bits(self) -> float:
         """The bits in favour of the link."""
-        return sum(self._halves)
+        return sum(bits for bits, _ in self._halves)
+
+    @cached_property
+    def near_bits(self) -> float:
+        """The bits in favour of the link of the small steps of its lower part, over its ends as well."""
+        return sum(near for _, near in self._halves)
 
     @property
     def is_proven(self) -> bool:
-        """True if the lower part wraps where the upper one steps, in both halves of the capture."""
-        return self.bits >= PROOF_BITS and min(self._halves) >= HALF_BITS
+        """True if the lower part wraps where the upper one steps, in both halves of the capture, and in small steps."""
+        is_near = self.near_bits >= NEAR_BITS and min(near for _, near in self._halves) > 0 or self.low_bits < 8
+        return is_near and self.bits >= PROOF_BITS and min(bits for bits, _ in self._halves) >= HALF_BITS
 
     @property
     def is_refuted(self) -> bool:
         """True if the upper part steps while the lower stays near, or stands still while the lower wraps."""
-        return self.bits <= REFUTED_BITS and max(self._halves) <= 0.0
+        against = max(near for _, near in self._halves)
+        return max(self.bits, self.near_bits) <= REFUTED_BITS and against <= 0.0
 
 
 class Links:
@@ -166,7 +207,8 @@ def crossings(values: np.ndarray, bits: int) -> Crossings:
     """Count the crossings of a column of unsigned readings.
 
     A value that is clipped at its upper end and let go steps from end to end, too: steps between the two ends
-    themselves count only where the middle half of the range is never seen and the upper end is not the only high value.
+    themselves count only where the middle half of the range is never seen and the upper end is not the only high value,
+    and where it is most of them only short steps from it do.
     """
     full = 1 << bits
     steps = np.diff(values)
@@ -179,6 +221,9 @@ def crossings(values: np.ndarray, bits: int) -> Crossings:
     is_middle = (values >= full // 4) & (values < full - full // 4)
     is_small = not is_middle.any() and (is_high & (values < full - 1)).sum() >= 3
     over = crossed & is_leap & (circular <= max(2, full // 16)) & (~between | is_small)
+    last = values == full - 1
+    if 2 * last.sum() > is_high.sum():  # it is clipped there, if it does not come back in steps of its noise
+        over &= ~(last[1:] | last[:-1]) | (circular <= MAX_NOISE)
     turns = (values == full // 2) | (values == full // 2 - 1)  # the ends of a signed value, which may be clipped
     through = crossed & ~is_leap & (circular <= full // 8) & ~(turns[1:] & turns[:-1])
     return Crossings(int(over.sum()), int(through.sum()), int((is_leap & (~between | is_small)).sum()))

@@ -25,8 +25,8 @@ def _with_crc(body):
 
 @pytest.mark.parametrize(("letter", "order", "size"), [("H", "<", 2), ("H", ">", 2), ("B", "", 1)])
 def test_unsigned_values_with_a_crc_are_certain(letter, order, size):
-    high = 255 if size == 1 else 60000
-    body = _values(letter, order=order or "<", high=high, noise=2.0 if size == 1 else 40.0)
+    low, high = (0, 255) if size == 1 else (0x7800, 0x8800)
+    body = _values(letter, order=order or "<", low=low, high=high, noise=2.0 if size == 1 else 6.0)
     draft = infer(stream([_with_crc(HEAD + part) for part in body]))
     assert draft.framing.is_certain
     assert draft.framing.sum is not None and draft.framing.sum.kit_name == "crc16_modbus"
