@@ -6,6 +6,7 @@ author gives them a meaning.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -57,6 +58,7 @@ def device_file(draft: Draft, path: Path, captures: Sequence[Path]) -> str:
     name = "_".join(words) if is_name else "my_sensor"
     low, high, rest = _range(messages)
     is_float = any(each.taxels is not None and each.taxels.fields[0].kind == "f" for each in messages)
+    commands = _commands(messages, draft, ", ".join(each.name for each in captures))
     kind = "can" if draft.is_can else "answers" if draft.pairs else "stream"
     text = Template((TEMPLATES / f"{kind}.txt").read_text(encoding="utf-8"))
     return text.substitute(
@@ -80,7 +82,8 @@ def device_file(draft: Draft, path: Path, captures: Sequence[Path]) -> str:
         dtype="np.float32" if is_float else "int",
         line=_line(draft),
         counts="counts" if is_float else "np.rint(counts)",
-        commands="".join(_commands(messages, draft, ", ".join(each.name for each in captures))),
+        commands="".join(commands),
+        imported="    command,\n" if commands else "",
     )
 
 
@@ -124,30 +127,34 @@ def _is_answer(each: Message, draft: Draft) -> bool:
 
 
 def _answers(messages: list[Message], draft: Draft) -> list[str]:
+    """Return the messages after each question on CAN."""
     names: dict[bytes, list[str]] = {}
     for each in messages:
         if _is_answer(each, draft) and each.group.question is not None:
-            if draft.is_can or each.group.question not in names:  # of several kinds of answer the most frequent
-                names.setdefault(each.group.question, []).append(each.constant)
+            names.setdefault(each.group.question, []).append(each.constant)
     return [f"\n    bytes.fromhex({_hex(question)!r}): {tuple(found)!r}," for question, found in names.items()]
 
 
 def _commands(messages: list[Message], draft: Draft, source: str) -> list[str]:
+    """Return the declarations of the questions: on serial lines each with its method, on CAN for ``receive``."""
     found, known = [], set()
     for each in messages:
         question = each.group.question
         if not _is_answer(each, draft) or question is None or question in known:
             continue
         known.add(question)
+        number = len(known)
         if draft.is_can:
             frame = _frame_text(int.from_bytes(question[:4], "big"), len(question) - 4)
-            request = f"{frame}{question[4:].hex().upper()}"
-            reply = f" reply={_can_patterns(messages, question)!r},"
+            request, reply = f"{frame}{question[4:].hex().upper()}", repr(_can_patterns(messages, question))
+            found.append(f"    @command({request!r}, reply={reply}, name='question {number}', origin={source!r})\n")
         else:
-            request, reply = _hex(question), f" reply={_pattern(each)!r},"
-        found.append(
-            f'\n            Command(name="question {len(known)}", request={request!r},{reply} origin={source!r}),'
-        )
+            found.append(
+                f"\n    @command({_hex(question)!r}, reply={_short(_pattern(each))!r}, origin={source!r})\n"
+                f"    def question_{number}(self, request: Request) -> Transmissions:\n"
+                f'        """Send ``{each.constant}``."""\n'
+                f"        return [self._message({each.constant!r})]\n"
+            )
     return found
 
 
@@ -177,6 +184,11 @@ def _pattern(each: Message) -> str:
     for value, moves in zip(rows[0].tolist(), varies.tolist()):
         words.append(".." if moves else f"{value:02X}")
     return " ".join(words)
+
+
+def _short(pattern: str) -> str:
+    """Return a pattern with ``..{12}`` for twelve bytes that change."""
+    return re.sub(r"\.\.(?: \.\.){3,}", lambda found: f"..{{{found[0].count('..')}}}", pattern)
 
 
 def _range(messages: list[Message]) -> tuple[float, float, float]:

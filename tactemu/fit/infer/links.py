@@ -157,7 +157,7 @@ class Link:
     @property
     def is_proven(self) -> bool:
         """True if the lower part wraps where the upper one steps, in both halves of the capture, and in small steps."""
-        is_near = self.near_bits >= NEAR_BITS and min(near for _, near in self._halves) > 0 or self.low_bits < 8
+        is_near = (self.near_bits >= NEAR_BITS and min(near for _, near in self._halves) > 0) or self.low_bits < 8
         return is_near and self.bits >= PROOF_BITS and min(bits for bits, _ in self._halves) >= HALF_BITS
 
     @property

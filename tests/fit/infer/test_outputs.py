@@ -50,6 +50,7 @@ def test_the_device_file_passes_the_check(tmp_path, kind):
     path.write_text(device_file(infer(chunks), path, [tmp_path / "presses.mcap"]))
     report = check(f"{path}:MySensor", {}, fuzz=50)
     assert report.ok, report.lines()
+    assert ("@command('01 03 10'" in path.read_text()) == (kind == "answers")
 
 
 def test_every_byte_of_a_capture_comes_back(tmp_path):
