@@ -35,7 +35,7 @@ class Coding:
 
     name: str
     stuffing: Stuffing | None = None
-    """Its bytes; none: COBS."""
+    """The bytes of its packets, ``None`` for COBS."""
 
     @property
     def head(self) -> bytes:

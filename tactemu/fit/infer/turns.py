@@ -1,4 +1,4 @@
-"""Where messages of one length begin: at constants, behind a known tail, behind a silence, or where a sum holds."""
+"""The search for where messages of one length begin: at constants, behind a tail or a silence, or where a sum holds."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ TIMED_SHARE = 0.6
 TRIED_SUMS = 120
 OTHER_SHARE = 0.3
 TAILS = (b"\x00\x00\x80\x7f", b"\r\n")
-"""What ends binary messages for plotters and terminals: an infinite float, and a line."""
+"""The ends of binary messages for plotters and terminals: an infinite float, and the end of a line."""
 LENGTH_BONUS = 4.0
 """The weight of a length among the constants of a head, in bytes of the head."""
 MAX_LENGTH_AT = 12
