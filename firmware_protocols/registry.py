@@ -62,6 +62,7 @@ DEVICES: dict[str, str] = {
     "linker_hand_l6": f"{_HERE}.linker_hand:LinkerHandL6",
     "linker_hand_l7": f"{_HERE}.linker_hand:LinkerHandL7",
     "linker_hand_o20": f"{_HERE}.linker_hand_o20:LinkerHandO20",
+    "linker_hand_o30": f"{_HERE}.linker_hand_o30:LinkerHandO30",
     "linker_hand_o6": f"{_HERE}.linker_hand:LinkerHandO6",
     "loadstar_di": f"{_HERE}.loadstar_di:LoadstarDi",
     "m1616_array": f"{_HERE}.m1616_array:M1616Array",
