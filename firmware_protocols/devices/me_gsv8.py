@@ -131,7 +131,7 @@ class MeGsv8(Device):
         """Start or stop the readings."""
         self.sending = request.command == 0x24
 
-    @command("AA 90 3B 85", "AA 17 B0 ..{32} 85", safe=True)
+    @command("AA 90 3B 85", "AA 17 B0 ..{32} 85", after=("AA 90 23 85",))
     def read_values(self, request: Request | None = None) -> Transmissions:
         """Return a reading."""
         return [self.reading.pack(status=self.status, values=self.counts)]
