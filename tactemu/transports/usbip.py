@@ -98,6 +98,9 @@ class UsbIpPort(Transport):
         """Pull the cable: the host's node goes. Safe to call twice."""
         if self._server is not None and self._shared is not None:
             self._server.unplug(self._shared, self._chip)
+            if self._link is not None:
+                with self._shared.lock:
+                    self._link.release()
         self._server = self._link = None
         self._has_reader = False
         self._events.clear()
@@ -120,6 +123,7 @@ class UsbIpPort(Transport):
             newest = self._shared.link(self._chip)
             if self._link is None and newest is not None:
                 self._link = newest
+                newest.users += 1
                 self._events.append(Noted("attached by a host"))
             if self._link is not None:
                 self._work(self._shared, self._link, reading)
@@ -144,6 +148,7 @@ class UsbIpPort(Transport):
             self._note_reader(False)
             self._link = None
             shared.drop(link)
+            link.release()
             self._events.append(Noted("detached by the host"))
 
     def _note_reader(self, has_reader: bool) -> None:

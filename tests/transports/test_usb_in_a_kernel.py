@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from tests.transports.played import Played
+from tests.transports.test_usbip import CONFIGURATIONS, DEVICE_DESCRIPTORS
 
 ROOT = Path(__file__).parents[2]
 pytestmark = [pytest.mark.kernel, pytest.mark.timeout(600)]
@@ -98,6 +99,12 @@ def test_pyserial_pyudev_libusb_and_hidapi_find_the_devices(told):
     assert {tuple(each[:2]) for each in found["pyusb"]} >= ids
     names = {tuple(each[2:]) for each in found["pyusb"]}
     assert names >= {("bytewerk", "candleLight USB to CAN adapter"), ("Nobody", "Bulk pad"), ("FTDI", "Dual RS232")}
+
+
+@pytest.mark.parametrize("chip", DEVICE_DESCRIPTORS)
+def test_the_kernel_has_the_chips_descriptors_bit_by_bit(told, chip):
+    said, _ = told
+    assert bytes.fromhex(DEVICE_DESCRIPTORS[chip] + CONFIGURATIONS[chip]).hex() in said["listed"]["descriptors"]
 
 
 def test_a_board_on_can_is_read_through_an_adapter(told):

@@ -1,6 +1,7 @@
 """``usbip:``, judged by a USB/IP client that is not ours; ``test_usb_in_a_kernel.py`` has the kernel's."""
 
 import contextlib
+import select
 import socket
 import struct
 import time
@@ -52,6 +53,20 @@ def test_descriptors_are_those_of_the_real_chip(chip):
         assert handle.control(0x80, 6, 0x0100, 0, 18) == bytes.fromhex(DEVICE_DESCRIPTORS[chip])
         assert handle.control(0x80, 6, 0x0200, 0, 255) == bytes.fromhex(CONFIGURATIONS[chip])
         assert handle.control(0x80, 6, 0x0200, 0, 9) == bytes.fromhex(CONFIGURATIONS[chip])[:9]
+
+
+def test_descriptors_are_those_of_a_candlelight_adapter():
+    """The fields of lsusb -v in candle-usb/candleLight_fw#175; those of its DFU interface in src/usbd_gs_can.c."""
+    with Polled("0", Can(), "gsusb") as polled, polled.client() as handle:
+        assert handle.control(0x80, 6, 0x0100, 0, 18) == bytes.fromhex(
+            "12 01 0002 00 00 00 40 501d 6f60 0000 01 02 03 01"
+        )
+        assert handle.control(0x80, 6, 0x0200, 0, 255) == bytes.fromhex(
+            "09 02 3200 02 01 00 80 4b 09 04 00 00 02 ff ff ff 00 07 05 81 02 2000 00 07 05 02 02 2000 00"
+            " 09 04 01 00 00 fe 01 01 e0 09 21 0b ff00 0008 1a01"
+        )
+        assert b"upgrade" in handle.control(0x80, 6, 0x03E0, 0x409, 255).replace(b"\0", b"")
+        assert handle.control(0xA1, 3, 0, 1, 6) == bytes(5) + b"\xff"
 
 
 def test_a_board_has_its_makers_ids_and_strings():
@@ -159,6 +174,30 @@ def test_a_chip_is_unplugged_with_either_channel_and_back_with_both():
         with second.client() as handle:
             handle.bulk_out(0x02, b"to A again")
             assert first.wait(Received).data == b"to A again"
+
+
+def test_a_loop_may_wait_for_a_connection_that_the_other_channel_has_closed():
+    first = transports.create("usbip:0")
+    first.set_connector(FIRST)
+    with first:
+        number = int(first.address.split()[2])
+        second = transports.create(f"usbip:{number}")
+        second.set_connector(SECOND)
+        with second, socket.create_connection(("127.0.0.1", number)) as client:
+            client.sendall(protocol.OP.pack(protocol.VERSION, protocol.OP_REQ_IMPORT, 0) + b"1-1".ljust(32, b"\0"))
+            seen = {first: [], second: []}
+            deadline = time.monotonic() + 5
+            while not all(seen.values()) and time.monotonic() < deadline:
+                for port, events in seen.items():
+                    events += port.poll()
+            assert set(map(tuple, seen.values())) == {(Noted("attached by a host"),)}
+            waited = second.filenos()
+            client.close()
+            while len(seen[first]) < 2 and time.monotonic() < deadline:
+                seen[first] += first.poll()
+            select.select(waited, [], [], 0)  # fails if the connection has been closed under it
+            assert second.poll() == [Noted("detached by the host")]
+            assert len(waited) == 3 and len(second.filenos()) == 2
 
 
 def test_a_third_device_is_on_a_chip_of_its_own():

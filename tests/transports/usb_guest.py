@@ -60,9 +60,8 @@ try:
         readings = json.loads(done.stdout.splitlines()[-1])["readings"]
         print(json.dumps({"node": node, "readings": readings, **identity(node)}), flush=True)
     assert wait(lambda: os.path.exists("/dev/hidraw0"), 60), "no hidraw0"
-    subprocess.run(
-        [sys.executable, ROOT / "tests/transports/usb_raw_guest.py", str(int(count) // 3)], timeout=200, check=True
-    )
+    raw = [sys.executable, "-m", "tests.transports.usb_raw_guest", str(int(count) // 3)]
+    subprocess.run(raw, cwd=ROOT, timeout=200, check=True)
     # At another bit rate nobody acknowledges; then the rate of the bus.
     assert wait(lambda: os.path.exists("/sys/class/net/can0"), 60)
     states, refusals, counted = [], [refusal()], []

@@ -11,8 +11,8 @@ from tactemu import transports
 class Polled:
     """A port with a thread that polls it, as the loop would."""
 
-    def __init__(self, location, connector):
-        self.port = transports.create(f"usbip:{location}")
+    def __init__(self, location, connector, scheme="usbip"):
+        self.port = transports.create(f"{scheme}:{location}")
         self.port.set_connector(connector)
         self.events, self._stop = [], threading.Event()
         self._lock = threading.Lock()

@@ -1,6 +1,7 @@
 """A candleLight CAN adapter (gs_usb): Linux makes ``can0`` of it, with its bit timing, state and error counters.
 
 Requests and structures are those of Linux 6.1, ``drivers/net/can/usb/gs_usb.c``, and of candle-usb/candleLight_fw.
+Descriptors are those of ``lsusb -v`` in its issue 175, and of its ``src/usbd_gs_can.c``.
 """
 
 from __future__ import annotations
@@ -9,8 +10,8 @@ import struct
 
 from firmware_protocols import USB, Can, CanFrame
 from firmware_protocols.frames import FD_LENGTHS
-from tactemu.transports.usb.chip import DONE, TO_HOST, VENDOR, Chip, Setup
-from tactemu.transports.usb.descriptors import Descriptors, Endpoint, Interface
+from tactemu.transports.usb.chip import CLASS, DONE, TO_HOST, VENDOR, Chip, Setup
+from tactemu.transports.usb.descriptors import Descriptors, Endpoint, Interface, descriptor
 
 CLOCK_HZ = 80_000_000
 CLASSIC_BYTES, FD_BYTES = 20, 76
@@ -27,6 +28,8 @@ _DATA_LIMITS = (1, 32, 1, 16, 16, 1, 32, 1)
 ACK_ERROR, PASSIVE_ERROR = 0x20, 0x04
 """Classes of error frames (``linux/can/error.h``): nobody acknowledged, a controller is in trouble."""
 _PASSIVE = 0x30
+_UPGRADE = 0xE0
+"""The number of the string of the interface for firmware upgrades."""
 
 
 class Candle(Chip):
@@ -48,7 +51,13 @@ class Candle(Chip):
         vid, pid = self.ids(0x1D50, 0x606F)
         ends = (Endpoint(0x81, "bulk", 32), Endpoint(0x02, "bulk", 32))
         names = self.named("bytewerk", "candleLight USB to CAN adapter", "000000000001")
-        return Descriptors(vid, pid, 0x0000, (Interface((0xFF, 0xFF, 0xFF), ends),), names, power_ma=150)
+        upgrade = descriptor(0x21, struct.pack("<BHHH", 0x0B, 255, 2048, 0x011A))  # DFU 1.1a: detach, up- and download
+        interfaces = (
+            Interface((0xFF, 0xFF, 0xFF), ends),
+            Interface((0xFE, 0x01, 0x01), (), string=_UPGRADE, extra=upgrade),
+        )
+        more = {_UPGRADE: "candleLight firmware upgrade interface"}
+        return Descriptors(vid, pid, 0x0000, interfaces, names, more_strings=more, power_ma=150)
 
     @property
     def agrees(self) -> bool:
@@ -57,7 +66,9 @@ class Candle(Chip):
         return self.bitrate == self.bus.bitrate and (not wants_data or self.data_bitrate == self.bus.data_bitrate)
 
     def control(self, setup: Setup, data: bytes) -> bytes | None:
-        """Carry out the requests of gs_usb: constants, bit timing, start and stop."""
+        """Carry out the requests of gs_usb: constants, bit timing, start and stop; and DFU's for its state."""
+        if setup.type == CLASS and setup.kind & TO_HOST and (setup.request, setup.target) == (3, 1):
+            return b"\0\0\0\0\0\xff"  # it runs, and no upgrade is under way
         if setup.type != VENDOR:
             return None
         is_fd = self.bus.data_bitrate is not None

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Literal
 
 DEVICE, CONFIGURATION, STRING, INTERFACE, ENDPOINT = range(1, 6)
@@ -64,6 +64,8 @@ class Descriptors:
     interfaces: Sequence[Interface]
     strings: Sequence[str] = ("", "", "")
     """Manufacturer, product, serial number; an empty one is left out."""
+    more_strings: Mapping[int, str] = field(default_factory=dict)
+    """The other strings, by number."""
     code: tuple[int, int, int] = (0, 0, 0)
     """Class, subclass and protocol of the device; 0: each interface has its own."""
     usb: int = 0x0200
@@ -95,6 +97,5 @@ class Descriptors:
         """Return a string descriptor, or None if there is none of this number; 0 lists the languages."""
         if number == 0:
             return descriptor(STRING, ENGLISH)
-        if 0 < number <= len(self.strings) and self.strings[number - 1]:
-            return descriptor(STRING, self.strings[number - 1].encode("utf-16-le"))
-        return None
+        text = dict(enumerate(self.strings, start=1)).get(number) or self.more_strings.get(number)
+        return descriptor(STRING, text.encode("utf-16-le")) if text else None

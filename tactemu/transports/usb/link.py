@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import socket
 from collections import deque
@@ -93,17 +94,29 @@ class HostLink:
         self._others: dict[int, None] = {}
         """The numbers of waiting requests to endpoints that never have data: of notifications."""
         self.is_alive = True
+        self.users = 0
+        """The number of loops that wait for the connection; it is closed when none does."""
 
     def fileno(self) -> int:
         """Return the file descriptor of the connection."""
         return self._socket.fileno()
 
     def close(self) -> None:
-        """Cut the connection: the device is unplugged."""
-        self._socket.close()
+        """Cut the connection: the device is unplugged. Its descriptor stays valid for loops that wait for it."""
         self.is_alive = False
         for stream in self._streams.values():
             stream.has_reader = False
+        if self.users > 0:
+            with contextlib.suppress(OSError):
+                self._socket.shutdown(socket.SHUT_RDWR)
+        else:
+            self._socket.close()
+
+    def release(self) -> None:
+        """Note that a loop waits no more; the last one closes a connection that is cut."""
+        self.users -= 1
+        if self.users <= 0 and not self.is_alive:
+            self._socket.close()
 
     def has_reader(self, channel: Chip) -> bool:
         """Return True while a driver of the host wants data of a channel."""
