@@ -203,7 +203,8 @@ def _fixed(stream: bytes, cuts: list[Cut], silences: Sequence[int] | None) -> Fr
     turn, found = best_turn(stream, size, rows.anchors, turns)
     turned = [(k, (turn + k) % size) for k in range(size)]
     mask = {k: int(rows.values[at]) for k, at in turned if rows.constant[at]}
-    mask = dict(list(mask.items())[:MASK_BYTES])
+    told = sorted(mask, key=lambda at: mask[at] in (0x00, 0xFF))[:MASK_BYTES]  # a zero is in every message, anywhere
+    mask = {at: mask[at] for at in told}
     messages = _cut_fixed(stream, size, (int(rows.anchors[0]) + turn) % size, mask)
     has_sum = found is not None and found.is_certain
     if len(messages) < LEAST_MESSAGES and not has_sum:
