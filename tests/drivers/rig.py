@@ -19,6 +19,7 @@ import termios
 import threading
 import time
 import tty
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -28,7 +29,10 @@ from firmware_protocols import Can, Convert, Device, Reading, Restart, Sent, Ser
 from firmware_protocols.check.readings import reading_of
 from tests.drivers.can_link import open_can
 from tests.drivers.environments import python_with
+from tests.drivers.usb_link import open_usb
 
+USB_CHIP = os.environ.get("TACTEMU_RIG_CHIP")
+"""The chip of a USB device, in place of a pty: ``test_usb_matrix.py`` runs the tests of drivers on each, in a guest."""
 DRIVERS = Path(__file__).parent / "scripts"
 EQUAL: list[int] = []
 """How many readings equalled the truth, in each comparison of the test that runs."""
@@ -52,7 +56,10 @@ class Rig:
         self._stop = threading.Event()
         self._pending: list[tuple[int, bytes]] = []
         connector, self._open = {"serial": (Serial, _open_pty), "tcp": (Tcp, _open_tcp), "can": (Can, open_can)}[kind]
-        self._connector = next(port.name for port in device.ports if isinstance(port, connector))
+        port = next(port for port in device.ports if isinstance(port, connector))
+        self._connector = port.name
+        if kind == "serial" and USB_CHIP:
+            self._open = partial(open_usb, USB_CHIP, port)
 
     def reading(self, stream: str) -> Reading:
         """Every sample another random push on every taxel, so that a reading names its sample."""
@@ -224,6 +231,7 @@ def run_driver(package: str, script: str, *arguments, cwd=None, seconds: float =
     if not environment and importlib.util.find_spec(package) is None:
         pytest.skip(f"{package} is not installed")
     command = [python, str(DRIVERS / script), *map(str, arguments)]
+    seconds *= 10 if USB_CHIP else 1  # a guest is slow
     done = subprocess.run(command, check=False, capture_output=True, text=True, timeout=seconds, cwd=cwd)
     assert done.returncode == 0, done.stderr[-2000:]
     return json.loads(done.stdout.splitlines()[-1])
