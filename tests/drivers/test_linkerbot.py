@@ -57,7 +57,7 @@ def test_a_press_reaches_the_driver_as_it_was_felt(name, port):
         got = run_driver(
             "linkerbot", "linkerbot_read.py", name.upper(), "left", bus["channel"], bus["interface"], 50, seconds=60
         )
-        truth = {sample.counts.tobytes() for sample in dev.truth.samples}
+        truth = {sample.counts.astype(np.uint8).tobytes() for sample in dev.truth.samples}
     readings = np.array(got["readings"], np.uint8)
     assert len(readings) == 50 and all(reading.tobytes() in truth for reading in readings)
     assert readings[-1, 2].max() > 20, "the middle finger feels it"

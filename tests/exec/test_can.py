@@ -137,7 +137,7 @@ def test_the_hands_own_sdk_on_can1(hand):
     done = hand.run(command, capture_output=True, text=True, timeout=60)
     assert done.returncode == 0, done.stderr
     got = json.loads(done.stdout)
-    truth = {sample.counts.tobytes() for sample in dev.truth.samples}
+    truth = {sample.counts.astype(np.uint8).tobytes() for sample in dev.truth.samples}
     readings = np.array(got["readings"], np.uint8)
     assert len(readings) == 50 and all(reading.tobytes() in truth for reading in readings)
 
