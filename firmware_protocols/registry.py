@@ -95,6 +95,7 @@ DEVICES: dict[str, str] = {
     "sun_fingertip": f"{_HERE}.sun_fingertip:SunFingertip",
     "sunrise_m8128": f"{_HERE}.sunrise_m8128:SunriseM8128",
     "synria_60": f"{_HERE}.synria_60:Synria60",
+    "tams_array": f"{_HERE}.tams_array:TamsArray",
     "tesollo_dg": f"{_HERE}.tesollo_dg:TesolloDg",
     "unitree_dex3": f"{_HERE}.unitree_dex3:UnitreeDex3",
     "vitac_3d": f"{_HERE}.flexitac:ViTac3d",
