@@ -206,7 +206,8 @@ def find_fields(
     """Find the fields of a group's messages, with their sum and length field."""
     taken: list[Field] = []
     if found is not None and _mostly_holds(found, group.rows):
-        group.sum = found
+        is_certain = found.is_certain and len(group.rows) * found.width >= LEAST_SUMMED
+        group.sum = replace(found, is_certain=is_certain)
         at = found.place(group.length)
         taken.append(
             Field(
@@ -214,7 +215,7 @@ def find_fields(
                 found.width,
                 "sum",
                 found.order,
-                is_certain=found.is_certain and len(group.rows) * found.width >= LEAST_SUMMED,
+                is_certain=is_certain,
                 why=str(found),
             )
         )
