@@ -1,6 +1,6 @@
 """The laws' coefficients that depend on time, computed once a step per sensor: a few float64 numbers on the device."""
 
-# pyright: reportIndexIssue=false, reportGeneralTypeIssues=false
+# pyright: reportIndexIssue=false
 
 import functools
 
@@ -9,7 +9,6 @@ import warp as wp
 
 from tactemu.imperfections.material import decay, grown, ramp_share
 from tactemu.imperfections.options import ImperfectionOptions
-from tactemu.plan.clock import Clock
 from tactemu.plan.launches import record
 from tactemu.plan.plan import Context, Stage
 
@@ -40,13 +39,14 @@ def _kernel(material: bool, walk: bool, noise: bool, temperature: bool):
 
     @wp.kernel(module="unique", enable_backward=False)
     def imperfection_coefficients(
-        clock: Clock,
+        dt_array: wp.array(dtype=wp.float64),
+        time_ns: wp.array(dtype=wp.int64),
         taus: wp.vec4d,
         frames: wp.array2d(dtype=wp.float64),
         reference: wp.float64,
         out: wp.array(dtype=wp.float64),
     ):
-        dt = wp.max(clock.dt[0], f64(0.0))
+        dt = wp.max(dt_array[0], f64(0.0))
         if wp.static(material):
             out[OVERSHOOT] = decay(dt, taus[0])
             out[UNDERSHOOT] = decay(dt, taus[1])
@@ -64,7 +64,7 @@ def _kernel(material: bool, walk: bool, noise: bool, temperature: bool):
                 out[WALK] = f64(1.0)
                 out[WALK_STEP] = wp.sqrt(dt)
         if wp.static(temperature):
-            t = f64(clock.time_ns[0]) * f64(1e-9)
+            t = f64(time_ns[0]) * f64(1e-9)
             last = frames.shape[0] - 1
             k = int(0)
             while k < last and frames[k + 1, 0] < t:
@@ -98,7 +98,7 @@ def compile_coefficients(
     launch = record(
         _kernel(material, walk, noise, temperature),
         1,
-        [context.clock, taus, wp.array(frames, device=context.device), options.temperature_reference],
+        [context.dt, context.time_ns, taus, wp.array(frames, device=context.device), options.temperature_reference],
         [out],
         context.device,
     )

@@ -16,7 +16,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Protocol
+from inspect import signature
+from typing import Any, Protocol
 
 import numpy as np
 import warp as wp
@@ -30,13 +31,7 @@ from tactemu.imperfections.columns import ParameterRange, ParameterTable
 from tactemu.imperfections.crosstalk import compile_crosstalk
 from tactemu.imperfections.dead import DeadTaxels
 from tactemu.imperfections.delivery import Delay, compile_history
-from tactemu.imperfections.elementwise import (
-    COLUMNS_PER_THREAD,
-    Memory,
-    electronics_kernel,
-    electronics_type,
-    material_kernel,
-)
+from tactemu.imperfections.elementwise import COLUMNS_PER_THREAD, electronics_kernel, material_kernel
 from tactemu.imperfections.info import ReadingInfo
 from tactemu.imperfections.laws import check, electronic_laws, gain_is_on, material_laws, needs_random_numbers
 from tactemu.imperfections.options import ImperfectionOptions
@@ -170,7 +165,7 @@ class Imperfections(Adjustments):
         launch = context.record(
             radius_kernel(context.real),
             (context.n_envs, -(-n // 4)),
-            [context.clock, self._key("radius_noise"), self._streams, nominal, table.array],
+            [nominal, context.step, self._key("radius_noise"), self._streams, table.array],
             [radius],
         )
         name = f"{self.info.name}: radius_noise"
@@ -206,11 +201,18 @@ class Imperfections(Adjustments):
 
     def _material(self, x: wp.array, laws: frozenset[str], coefficient) -> tuple[wp.array, Stage]:
         options, context = self.options, self.context
-        memory, laws_of = Memory(), {"load": "hysteresis", "overshoot": "hysteresis", "undershoot": "unloading"}
-        laws_of |= {"creep_load": "creep", "crept": "creep", "loop": "backlash"}
-        for name in (name for name, law in laws_of.items() if law in laws):
-            self.state[name] = self._zeros(self._flat, wp.float64)
-            setattr(memory, name, self.state[name])
+        state = {
+            name: self._zeros(self._flat, wp.float64) if law in laws else None
+            for name, law in (
+                ("load", "hysteresis"),
+                ("overshoot", "hysteresis"),
+                ("undershoot", "unloading"),
+                ("creep_load", "creep"),
+                ("crept", "creep"),
+                ("loop", "backlash"),
+            )
+        }
+        self.state |= {name: array for name, array in state.items() if array is not None}
         unloading = options.hysteresis_strength_unloading
         strength = options.hysteresis_strength
         strengths = wp.vec3d(strength, strength if unloading is None else unloading, options.creep_strength)
@@ -218,10 +220,10 @@ class Imperfections(Adjustments):
         launch = context.record(
             material_kernel(context.real, laws),
             self._threads,
-            [self._flatten(x), coefficient, strengths, options.hysteresis_backlash, memory],
+            [self._flatten(x), coefficient, strengths, options.hysteresis_backlash, *state.values()],
             [self._flatten(out)],
         )
-        reset = self._clear([*(self.state[name] for name in laws_of if name in self.state), self._flatten(out)])
+        reset = self._clear([*state.values(), self._flatten(out)])
         return out, Stage(name=f"{self.info.name}: material", reason=_reason(laws), launch=launch, reset=reset)
 
     def _electronics(self, x: wp.array, laws: frozenset[str], coefficient) -> tuple[wp.array, Stage]:
@@ -240,12 +242,15 @@ class Imperfections(Adjustments):
             self.state["random_walk"] = walked
         if "dead" in laws:
             self._dead = DeadTaxels(options, self.info, context, self._streams)
-        out, given = self._zeros(x.shape, real), electronics_type(real)()
-        given.n_channels, given.streams = self.info.n_channels, self._streams
-        given.walk_key, given.noise_key = self._key("random_walk"), self._key("noise")
-        given.is_filler = wp.array(self.info.filler.astype(np.uint8), dtype=wp.uint8, device=context.device)
-        arrays = {
+        kernel, out = electronics_kernel(real, laws), self._zeros(x.shape, real)
+        inputs = {
+            "x": self._flatten(x),
+            "n_channels": self.info.n_channels,
+            "step": context.step,
             "coefficient": coefficient,
+            "walk_key": self._key("random_walk"),
+            "noise_key": self._key("noise"),
+            "streams": self._streams,
             "gains": self._gain.array if self._gain is not None and "probe_gain" in laws else None,
             "sensitivity": table("temperature_sensitivity", "temperature"),
             "drift": table("temperature_offset", "temperature"),
@@ -257,14 +262,11 @@ class Imperfections(Adjustments):
             "low": clipped and clipped.low.array,
             "high": clipped and clipped.high.array,
             "quantum": table("resolution"),
+            "is_filler": wp.array(self.info.filler.astype(np.uint8), dtype=wp.uint8, device=context.device),
             "walked": walked,
             "stuck": self.stuck,
         }
-        for name, array in arrays.items():
-            if array is not None:
-                setattr(given, name, array)
-        inputs, target = [context.clock, self._flatten(x), given], [self._flatten(out)]
-        launch = context.record(electronics_kernel(real, laws), self._threads, inputs, target)
+        launch = context.record(kernel, self._threads, in_order(kernel, inputs), [self._flatten(out)])
         clear, dead = self._clear([walked, self._flatten(out)]), self._dead
 
         def reset(mask: wp.array) -> None:
@@ -351,3 +353,9 @@ class Imperfections(Adjustments):
 
 def _reason(laws: frozenset[str]) -> str:
     return ", ".join(sorted(laws))
+
+
+def in_order(kernel, inputs: dict[str, Any]) -> list:
+    """Return inputs in the order of a kernel's parameters after ``first_env``; the outputs are its last parameters."""
+    names = list(signature(kernel.func).parameters)[1 : 1 + len(inputs)]
+    return [inputs[name] for name in names]

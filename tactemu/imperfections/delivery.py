@@ -11,7 +11,7 @@ from tactemu.base.errors import SceneError
 from tactemu.base.options import numbers
 from tactemu.base.random_streams import stream_key
 from tactemu.imperfections.columns import environment_indices
-from tactemu.imperfections.delivery_kernels import Choice, deliver_kernel, remember_kernel, select_kernel
+from tactemu.imperfections.delivery_kernels import deliver_kernel, remember_kernel, select_kernel
 from tactemu.imperfections.info import ReadingInfo
 from tactemu.imperfections.options import ImperfectionOptions
 from tactemu.imperfections.ring import Ring, ring_depth
@@ -39,18 +39,24 @@ class Delay:
         flat = (context.n_envs, info.n_columns)
         ring = Ring(self._depth, info.n_columns, measured.dtype, context)
         linear = options.delay_interpolation == "linear" and measured.dtype is not wp.bool
-        choice = Choice()
-        choice.newest = context.zeros(context.n_envs, wp.int64)
-        choice.slots = context.zeros(context.n_envs, wp.vec3i)
-        choice.share = context.zeros(context.n_envs, wp.float64)
+        newest = context.zeros(context.n_envs, wp.int64)
+        chosen = context.zeros(context.n_envs, wp.vec3i)
+        share = context.zeros(context.n_envs, wp.float64)
         key = stream_key(context.seed, f"{info.name}/jitter")
         nearest = options.delay_interpolation == "nearest"
-        kernel = select_kernel(measured.dtype, self.has_jitter, nearest, linear, options.jitter_reorder)
-        inputs = [context.clock, key, self._streams, self._lags, ring.arrays, choice]
-        select = context.record(kernel, context.n_envs, inputs, [])
+        select = context.record(
+            select_kernel(self.has_jitter, nearest, linear, options.jitter_reorder),
+            context.n_envs,
+            [context.step, context.time_ns, context.dt, key, self._streams, self._lags, ring.birth],
+            [ring.times, newest, chosen, share],
+        )
         out = context.zeros(measured.shape, measured.dtype)
-        dim, kernel = (context.n_envs, -(-info.n_columns // 4)), deliver_kernel(measured.dtype, linear)
-        deliver = context.record(kernel, dim, [measured.reshape(flat), ring.arrays, choice], [out.reshape(flat)])
+        deliver = context.record(
+            deliver_kernel(measured.dtype, linear),
+            (context.n_envs, -(-info.n_columns // 4)),
+            [measured.reshape(flat), chosen, share],
+            [ring.values, out.reshape(flat)],
+        )
 
         def reset(mask: wp.array) -> None:
             ring.reset(mask)

@@ -1,7 +1,7 @@
 """Kernels of :mod:`tactemu.imperfections.delivery`."""
 
 # pyright: reportIndexIssue=false, reportArgumentType=false, reportAssignmentType=false, reportOperatorIssue=false
-# pyright: reportGeneralTypeIssues=false, reportInvalidTypeForm=false
+# pyright: reportGeneralTypeIssues=false
 
 import functools
 
@@ -9,8 +9,7 @@ import warp as wp
 
 from tactemu.imperfections.elementwise import threads
 from tactemu.imperfections.random import draw, unit_f64
-from tactemu.imperfections.ring import entries, entry_before, ring_type, share_of_newer, slot
-from tactemu.plan.clock import Clock
+from tactemu.imperfections.ring import entries, entry_before, share_of_newer, slot
 from tactemu.plan.scalars import natural
 
 ROUNDING = wp.constant(wp.int64(1))
@@ -21,34 +20,32 @@ UNKNOWN = wp.constant(-2)
 """A value in place of a slot of the ring: there is no reading, so that zero is delivered."""
 
 
-@wp.struct
-class Choice:
-    """The choice of each environment among the slots of a ring."""
-
-    slots: wp.array(dtype=wp.vec3i)  # the slot to write, the slot to read, and the next newer one
-    share: wp.array(dtype=wp.float64)  # of that one
-    newest: wp.array(dtype=wp.int64)  # time of the newest reading delivered so far [ns]
-
-
 @functools.cache
-def select_kernel(dtype: type, jitter: bool, nearest: bool, linear: bool, reorder: bool):
-    """Return the kernel that selects the slots of the ring for each environment; ``linear``: with the share of the next
-    newer slot."""
+def select_kernel(jitter: bool, nearest: bool, linear: bool, reorder: bool):
+    """Return the kernel that selects the slots of the ring for each environment.
+
+    These are the slot to write, the slot to read, and with ``linear`` the next newer slot with its share.
+    """
 
     @wp.kernel(module="unique", enable_backward=False)
     def select_entry(
         first_env: int,
-        clock: Clock,
+        step: wp.array(dtype=wp.int64),
+        time_ns: wp.array(dtype=wp.int64),
+        dt: wp.array(dtype=wp.float64),
         key: wp.uint32,
         streams: wp.array(dtype=wp.vec2i),
         lags: wp.array2d(dtype=wp.int64),
-        ring: ring_type(dtype),
-        choice: Choice,
+        birth: wp.array(dtype=wp.int64),
+        times: wp.array(dtype=wp.int64),
+        newest: wp.array(dtype=wp.int64),
+        chosen: wp.array(dtype=wp.vec3i),
+        share: wp.array(dtype=wp.float64),
     ):
         e = wp.tid()
         e += first_env
-        now, number = clock.time_ns[0], clock.step[0]
-        dt_ns = wp.max(clock.dt[0] * wp.float64(1.0e9), wp.float64(1.0))
+        now, number = time_ns[0], step[0]
+        dt_ns = wp.max(dt[0] * wp.float64(1.0e9), wp.float64(1.0))
         lag = lags[e, 0]
         if wp.static(jitter):
             width = wp.float64(lags[e, 1] + wp.int64(1))
@@ -56,32 +53,32 @@ def select_kernel(dtype: type, jitter: bool, nearest: bool, linear: bool, reorde
         if wp.static(nearest):
             lag = wp.int64(wp.rint(wp.float64(lag) / dt_ns) * dt_ns + wp.float64(0.5))
         source = now - lag
-        first = ring.birth[e] < wp.int64(0)
+        first = birth[e] < wp.int64(0)
         if first:
-            ring.birth[e] = number - wp.int64(1)
+            birth[e] = number - wp.int64(1)
         if wp.static(not reorder):
             if not first:
-                source = wp.max(source, choice.newest[e])
-            choice.newest[e] = source
+                source = wp.max(source, newest[e])
+            newest[e] = source
         limit = source
         if wp.static(not linear):
             limit = source + ROUNDING
-        count = entries(ring.birth[e], number, ring.times.shape[0])
-        age = entry_before(ring.times, now, number, count, int(wp.float64(now - source) / dt_ns), limit)
-        write = slot(number, 0, ring.times.shape[0])
+        count = entries(birth[e], number, times.shape[0])
+        age = entry_before(times, now, number, count, int(wp.float64(now - source) / dt_ns), limit)
+        write = slot(number, 0, times.shape[0])
         older = THIS_STEP
         if age >= count:
             older = UNKNOWN
         elif age > 0:
-            older = slot(number, age, ring.times.shape[0])
+            older = slot(number, age, times.shape[0])
         newer = THIS_STEP
         if age > 1:
-            newer = slot(number, age - 1, ring.times.shape[0])
-        choice.slots[e] = wp.vec3i(write, older, newer)
+            newer = slot(number, age - 1, times.shape[0])
+        chosen[e] = wp.vec3i(write, older, newer)
         if wp.static(linear):
-            choice.share[e] = share_of_newer(ring.times, now, number, count, age, source, wp.int64(dt_ns))
+            share[e] = share_of_newer(times, now, number, count, age, source, wp.int64(dt_ns))
         if e == 0:
-            ring.times[write] = now
+            times[write] = now
 
     return select_entry
 
@@ -92,28 +89,34 @@ def deliver_kernel(dtype: type, linear: bool):
 
     Each thread handles four columns.
     """
-    readings = wp.array2d(dtype=dtype)
 
     @wp.kernel(module="unique", enable_backward=False)
-    def deliver(first_env: int, x: readings, ring: ring_type(dtype), choice: Choice, out: readings):
+    def deliver(
+        first_env: int,
+        x: wp.array2d(dtype=dtype),
+        chosen: wp.array(dtype=wp.vec3i),
+        share: wp.array(dtype=wp.float64),
+        ring: wp.array3d(dtype=dtype),
+        out: wp.array2d(dtype=dtype),
+    ):
         e, group = wp.tid()
         e = natural(e + first_env)
         group = natural(group)
-        write, older, newer = choice.slots[e][0], choice.slots[e][1], choice.slots[e][2]
+        write, older, newer = chosen[e][0], chosen[e][1], chosen[e][2]
         for c in range(group, x.shape[1], threads(x.shape[1])):
             v = x[e, c]
             a = v
             if older >= 0:
-                a = ring.values[older, e, c]
+                a = ring[older, e, c]
             if older == UNKNOWN:
                 a = dtype(0)
             if wp.static(linear):
-                if choice.share[e] > wp.float64(0.0):
+                if share[e] > wp.float64(0.0):
                     b = v
                     if newer >= 0:
-                        b = ring.values[newer, e, c]
-                    a = a + dtype(choice.share[e]) * (b - a)
-            ring.values[write, e, c] = v
+                        b = ring[newer, e, c]
+                    a = a + dtype(share[e]) * (b - a)
+            ring[write, e, c] = v
             out[e, c] = a
 
     return deliver

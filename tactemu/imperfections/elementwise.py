@@ -6,7 +6,7 @@ quarter of the row apart, so that neighbouring threads access neighbouring memor
 """
 
 # pyright: reportIndexIssue=false, reportAssignmentType=false, reportGeneralTypeIssues=false
-# pyright: reportPossiblyUnboundVariable=false, reportInvalidTypeForm=false
+# pyright: reportPossiblyUnboundVariable=false
 
 import functools
 
@@ -15,7 +15,6 @@ import warp as wp
 from tactemu.imperfections import coefficients as co
 from tactemu.imperfections.material import play, rise
 from tactemu.imperfections.random import draw, normals
-from tactemu.plan.clock import Clock
 from tactemu.plan.scalars import is_finite, is_nan, natural
 
 COLUMNS_PER_THREAD = wp.constant(4)
@@ -34,48 +33,6 @@ def threads(columns: int) -> int:
     return (columns + COLUMNS_PER_THREAD - 1) // COLUMNS_PER_THREAD
 
 
-@wp.struct
-class Memory:
-    """The memory of the load, ``(n_envs, n_columns)`` each; empty for laws that are off."""
-
-    load: wp.array2d(dtype=wp.float64)
-    overshoot: wp.array2d(dtype=wp.float64)
-    undershoot: wp.array2d(dtype=wp.float64)
-    creep_load: wp.array2d(dtype=wp.float64)
-    crept: wp.array2d(dtype=wp.float64)
-    loop: wp.array2d(dtype=wp.float64)
-
-
-@functools.cache
-def electronics_type(real: type):
-    """Return the Warp struct of the electronics' parameters and state; arrays are empty for laws that are off."""
-    table = wp.array2d(dtype=real)
-
-    @wp.struct
-    class Electronics:
-        n_channels: wp.int32
-        coefficient: wp.array(dtype=wp.float64)
-        walk_key: wp.uint32
-        noise_key: wp.uint32
-        streams: wp.array(dtype=wp.vec2i)
-        gains: table  # (n_envs, n_taxels)
-        sensitivity: table  # this and the following: (n_envs, 1 or n_columns)
-        drift: table
-        walk_each: table
-        walk_root: table
-        noise_each: table
-        noise_root: table
-        offset: table
-        low: table
-        high: table
-        quantum: table
-        is_filler: wp.array(dtype=wp.uint8)  # (n_taxels,)
-        walked: wp.array2d(dtype=wp.float64)  # state, (n_envs, n_columns)
-        stuck: table  # likewise
-
-    return Electronics
-
-
 @functools.cache
 def material_kernel(real: type, laws: frozenset[str]):
     """Return the kernel of the laws with a memory of the load: hysteresis, creep and backlash (float64 state)."""
@@ -89,7 +46,13 @@ def material_kernel(real: type, laws: frozenset[str]):
         coefficient: wp.array(dtype=wp.float64),
         strengths: wp.vec3d,
         half_width: wp.float64,
-        memory: Memory,
+        # state, (n_envs, n_columns)
+        load: wp.array2d(dtype=wp.float64),
+        overshoot: wp.array2d(dtype=wp.float64),
+        undershoot: wp.array2d(dtype=wp.float64),
+        creep_load: wp.array2d(dtype=wp.float64),
+        crept: wp.array2d(dtype=wp.float64),
+        loop: wp.array2d(dtype=wp.float64),
         out: wp.array2d(dtype=real),
     ):
         e, group = wp.tid()
@@ -99,28 +62,28 @@ def material_kernel(real: type, laws: frozenset[str]):
             v = wp.float64(x[e, c])
             if is_finite(v):
                 if wp.static(hysteresis):
-                    change = v - memory.load[e, c]
+                    change = v - load[e, c]
                     up = change
                     if wp.static(two_sided):
-                        up = rise(v, memory.load[e, c])
-                        under = coefficient[co.UNDERSHOOT] * memory.undershoot[e, c] + (change - up)
-                        memory.undershoot[e, c] = under
-                    over = coefficient[co.OVERSHOOT] * memory.overshoot[e, c] + up
-                    memory.overshoot[e, c] = over
-                    memory.load[e, c] = v
+                        up = rise(v, load[e, c])
+                        under = coefficient[co.UNDERSHOOT] * undershoot[e, c] + (change - up)
+                        undershoot[e, c] = under
+                    over = coefficient[co.OVERSHOOT] * overshoot[e, c] + up
+                    overshoot[e, c] = over
+                    load[e, c] = v
                     v = v + strengths[0] * over
                     if wp.static(two_sided):
-                        v = v + strengths[1] * memory.undershoot[e, c]
+                        v = v + strengths[1] * undershoot[e, c]
                 if wp.static(creep):
-                    before = memory.creep_load[e, c]
-                    z = memory.crept[e, c]
+                    before = creep_load[e, c]
+                    z = crept[e, c]
                     z = z + coefficient[co.CREEP] * (before - z) + coefficient[co.CREEP_RAMP] * (v - before)
-                    memory.creep_load[e, c] = v
-                    memory.crept[e, c] = z
+                    creep_load[e, c] = v
+                    crept[e, c] = z
                     v = v + strengths[2] * z
                 if wp.static(backlash):
-                    v = play(v, memory.loop[e, c], half_width)
-                    memory.loop[e, c] = v
+                    v = play(v, loop[e, c], half_width)
+                    loop[e, c] = v
                 out[e, c] = real(v)
             else:
                 out[e, c] = x[e, c]
@@ -140,7 +103,7 @@ def electronics_kernel(real: type, laws: frozenset[str]):
     bias, saturation, resolution = (k in laws for k in ("bias", "saturation_range", "resolution"))
     dead, filler = "dead" in laws, "filler" in laws
     exact = real(2.0**24) if real is wp.float32 else real(2.0**53)
-    normals4, electronics_struct, readings = normals(real), electronics_type(real), wp.array2d(dtype=real)
+    normals4 = normals(real)
 
     @wp.func
     def sigma(e: int, c: int, each: wp.array2d(dtype=real), per_root: wp.array2d(dtype=real), scale: real) -> real:
@@ -149,61 +112,87 @@ def electronics_kernel(real: type, laws: frozenset[str]):
         return wp.sqrt(a * a + b * b)
 
     @wp.kernel(module="unique", enable_backward=False)
-    def electronics(first_env: int, clock: Clock, x: readings, given: electronics_struct, out: readings):
+    def electronics(
+        first_env: int,
+        x: wp.array2d(dtype=real),
+        n_channels: int,
+        step: wp.array(dtype=wp.int64),
+        coefficient: wp.array(dtype=wp.float64),
+        walk_key: wp.uint32,
+        noise_key: wp.uint32,
+        streams: wp.array(dtype=wp.vec2i),
+        # parameters, (n_envs, 1 or n_columns); gain (n_envs, n_taxels), is_filler (n_taxels,)
+        gains: wp.array2d(dtype=real),
+        sensitivity: wp.array2d(dtype=real),
+        drift: wp.array2d(dtype=real),
+        walk_each: wp.array2d(dtype=real),
+        walk_root: wp.array2d(dtype=real),
+        noise_each: wp.array2d(dtype=real),
+        noise_root: wp.array2d(dtype=real),
+        offset: wp.array2d(dtype=real),
+        low: wp.array2d(dtype=real),
+        high: wp.array2d(dtype=real),
+        quantum: wp.array2d(dtype=real),
+        is_filler: wp.array(dtype=wp.uint8),
+        # state, (n_envs, n_columns)
+        walked: wp.array2d(dtype=wp.float64),
+        stuck: wp.array2d(dtype=real),
+        out: wp.array2d(dtype=real),
+    ):
         e, group = wp.tid()
         e = natural(e + first_env)
         group = natural(group)
         lane = int(-1)
         if wp.static(walk):
-            walk_normal = normals4(draw(given.walk_key, given.streams, e, group, clock.step[0]))
+            walk_normal = normals4(draw(walk_key, streams, e, group, step[0]))
         if wp.static(noise):
-            noise_normal = normals4(draw(given.noise_key, given.streams, e, group, clock.step[0]))
+            noise_normal = normals4(draw(noise_key, streams, e, group, step[0]))
         for c in range(group, x.shape[1], threads(x.shape[1])):
             lane += 1
             v = x[e, c]
             if is_finite(v):
                 if wp.static(gain):
-                    v = v * given.gains[e, c // given.n_channels]
+                    v = v * gains[e, c // n_channels]
                 if wp.static(temperature):
-                    warm = real(given.coefficient[co.TEMPERATURE])
-                    v = v * (real(1.0) + given.sensitivity[e, wp.min(c, given.sensitivity.shape[1] - 1)] * warm)
-                    v = v + given.drift[e, wp.min(c, given.drift.shape[1] - 1)] * warm
+                    warm = real(coefficient[co.TEMPERATURE])
+                    v = v * (real(1.0) + sensitivity[e, wp.min(c, sensitivity.shape[1] - 1)] * warm)
+                    v = v + drift[e, wp.min(c, drift.shape[1] - 1)] * warm
                 if wp.static(walk):
                     if wp.static(walk_density):
-                        s = sigma(e, c, given.walk_each, given.walk_root, real(given.coefficient[co.WALK_STEP]))
+                        s = sigma(e, c, walk_each, walk_root, real(coefficient[co.WALK_STEP]))
                     else:
-                        s = given.walk_each[e, wp.min(c, given.walk_each.shape[1] - 1)]
-                    w = given.coefficient[co.WALK] * given.walked[e, c] + wp.float64(s * walk_normal[lane])
-                    given.walked[e, c] = w
+                        s = walk_each[e, wp.min(c, walk_each.shape[1] - 1)]
+                    w = coefficient[co.WALK] * walked[e, c] + wp.float64(s * walk_normal[lane])
+                    walked[e, c] = w
                     v = real(wp.float64(v) + w)
                 if wp.static(noise):
                     if wp.static(density):
-                        s = sigma(e, c, given.noise_each, given.noise_root, real(given.coefficient[co.NOISE]))
+                        s = sigma(e, c, noise_each, noise_root, real(coefficient[co.NOISE]))
                     else:
-                        s = given.noise_each[e, wp.min(c, given.noise_each.shape[1] - 1)]
+                        s = noise_each[e, wp.min(c, noise_each.shape[1] - 1)]
                     v = v + s * noise_normal[lane]
                 if wp.static(bias):
-                    v = v + given.offset[e, wp.min(c, given.offset.shape[1] - 1)]
+                    v = v + offset[e, wp.min(c, offset.shape[1] - 1)]
                 if wp.static(saturation):
-                    v = wp.clamp(v, given.low[e, 0], given.high[e, 0])
+                    v = wp.clamp(v, low[e, 0], high[e, 0])
                 if wp.static(resolution):
-                    q = given.quantum[e, wp.min(c, given.quantum.shape[1] - 1)]
+                    q = quantum[e, wp.min(c, quantum.shape[1] - 1)]
                     steps = v / q
                     # Beyond the mantissa a float has no digits finer than the quantiser's step; q = 0 is also skipped.
                     if q > real(0.0) and wp.abs(steps) < exact:
                         v = wp.rint(steps) * q
                 if wp.static(dead):
-                    hold = given.stuck[e, c]
+                    hold = stuck[e, c]
                     if is_nan(hold):
                         hold = out[e, c]
-                        given.stuck[e, c] = hold
+                        stuck[e, c] = hold
                     elif wp.isinf(hold) and hold < real(0.0):
                         hold = v
-                        given.stuck[e, c] = v
+                        stuck[e, c] = v
                     if is_finite(hold):
                         v = hold
                 if wp.static(filler):
-                    if given.is_filler[c // given.n_channels] != wp.uint8(0):
+                    if is_filler[c // n_channels] != wp.uint8(0):
                         v = real(0.0)
             out[e, c] = v
 

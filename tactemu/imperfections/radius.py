@@ -8,7 +8,6 @@ import warp as wp
 
 from tactemu.imperfections.elementwise import threads
 from tactemu.imperfections.random import draw, unit_f64
-from tactemu.plan.clock import Clock
 
 
 @functools.cache
@@ -21,16 +20,16 @@ def radius_kernel(real: type):
     @wp.kernel(module="unique", enable_backward=False)
     def noisy_radius(
         first_env: int,
-        clock: Clock,
+        nominal: wp.array(dtype=real),
+        step: wp.array(dtype=wp.int64),
         key: wp.uint32,
         streams: wp.array(dtype=wp.vec2i),
-        nominal: wp.array(dtype=real),
         half_width: wp.array2d(dtype=real),
         out: wp.array2d(dtype=real),
     ):
         e, group = wp.tid()
         e += first_env
-        words = draw(key, streams, e, group, clock.step[0])
+        words = draw(key, streams, e, group, step[0])
         lane = int(-1)
         for i in range(group, nominal.shape[0], threads(nominal.shape[0])):
             lane += 1

@@ -5,7 +5,6 @@ older than an environment's last reset do not count; the step's number decides, 
 Times are int64 nanoseconds, so that nothing is rounded to steps.
 """
 
-import functools
 import math
 
 import warp as wp
@@ -17,19 +16,6 @@ FRESH = -1
 """A value in place of a step number: no step was taken yet, and the next is the first."""
 MAX_RING_READINGS = 2**20
 """The most readings that a ring may hold."""
-
-
-@functools.cache
-def ring_type(dtype):
-    """Return the Warp struct of a ring of readings."""
-
-    @wp.struct
-    class RingArrays:
-        birth: wp.array(dtype=wp.int64)  # step after which each environment was reset, or FRESH
-        times: wp.array(dtype=wp.int64)  # of the readings [ns], (depth,)
-        values: wp.array3d(dtype=dtype)  # (depth, n_envs, n_columns)
-
-    return RingArrays
 
 
 @wp.func
@@ -117,12 +103,11 @@ class Ring:
     """The times and values of the last readings of every environment."""
 
     def __init__(self, depth: int, n_columns: int, dtype: type, context: Context):
-        self.arrays = ring_type(dtype)()
-        """The arrays as kernels take them."""
-        self.arrays.times = context.zeros(depth, wp.int64)
-        self.arrays.values = context.zeros((depth, context.n_envs, n_columns), dtype)
-        self.arrays.birth = context.full(context.n_envs, FRESH, wp.int64)
+        self.times = context.zeros(depth, wp.int64)
+        self.values = context.zeros((depth, context.n_envs, n_columns), dtype)
+        self.birth = context.full(context.n_envs, FRESH, wp.int64)
+        """Number of the step after which each environment was reset, or :data:`FRESH`."""
 
     def reset(self, mask: wp.array) -> None:
         """Discard the readings of the environments in the mask."""
-        wp.launch(mark_fresh, dim=mask.shape, inputs=[mask, self.arrays.birth], device=mask.device)
+        wp.launch(mark_fresh, dim=mask.shape, inputs=[mask, self.birth], device=self.birth.device)

@@ -11,8 +11,7 @@ from tactemu.base.errors import SceneError
 from tactemu.base.options import numbers
 from tactemu.imperfections.info import ReadingInfo
 from tactemu.imperfections.options import ImperfectionOptions
-from tactemu.imperfections.ring import Ring, entries, entry_before, ring_depth, ring_type, share_of_newer, slot
-from tactemu.plan.clock import Clock
+from tactemu.imperfections.ring import Ring, entries, entry_before, ring_depth, share_of_newer, slot
 from tactemu.plan.plan import Context, Stage
 
 
@@ -21,40 +20,44 @@ def _kernel(real: type):
     @wp.kernel(module="unique", enable_backward=False)
     def scan(
         first_env: int,
-        clock: Clock,
         x: wp.array2d(dtype=real),
         n_channels: int,
+        step: wp.array(dtype=wp.int64),
+        time_ns: wp.array(dtype=wp.int64),
+        dt: wp.array(dtype=wp.float64),
         ages: wp.array(dtype=wp.int64),
-        ring: ring_type(real),
+        birth: wp.array(dtype=wp.int64),
+        times: wp.array(dtype=wp.int64),
+        ring: wp.array3d(dtype=real),
         out: wp.array2d(dtype=real),
     ):
         e, i = wp.tid()
         e += first_env
-        now, number = clock.time_ns[0], clock.step[0]
+        now, number = time_ns[0], step[0]
         source = now - ages[i]
-        dt_ns = wp.max(clock.dt[0] * wp.float64(1.0e9), wp.float64(1.0))
+        dt_ns = wp.max(dt[0] * wp.float64(1.0e9), wp.float64(1.0))
         guess = int(wp.float64(ages[i]) / dt_ns)
-        count = entries(ring.birth[e], number, ring.times.shape[0])
-        old = entry_before(ring.times, now, number, count, guess, source)
-        share = real(share_of_newer(ring.times, now, number, count, old, source, wp.int64(dt_ns)))
+        count = entries(birth[e], number, times.shape[0])
+        old = entry_before(times, now, number, count, guess, source)
+        share = real(share_of_newer(times, now, number, count, old, source, wp.int64(dt_ns)))
         for c in range(i * n_channels, (i + 1) * n_channels):
             v = x[e, c]
-            ring.values[slot(number, 0, ring.times.shape[0]), e, c] = v
+            ring[slot(number, 0, times.shape[0]), e, c] = v
             if old > 0:
                 a = real(0.0)
                 if old < count:
-                    a = ring.values[slot(number, old, ring.times.shape[0]), e, c]
+                    a = ring[slot(number, old, times.shape[0]), e, c]
                 if share > real(0.0):
                     if old > 1:
-                        v = ring.values[slot(number, old - 1, ring.times.shape[0]), e, c]
+                        v = ring[slot(number, old - 1, times.shape[0]), e, c]
                     a = a + share * (v - a)
                 v = a
             out[e, c] = v
         if i == 0:
-            if ring.birth[e] < wp.int64(0):
-                ring.birth[e] = number - wp.int64(1)
+            if birth[e] < wp.int64(0):
+                birth[e] = number - wp.int64(1)
             if e == 0:
-                ring.times[slot(number, 0, ring.times.shape[0])] = now
+                times[slot(number, 0, times.shape[0])] = now
 
     return scan
 
@@ -94,7 +97,11 @@ def compile_scan(
     depth = ring_depth(float(ages.max(initial=0)) * 1e-9, context, f"sensor {info.name!r}: scan_time")
     ring = Ring(depth, info.n_columns, context.real, context)
     out = context.zeros(x.shape, context.real)
-    inputs = [context.clock, x, info.n_channels, wp.array(ages, device=context.device), ring.arrays]
-    launch = context.record(_kernel(context.real), (context.n_envs, info.n_taxels), inputs, [out])
+    launch = context.record(
+        _kernel(context.real),
+        (context.n_envs, info.n_taxels),
+        [x, info.n_channels, context.step, context.time_ns, context.dt, wp.array(ages, device=context.device)],
+        [ring.birth, ring.times, ring.values, out],
+    )
     reason = f"scan_time {options.scan_time:g} s over {n_slots} slots"
     return out, Stage(name=f"{info.name}: scan", reason=reason, launch=launch, reset=ring.reset)
