@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from firmware_protocols import Device, Reading
+from firmware_protocols import Device
+from firmware_protocols.check.readings import reading_of
 from tactemu.base.toml_text import lines_of
 from tactemu.base.units import DEFAULT_STEP_S
 from tactemu.fit.estimates import Findings
@@ -141,15 +142,11 @@ def _per_column(device: Device, values: Sequence[float], factor: float, *, by_ax
 
 def counts_per_newton(device: Device, recorded: Recorded) -> float:
     """Return the change of a device's readings per newton on each taxel, by its own conversion."""
-    n = len(device.layout)
-    if device.contact[0] != "force" or not n:
+    if device.contact[0] != "force" or not len(device.layout):
         return 1.0
-    room = {"temperature": np.full(n, 25.0), "acceleration": np.zeros((n, 3)), "angular_velocity": np.zeros((n, 3))}
 
     def reads(push: float) -> np.ndarray:
-        own = room | {"force": -push * np.asarray(device.layout.normals, float)}
-        values = {sense.key: own.get(sense.quantity, np.zeros(len(sense.at or ()))) for sense in device.sensed}
-        counts = device.measure(Reading(values), 0)
+        counts = device.measure(reading_of(device, push), 0)
         first = next(iter(counts.values())) if isinstance(counts, dict) else counts
         return np.asarray(first, float).reshape(-1)
 
