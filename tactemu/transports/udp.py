@@ -114,7 +114,7 @@ class UdpTransport(Transport):
         return refused
 
     def write(self, frame: WireFrame) -> bool:
-        """Send one datagram; ``False`` when no driver has sent one yet, or it is too long."""
+        """Send one datagram; ``False`` while the driver's address is unknown, or where it is too long."""
         if not isinstance(frame, bytes):
             raise TransportError(f"UDP cannot carry the CAN frame {frame}")
         if self._socket is None or self._peer is None:

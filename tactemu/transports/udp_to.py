@@ -8,29 +8,21 @@ from __future__ import annotations
 
 import contextlib
 import socket
-from typing import Any
 
-from firmware_protocols import WireFrame
 from tactemu.base.errors import TransportError
 from tactemu.transports import inet
 from tactemu.transports.forks import close_in_children
-from tactemu.transports.transport import Event, Transport
+from tactemu.transports.transport import Event
+from tactemu.transports.udp import UdpTransport
 
 _MAX_DISCARDED_PER_POLL = 32
 """Maximum number of datagrams that one poll discards."""
 
 
-class UdpToTransport(Transport):
+class UdpToTransport(UdpTransport):
     """A UDP socket that sends to a given address."""
 
     scheme = "udpto"
-
-    def __init__(self, location: str):
-        self.host, self.port = inet.parse(self.scheme, location)
-        self.address = f"udp://{inet.join(self.host, self.port)}"
-        self._socket: socket.socket | None = None
-        self._peer: Any = None
-        """The address of the driver."""
 
     def open(self) -> None:
         """Find the address to send to.
@@ -55,16 +47,6 @@ class UdpToTransport(Transport):
         self.port = self._peer[1]
         self.address = f"udp://{inet.join(self.host, self.port)}"
 
-    def close(self) -> None:
-        """Close the socket."""
-        if self._socket is not None:
-            self._socket.close()
-        self._socket = None
-
-    def filenos(self, reading: bool = True) -> list[int]:
-        """Return the socket."""
-        return [self._socket.fileno()] if self._socket is not None else []
-
     def poll(self, reading: bool = True) -> list[Event]:
         """Discard what comes back."""
         if self._socket is not None:
@@ -72,20 +54,3 @@ class UdpToTransport(Transport):
                 for _ in range(_MAX_DISCARDED_PER_POLL):
                     self._socket.recv(0)
         return []
-
-    def write(self, frame: WireFrame) -> bool:
-        """Send one datagram, whether or not a driver listens; ``False`` where it is too long."""
-        if not isinstance(frame, bytes):
-            raise TransportError(f"UDP cannot carry the CAN frame {frame}")
-        if self._socket is None:
-            return False
-        try:
-            self._socket.sendto(frame, self._peer)
-        except OSError:
-            return False
-        return True
-
-    @property
-    def has_reader(self) -> bool:
-        """True while it is open."""
-        return self._socket is not None
