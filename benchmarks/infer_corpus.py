@@ -27,7 +27,13 @@ MAX_FRAMES = 15_000
 """The largest number of frames in a capture; one that is longer ends early."""
 BOOT_NS = 3_000_000_000
 PACKS_KEPT = 300
-NOT_A_WIRE = {"ati_net_ft": "UDP", "onrobot_hex": "UDP", "unitree_dex3": "DDS", "xela_server": "WebSocket"}
+NOT_A_WIRE = {
+    "ati_net_ft": "UDP",
+    "ati_wireless_ft": "UDP",
+    "onrobot_hex": "UDP",
+    "unitree_dex3": "DDS",
+    "xela_server": "WebSocket",
+}
 """Devices whose transport gives each message its borders and its meaning."""
 NO_TAXELS = {"feetech_sts3215": "a motor"}
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -66,13 +66,13 @@ class Verdict:
 
 def judge(truth: Truth, *, with_times: bool = True) -> Verdict:
     """Return the judgement of one capture."""
-    chunks, starts = _chunks(truth, with_times)
+    chunks, starts, kept = _chunks(truth, with_times)
     begin = time.perf_counter()
     draft = infer(chunks)
     verdict = Verdict(truth.name, "CAN" if truth.is_can else "answers" if draft.framing.kind == "answers" else "stream")
     verdict.seconds, verdict.framing = time.perf_counter() - begin, str(draft.framing)
     verdict.sums = str(draft.framing.sum or next((group.sum for group in draft.groups if group.sum), ""))
-    entries_of = _matcher(truth, draft, starts, verdict)
+    entries_of = _matcher(truth, draft, starts, kept, verdict)
     sums: Counter[bool] = Counter()
     head = len(draft.framing.coding.head) if draft.framing.coding else 0
     for group in draft.groups:
@@ -83,11 +83,11 @@ def judge(truth: Truth, *, with_times: bool = True) -> Verdict:
     return verdict
 
 
-def _chunks(truth: Truth, with_times: bool) -> tuple[list[Chunk], dict[int, Sent]]:
-    """Return the capture, a stream cut amid a message, and the true messages by their offset in the stream."""
+def _chunks(truth: Truth, with_times: bool) -> tuple[list[Chunk], dict[int, Sent], list[Sent]]:
+    """Return the capture, a stream cut amid a message, the true messages by their offset in it, and what it holds."""
     asked = sum(each.direction == "rx" for each in truth.log)
     is_stream = not truth.is_can and not (asked > 40 and asked > 0.3 * (len(truth.log) - asked))
-    chunks, starts, at = [], {}, -CUT if is_stream else 0
+    chunks, starts, kept, at = [], {}, [], -CUT if is_stream else 0
     for each in truth.log:
         data = each.data
         if each.direction == "tx":
@@ -96,19 +96,20 @@ def _chunks(truth: Truth, with_times: bool) -> tuple[list[Chunk], dict[int, Sent
                 data = data[-at:]
             at += len(each.data)
         if data:
+            kept.append(replace(each, data=data))
             t_ns = each.t_ns if with_times else None
             fd = truth.is_can and len(data) > 8
             chunks.append(Chunk(t_ns, each.direction, data, each.id, (each.id or 0) > 0x7FF, fd))  # type: ignore[arg-type]
     if is_stream and not with_times:
         joined = b"".join(chunk.data for chunk in chunks if chunk.direction == "tx")
         chunks = [Chunk(None, "tx", joined)]
-    return chunks, starts
+    return chunks, starts, kept
 
 
 Matcher = Callable[[Group], "list[tuple[Sent, bytes, bytes] | None]"]
 
 
-def _matcher(truth: Truth, draft: Draft, starts: dict[int, Sent], verdict: Verdict) -> Matcher:
+def _matcher(truth: Truth, draft: Draft, starts: dict[int, Sent], kept: list[Sent], verdict: Verdict) -> Matcher:
     """Return a function from a group to the true message, its content and question, of each of its rows."""
     if truth.is_can:
         questions, last = {}, b""
@@ -116,12 +117,11 @@ def _matcher(truth: Truth, draft: Draft, starts: dict[int, Sent], verdict: Verdi
             if each.direction == "rx":
                 last = each.data
             questions[number] = last
-        kept = [each for each in truth.log if each.data]
         numbers = [number for number, each in enumerate(truth.log) if each.data]
-        _count_pairs(truth, draft, verdict)
+        _count_pairs(kept, draft, verdict)
         return lambda group: [(kept[k], kept[k].data, questions[numbers[k]]) for k in group.index]
     if draft.framing.kind == "answers":
-        true = _count_pairs(truth, draft, verdict)
+        true = _count_pairs(kept, draft, verdict)
         answered = [pair for pair in draft.pairs if pair.answer]
 
         def answers(group: Group) -> list[tuple[Sent, bytes, bytes] | None]:
@@ -155,11 +155,10 @@ def _matcher(truth: Truth, draft: Draft, starts: dict[int, Sent], verdict: Verdi
     return streamed
 
 
-def _count_pairs(truth: Truth, draft: Draft, verdict: Verdict) -> dict[int, tuple[bytes, list[Sent]]]:
+def _count_pairs(kept: list[Sent], draft: Draft, verdict: Verdict) -> dict[int, tuple[bytes, list[Sent]]]:
     """Count the questions whose answer was found, and return the true pairs by the number of the question."""
     true: dict[int, tuple[bytes, list[Sent]]] = {}
     last = -1
-    kept = [each for each in truth.log if each.data]
     for number, each in enumerate(kept):
         if each.direction == "rx":
             last = number

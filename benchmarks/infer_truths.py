@@ -220,6 +220,11 @@ def _sensel(data: bytes, question: bytes, identifier: int | None) -> list[Span] 
     return [*found, (len(data) - 1, 1, "sum", "sum8", "")]
 
 
+def _sensing_tex_mat(data: bytes, question: bytes, identifier: int | None) -> list[Span]:
+    points = range(6, len(data) - 3, 4)
+    return [each for at in points for each in (*numbers("u1", at, 2), *numbers(">u2", at + 2))]
+
+
 def _singletact(data: bytes, question: bytes, identifier: int | None) -> list[Span] | None:
     if len(data) != 22:
         return None
@@ -286,6 +291,7 @@ TRUTHS: dict[str, Truth] = {
     "robotis_hx5": _robotis,
     "rohand": modbus(_bytes_from(2000)),
     "sensel_morph": _sensel,
+    "sensing_tex_mat": _sensing_tex_mat,
     "singletact": _singletact,
     "synria_60": _synria,
     "weiss_wts": _weiss_wts,

@@ -20,6 +20,10 @@ REGULAR = (0.2, 5.0)
 """Steps that are regular, as multiples of the usual step: some messages are lost."""
 REGULAR_SHARE = 0.97
 SAME_SHARE = 0.9
+LONG_STEP = 256
+"""The least usual step whose multiples, if all steps are such, show lost messages, however many at once."""
+LEAST_ALIKE, ALIKE_SHARE = 8, 0.5
+"""The fewest equal steps with a wrap, and without, that say something, and the least share of such steps."""
 TOLERANCE = 0.15
 """The largest difference of the mean steps with and without a wrap, as a share of a carry."""
 
@@ -107,6 +111,8 @@ def _carry(rows: np.ndarray, low: _Number, high: _Number) -> bool | None:
     joined = high_step.astype(float) * unit + low_step
     wraps = low_step < 0
     apart = np.abs(joined - np.median(joined))
+    if _carries_alike(low_step % unit, wraps, joined):
+        return True
     inside = apart <= max(1.5 * unit, 6 * float(np.median(apart)))  # messages that are lost make longer steps
     if min((wraps & inside).sum(), (~wraps & inside).sum()) < LEAST_WRAPS or inside.mean() < 0.95:
         return None
@@ -116,6 +122,22 @@ def _carry(rows: np.ndarray, low: _Number, high: _Number) -> bool | None:
     if error > TOLERANCE / 2 * abs(alone):
         return None
     return bool(abs(over.mean() - under.mean()) < TOLERANCE * abs(alone))
+
+
+def _carries_alike(low_step: np.ndarray, wraps: np.ndarray, joined: np.ndarray) -> bool:
+    """Return True if equal steps of the lower part make equal steps of both, with and without a wrap.
+
+    So it is in a clock of which few steps are usual, each with wraps of its own.
+    """
+    seen = 0
+    for step, count in zip(*np.unique(low_step, return_counts=True)):
+        over, under = joined[(low_step == step) & wraps], joined[(low_step == step) & ~wraps]
+        if min(len(over), len(under)) >= LEAST_ALIKE:
+            seen += int(count)
+            usual = np.median(under)
+            if min((over == usual).mean(), (under == usual).mean()) < REGULAR_SHARE:
+                return False
+    return seen > ALIKE_SHARE * len(low_step)
 
 
 def _steps_at_wraps(rows: np.ndarray, low: _Number, high: _Number) -> bool:
@@ -140,7 +162,10 @@ def _is_regular(rows: np.ndarray, number: _Number) -> bool:
     back = np.diff(_values(rows, number)) < 0
     if number.size == 1 and back.any() and (steps[back] <= high * usual).mean() < 0.6:
         return False  # it starts again before it is full: it counts something else
-    return bool(((steps >= low * usual) & (steps <= high * usual)).mean() >= REGULAR_SHARE)
+    regular = (steps >= low * usual) & (steps <= high * usual)
+    if usual >= LONG_STEP and (steps == usual).mean() >= SAME_SHARE and not (steps % usual).any():
+        regular = steps > 0
+    return bool(regular.mean() >= REGULAR_SHARE)
 
 
 def _may_grow(rows: np.ndarray, number: _Number, used: set[int]) -> bool:

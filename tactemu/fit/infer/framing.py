@@ -210,13 +210,22 @@ def _fixed(stream: bytes, cuts: list[Cut], silences: Sequence[int] | None) -> Fr
     if len(messages) < LEAST_MESSAGES and not has_sum:
         return None
     is_proven = has_sum and found is not None and _fixes_begin(found)
-    is_certain = is_proven or timed is not None
+    is_certain = is_proven or (timed is not None and not _repeats(np.roll(rows.constant, -turn)))
     why = "its sum holds" if is_proven else "the line is silent before each" if is_certain else ""
     cut = Cut(fixed[0].score, b"", size)
     framing = Framing("fixed", messages, found, cut, mask, is_certain=is_certain, why=why)
     if not is_certain:
         framing.decide = "the times of the bytes: its length is sure, but not where it begins"
+        if timed is not None:
+            framing.decide = "pauses between its parts: it may be several messages of one length"
     return framing
+
+
+def _repeats(constant: np.ndarray) -> bool:
+    """Return True if the constants of a message stand at the same places in parts of it, which may be messages."""
+    sizes = [size for size in range(2, len(constant) // 2 + 1) if len(constant) % size == 0]
+    parts = [constant.reshape(-1, size) for size in sizes]
+    return any(bool(part[0].any() and not part[0].all() and (part == part[0]).all()) for part in parts)
 
 
 def _divisors(stream: bytes, size: int, fixed: list[Cut]) -> list[int]:

@@ -23,6 +23,10 @@ from tactemu.fit.infer.signs import Sign, signs_of
 FEW_STATES = 6
 FULL_SCALE = "full scale: the byte above it never moved"
 COARSE = "finer steps: its lowest four bits never moved, as where 12 bits are beside those of another value"
+CLOCK_SHARE = 0.9
+"""The least share of equal steps of a clock."""
+LEAST_LABELLED = 8
+"""The fewest fields of an array whose labels are recognised."""
 CLOSED_KINDS = ("sum", "length", "selector")
 
 
@@ -44,7 +48,7 @@ class Prover:
     def fields(self, runs: Sequence[Run]) -> list[Field]:
         """Return the fields of all runs, in the order of their bytes."""
         found: list[Field] = []
-        for run in runs:
+        for run in itertools.chain.from_iterable(map(self._cut_off, runs)):
             if run.kind.is_float:
                 found += self._floats(run)
             elif run.kind.parts:
@@ -52,6 +56,42 @@ class Prover:
             else:
                 found += self._integers(run)
         return sorted(found, key=lambda each: (each.at, each.shift))
+
+    def _cut_off(self, run: Run) -> list[Run]:
+        """Return a run without the upper bytes that are no part of its values for all the capture shows.
+
+        Those are bytes of the head, to which its first field does not extend, and labels: constants that differ from
+        field to field. The width of what is left is open.
+        """
+        size, order = run.kind.size, run.kind.order
+        if size == 1 or run.kind.is_float or run.kind.parts:
+            return [run]
+        if labels := self._labels(run):
+            narrowed = _narrowed(run, labels)
+            for at in narrowed.offsets:
+                beside = at - 1 if order == ">" else at + narrowed.kind.size
+                self.closed[beside] = False  # it may be part of the value after all
+            return [narrowed]
+        first = run.offsets[0]
+        inside = 0 if order == "<" else int(self.closed[first : first + size - 1].sum())
+        if not inside or not self.closed[first : first + inside].all():
+            return [run]
+        self.closed[first : first + inside] = False  # they may be part of it
+        rest = [Run(run.kind, run.offsets[1:], run.margin_bits)] if len(run.offsets) > 1 else []
+        return [_narrowed(Run(run.kind, run.offsets[:1], run.margin_bits), inside), *rest]
+
+    def _labels(self, run: Run) -> int:
+        """Return how many of the uppermost bytes of an array's fields are labels."""
+        if len(run.offsets) < LEAST_LABELLED:
+            return 0
+        labels = 0
+        for k in range(run.kind.size - 1):
+            tops = np.array(run.offsets) + (run.kind.size - 1 - k if run.kind.order == "<" else k)
+            if self.varies[tops].any():
+                break
+            if len(np.setdiff1d(self.rows[0, tops], (0, 0xFF))) > 1:
+                labels = k + 1
+        return labels
 
     # -- integers --------------------------------------------------------------------------------------------------
 
@@ -63,7 +103,7 @@ class Prover:
         if size > 1 and not is_word and len(np.unique(self.rows[:, begin:end], axis=0)) <= FEW_STATES:
             return self._bytes(begin, end)
         columns = {at: integers(self.rows, at, size, order or "<") for at in moving}
-        index = [(at - run.offsets[0]) // size for at in moving]
+        index = [k for k, at in enumerate(run.offsets) if self.varies[at : at + size].any()]
         signs, periods = signs_of([columns[at] for at in moving], index, 8 * size)
         fields = [Field(at, size, sign.kind, order) for at, sign in zip(moving, signs)]
         array = Array(self.links, fields, index, periods)
@@ -163,6 +203,7 @@ class Prover:
         sign = signs_of([values], [0], part.bits)[0][0]
         each.kind = sign.kind
         each.is_certain = _carries(values) and not _carries(_mirrored(values)) and sign.is_certain
+        each.is_certain &= not _is_clock(values)
         each.why = "carries from nibble to nibble" if each.is_certain else ""
         each.decide = "" if each.is_certain else SLOW
         return each
@@ -176,9 +217,23 @@ class Prover:
         return found
 
 
+def _narrowed(run: Run, bytes_off: int) -> Run:
+    """Return a run whose fields lack their uppermost bytes."""
+    size, order = run.kind.size - bytes_off, run.kind.order
+    offsets = tuple(at + (bytes_off if order == ">" else 0) for at in run.offsets)
+    return Run(Kind(size, order if size > 1 else ""), offsets, run.margin_bits)
+
+
 def _carries(values: np.ndarray) -> bool:
     """Return True if each nibble of values of 12 bits carries into the next."""
     return Link(values & 0xFF, values >> 8, 8, 4).is_proven and Link(values & 0xF, values >> 4 & 0xFF, 4, 8).is_proven
+
+
+def _is_clock(values: np.ndarray) -> bool:
+    """Return True if values of 12 bits step regularly: then a nibble below them may be their lowest digit."""
+    steps = np.diff(values) % 4096
+    usual = np.median(steps)
+    return bool(1 < usual < 2048 and (np.abs(steps - usual) <= 1).mean() > CLOCK_SHARE)
 
 
 def _mirrored(values: np.ndarray) -> np.ndarray:

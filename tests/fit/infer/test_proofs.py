@@ -78,3 +78,48 @@ def test_a_number_whose_lowest_four_bits_never_moved_is_not_certain():
     for k in range(4):
         (each,) = fields_at(draft, 2 + 2 * k)
         assert each.size == 2 and not each.is_certain, each
+
+
+def test_constants_that_differ_along_an_array_are_labels_and_leave_the_width_open():
+    columns = [slow(N, seed, high=900) for seed in range(64)]
+    draft = _drafted(
+        b"".join(bytes([k % 8 + 1, k // 8 + 1]) + struct.pack(">H", value) for k, value in enumerate(row))
+        for row in zip(*columns)
+    )
+    for k in range(64):
+        (each,) = fields_at(draft, 2 + 4 * k + 2)
+        assert (each.at, each.size, each.order) == (2 + 4 * k + 2, 2, ">"), each
+        assert each.is_width_open and not each.is_certain
+
+
+def test_the_head_is_no_upper_byte_of_the_command_behind_it():
+    values = [slow(N, seed, low=-2000, high=2000) for seed in range(6)]
+    commands = np.arange(N) // 40 % 19
+    bodies = (struct.pack(">B6h", int(command), *row) for command, *row in zip(commands, *values))
+    draft = infer(stream([body + struct.pack("<H", sums.crc16_modbus(body)) for body in (b"\x55" + b for b in bodies)]))
+    (each,) = fields_at(draft, 1)
+    assert (each.at, each.size, each.is_certain) == (1, 1, False), each
+
+
+def test_a_clock_of_two_usual_steps_is_one_clock():
+    rng = np.random.default_rng(1)
+    ticks = np.cumsum(rng.choice([500, 600, 600], N))
+    other = slow(N, 2)
+    draft = _drafted(struct.pack(">HH", tick & 0xFFFF, value) for tick, value in zip(ticks.tolist(), other))
+    (each,) = fields_at(draft, 2)
+    assert (each.at, each.size, each.order, each.kind) == (2, 2, ">", "clock"), each
+
+
+def test_a_counter_before_a_clock_that_seldom_wraps_is_no_part_of_it():
+    clock = 8 * np.arange(N)
+    draft = _drafted(struct.pack("<BI", k & 0xFF, int(t)) for k, t in enumerate(clock))
+    assert not any(each.at < 3 < each.end for _, each in draft.fields)
+
+
+def test_messages_that_are_sent_together_are_not_certainly_one():
+    frames = [
+        b"".join(bytes([k, *rng.integers(1, 255, 20), 0]) for k in (1, 2))
+        for rng in map(np.random.default_rng, range(400))
+    ]
+    draft = infer(stream(frames))
+    assert not draft.framing.is_certain and "several" in draft.framing.decide
