@@ -14,7 +14,7 @@ def palm(tmp_path):
 
 
 def test_a_fault_is_a_line_and_exits_with_1(palm):
-    palm.write_text(palm.read_text().replace("DATA_BYTES.get(command) != len(data)", "command not in DATA_BYTES"))
+    palm.write_text(palm.read_text().replace('data="B"', 'data="*"').replace("request.value", "request.data[0]"))
     done = tactemu("check", f"{palm}:AcmePalm", "serial=X", "--fuzz", "20")
     assert done.returncode == 1, done.stderr
     first, fault = done.stdout.splitlines()[:2]

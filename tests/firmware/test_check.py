@@ -11,14 +11,26 @@ from firmware_protocols.layouts import grid_layout
 from tests.firmware.page import pieces
 
 PALM = "acme_palm.py"
-GUARD, NO_GUARD = "DATA_BYTES.get(command) != len(data)", "command not in DATA_BYTES"
+ANY_LENGTH = ('data="B"', 'data="*"')
 RESERVED = "    0     00              reserved\n"
-PERIOD = "            self.period_ns = period_ms * 1_000_000\n"
+PERIOD = "            self.period_ns = request.value * 1_000_000\n"
 FORCE = 'self.layout.push(reading["force"])'
 BIND = "wire_order=self.layout.wire_order"
 ORDER = "wire_order=[p + 4 * r + c for p in (0, 12) for c in range(4) for r in range(3)]"
-STARTS = "        self.streaming = period_ms > 0\n"
+STARTS = "        self.streaming = request.value > 0\n"
 STARTED = "self.streaming, self.number = False, 0"
+ANSWER = "PACKET.pack(command=READ, data=self._reading())"
+WHOLE_CHUNKS = """    def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
+        return super().receive(data, t_ns, port) if len(data) > 1 else ()
+
+"""
+
+
+def converted(counts):
+    """Return the replacements that give the palm a converter of its own."""
+    measure = f"self.counts = {counts}\n        return self.counts"
+    return [("return super().measure(reading, t_ns)", measure), ("place, stack,", "place, quantize, stack,")]
+
 
 PLANTS = {
     # mistake: replacements in the palm, what the report says
@@ -41,7 +53,7 @@ PLANTS = {
     ),
     "restart: state in the class": (
         [
-            (STARTS, "        type(self).streaming = period_ms > 0\n"),
+            (STARTS, "        type(self).streaming = request.value > 0\n"),
             (STARTED, "self.number = 0"),
             ('    judge = "none"\n', '    judge = "none"\n    streaming = False\n'),
         ],
@@ -49,30 +61,37 @@ PLANTS = {
     ),
     "restart: state in the module": (
         [
-            (STARTS, '        STATE["streaming"] = period_ms > 0\n'),
+            (STARTS, '        STATE["streaming"] = request.value > 0\n'),
             ("if self.streaming", 'if STATE["streaming"]'),
-            ("READ, STREAM, SERIAL =", 'STATE = {"streaming": False}\nREAD, STREAM, SERIAL ='),
+            ("READ = 0x01", 'STATE = {"streaming": False}\nREAD = 0x01'),
         ],
         r"restart: after 'stream' and a restart .*STATE is .*True",
     ),
     "rate: forgotten": ([(PERIOD, "            pass\n")], r"it converts 100 times a second instead of 50"),
     "rate: survives a restart": (
-        [(PERIOD, f"{PERIOD}            type(self).rate_hz = 1000 / period_ms\n")],
+        [(PERIOD, f"{PERIOD}            type(self).rate_hz = 1000 / request.value\n")],
         r"restart: .*the rate must not survive",
     ),
     "no data: an index": (
-        [(GUARD, NO_GUARD)],
-        r"'stream' with 0 bytes of data: acme_palm\.receive on c10200c3 raised IndexError.* acme_palm\.py:\d+: period",
+        [ANY_LENGTH, ("request.value", "request.data[0]")],
+        r"'stream' with 0 bytes of data: acme_palm\.receive on c10200c3 raised IndexError.* acme_palm\.py:\d+: self",
     ),
     "no data: unpacked": (
-        [(GUARD, NO_GUARD), ("period_ms = data[0]", "(period_ms,) = data")],
+        [
+            ANY_LENGTH,
+            (STARTS, "        (period,) = request.data\n        self.streaming = period > 0\n"),
+            ("request.value", "request.data[0]"),
+        ],
         r"'stream' with 0 bytes of data: .*raised ValueError: not enough values to unpack",
     ),
-    "length: of the counts": ([(FORCE, f"{FORCE}[:23]")], r"returned 23 counts for the 24 points of 'force'"),
+    "length: of the counts": (
+        converted(f"quantize({FORCE}[:23], 1000.0, 0, 0xFFFF)"),
+        r"returned 23 counts for the 24 points of 'force'",
+    ),
     "length: of the table": ([(BIND, "wire_order=range(12)")], r"reading: touch: expected shape \(12,\), got \(24,\)"),
     # beyond the sixteen
     "wrap: by a cast": (
-        [(f"quantize({FORCE}, 1000.0, 0, 0xFFFF)", f"(1000 * {FORCE}).astype('i8').astype('u2')")],
+        converted(f"(1000 * {FORCE}).astype('i8').astype('u2')"),
         r"converter: .*column 'touch': counts of taxel 0 rise and fall while the push only rises: they wrap",
     ),
     "order: rows and columns exchanged": (
@@ -84,18 +103,21 @@ PLANTS = {
         r"order: reversing layout\.wire_order changes no byte",
     ),
     "length: a byte that says so": ([("len(data)\n", "len(data) + 1\n")], r"packet\.size = len\(data\)$"),
-    "push: the wrong way": ([(FORCE, f"-{FORCE}")], r"counts do not rise under a push"),
+    "push: the wrong way": (converted(f"quantize(-{FORCE}, 1000.0, 0, 0xFFFF)"), r"counts do not rise under a push"),
     "push: another rest": (
-        [("1000.0, 0, 0xFFFF)", "1000.0, 0, 0xFFFF, rest=9)")],
+        converted(f"quantize({FORCE}, 1000.0, 0, 0xFFFF, rest=9)"),
         r"9 without contact, declared rest is 0",
     ),
-    "span: declared too small": ([("high=0xFFFF", "high=1000")], r"counts 0 to 65535, declared are 0 to 1000"),
+    "span: declared too small": (
+        [*converted(f"quantize({FORCE}, 1000.0, 0, 0xFFFF)"), ("high=0xFFFF", "high=1000")],
+        r"counts 0 to 65535, declared are 0 to 1000",
+    ),
     "frames: bare bytes": (
-        [("[self._reading()] if", "self._reading() if")],
+        [(f"[{ANSWER}] if", f"{ANSWER} if")],
         r"stream returned bytes: return \[frame\]",
     ),
     "frames: empty": (
-        [("[self._reading()] if", 'b"" if'), ("else ()", 'else [b""]')],
+        [(f"[{ANSWER}] if", 'b"" if'), ("else ()", 'else [b""]')],
         r"expected bytes that are not em",
     ),
     "state: no plain data": (
@@ -107,7 +129,7 @@ PLANTS = {
         r"AcmePalm\.heard is a list",
     ),
     "pieces: one packet a chunk": (
-        [("for packet in self.packets.cut(data, t_ns)", "for packet in self.packets.cut(data, t_ns) if len(data) > 1")],
+        [("    def reply(", f"{WHOLE_CHUNKS}    def reply(")],
         r"C10100C0 byte by byte is answered by silence",
     ),
     "answer: not as documented": (
