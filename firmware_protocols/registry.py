@@ -48,6 +48,7 @@ DEVICES: dict[str, str] = {
     "ghand5": f"{_HERE}.ghand5:GHand5",
     "harp_loadcells": f"{_HERE}.harp_loadcells:HarpLoadCells",
     "icub_skin": f"{_HERE}.icub_skin:IcubSkin",
+    "icub_strain": f"{_HERE}.icub_strain:IcubStrain",
     "imada_zt": f"{_HERE}.imada_zt:ImadaZt",
     "inspire_rh56dftp": f"{_HERE}.inspire_rh56dftp:InspireRh56dftp",
     "kunwei_kwr75": f"{_HERE}.kunwei_kwr75:KunweiKwr75",
