@@ -162,7 +162,7 @@ MISTAKES = {
     ),
     "random numbers": (
         "mat",
-        [measured(COUNTS, "counts['force'] ^= np.random.randint(0, 2)", "return counts")],
+        [measured(COUNTS, "counts['force'] ^= np.random.randint(0, 2, counts['force'].shape)", "return counts")],
         r"the same inputs give other bytes the second time",
     ),
     "the host's clock": (
