@@ -7,18 +7,31 @@ import warp as wp
 
 @wp.struct
 class Clock:
-    """The step being taken; :attr:`tactemu.plan.plan.Context.clock` is an instance. Each array holds one number."""
+    """The step being taken, and the beginning of each environment's episode;
+    :attr:`tactemu.plan.plan.Context.clock` is an instance. The first three arrays hold one number each."""
 
     dt: wp.array(dtype=wp.float64)  # length of the step [s]
     step: wp.array(dtype=wp.int64)  # its number, from 1
     time_ns: wp.array(dtype=wp.int64)  # simulated time at its end [ns]
+    began_step: wp.array(dtype=wp.int64)  # the step after which each environment was last reset
+    began_ns: wp.array(dtype=wp.int64)  # the simulated time at which it was [ns]
 
 
-def clock_of(dt: wp.array, step: wp.array, time_ns: wp.array) -> Clock:
+def clock_of(**arrays: wp.array) -> Clock:
     """Return a clock of these arrays."""
     clock = Clock()
-    clock.dt, clock.step, clock.time_ns = dt, step, time_ns
+    for name, array in arrays.items():
+        setattr(clock, name, array)
     return clock
+
+
+@wp.kernel(module="unique", enable_backward=False)
+def begin(mask: wp.array(dtype=wp.bool), clock: Clock):
+    """Begin an episode where the mask is true: steps and time of these environments count from here."""
+    e = wp.tid()
+    if mask[e]:
+        clock.began_step[e] = clock.step[0]
+        clock.began_ns[e] = clock.time_ns[0]
 
 
 @wp.func

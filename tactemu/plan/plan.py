@@ -18,7 +18,7 @@ from typing import Any, Literal
 import numpy as np
 import warp as wp
 
-from tactemu.plan.clock import clock_of
+from tactemu.plan.clock import begin, clock_of
 from tactemu.plan.launches import Launch, Launches, record, record_blocks
 from tactemu.plan.thread_pool import ThreadPool, cores
 
@@ -58,15 +58,31 @@ class Context:
     """Number of the step being taken, from 1, int64, shape ``(1,)``."""
     time_ns: wp.array = field(init=False)
     """Simulated time at the end of the step being taken [ns], int64, shape ``(1,)``."""
+    began_step: wp.array = field(init=False)
+    """Number of the step after which each environment was last reset, int64, shape ``(n_envs,)``: since then it has
+    taken ``step[0] - began_step[e]`` steps."""
+    began_ns: wp.array = field(init=False)
+    """Simulated time at which each environment was last reset [ns], int64, shape ``(n_envs,)``: its own time is
+    ``time_ns[0] - began_ns[e]``."""
 
     def __post_init__(self):
         for name, dtype in (("dt", wp.float64), ("step", wp.int64), ("time_ns", wp.int64)):
             object.__setattr__(self, name, self.zeros(1, dtype))
+        for name in ("began_step", "began_ns"):
+            object.__setattr__(self, name, self.zeros(self.n_envs, wp.int64))
 
     @cached_property
     def clock(self) -> Any:
         """The step being taken, as kernels read it."""
-        return clock_of(self.dt, self.step, self.time_ns)
+        names = ("dt", "step", "time_ns", "began_step", "began_ns")
+        return clock_of(**{name: getattr(self, name) for name in names})
+
+    def begin(self, mask: wp.array) -> None:
+        """Begin an episode where the mask (bool, shape ``(n_envs,)``) is true.
+
+        On a GPU the call does not wait for the device and can be captured in a graph.
+        """
+        wp.launch(begin, dim=self.n_envs, inputs=[mask, self.clock], device=self.device)
 
     # These methods make every array that a stage writes or that may be set while it runs. Scratch, which a step fills
     # before it reads it, and constants are plain arrays.

@@ -10,7 +10,7 @@ import warp as wp
 from tactemu.base.errors import SceneError
 from tactemu.geometry.device_arrays import MASK_TYPES, as_warp_array, environment_mask
 from tactemu.plan.clearing import clear_rows
-from tactemu.plan.plan import Plan
+from tactemu.plan.plan import Context, Plan
 from tactemu.sensors.world import World, on_host
 
 
@@ -19,13 +19,14 @@ class Resets:
 
     Args:
         plan: the plan whose stages are reset.
+        context: the context that counts steps and time.
         world: the world whose poses are reset.
         arrays: readings, which are set to 0.
-        device: the device of all these arrays.
     """
 
-    def __init__(self, plan: Plan, world: World, arrays: list[wp.array], device: wp.Device):
-        self._plan, self._world, self._arrays, self._device = plan, world, arrays, device
+    def __init__(self, plan: Plan, context: Context, world: World, arrays: list[wp.array]):
+        self._plan, self._context, self._world, self._arrays = plan, context, world, arrays
+        self._device = device = context.device
         self._mask = wp.zeros(world.n_envs, dtype=wp.bool, device=device)
         self._graph: wp.Graph | None = None
         self._warm = False
@@ -33,6 +34,9 @@ class Resets:
     def reset(self, envs: Any) -> None:
         """Reset environments; see :meth:`tactemu.sensors.simulation.Simulation.reset`."""
         self._choose(envs)
+        if envs is None:
+            self._context.step.fill_(0)
+            self._context.time_ns.fill_(0)
         if self._device.is_cpu:
             self._clear()
             self._world.reset(self._mask.numpy())
@@ -56,6 +60,7 @@ class Resets:
         self._mask.assign(mask)
 
     def _clear(self) -> None:
+        self._context.begin(self._mask)
         self._plan.reset(self._mask)
         for array in self._arrays:
             clear_rows(array, self._mask)

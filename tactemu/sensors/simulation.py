@@ -116,7 +116,7 @@ class Simulation(PoseInput):
         attachments = self._compile(why)
         self.world = World(self.bodies, self._poses.world)
         self._moving = [body for body in self.bodies if body.motion is not None]
-        self.resets = Resets(self.plan, self.world, self._compiler.arrays, self.device)
+        self.resets = Resets(self.plan, self.context, self.world, self._compiler.arrays)
         self._bound = None
         self._in_graph = False
         self.posers = list(posers)
@@ -349,7 +349,5 @@ class Simulation(PoseInput):
         self.resets.reset(envs)
         if envs is None:
             self.time_ns = self.step_count = self._checked_step = 0
-            self.context.step.fill_(0)
-            self.context.time_ns.fill_(0)
             self._move(0.0)
         self._take_bound()
