@@ -203,9 +203,16 @@ class Device(Generic[F]):
         return tuple(sense for sense in self.sensed if not wanted or sense.key in wanted)
 
     def connector(self, port: str) -> Connector:
-        """Return the connector called ``port``; the port of one client (``tcp/2``) belongs to the connector ``tcp``."""
+        """Return the connector called ``port``; the port of one client (``tcp/2``) belongs to the connector ``tcp``.
+
+        Raises:
+            LookupError: there is no such connector.
+        """
         name = port.partition("/")[0]
-        return next(each for each in self.ports if each.name == name)
+        for each in self.ports:
+            if each.name == name:
+                return each
+        raise LookupError(f"no connector {name!r}; there are: {', '.join(each.name for each in self.ports)}")
 
     def power_cycle(self) -> None:
         """Forget everything but options, flash and counters, and power up. Only the runner calls it."""

@@ -215,12 +215,15 @@ class RelativePoses:
 
     def stages(self) -> list[Stage]:
         """Return the stages: relative poses, which also advances the step count and the time unless threads share the
-        step; then a stage before it does."""
+        step; then, and where no link carries a skin, a stage of its own does."""
         context = self._context
         shared, before = context.threads > 1, []
-        if shared:
+        if shared or not self.links:
             launch = record(tick, 1, [context.clock, self.dt_ns], [], context.device)
-            before = [Stage(name="time", reason="advances before threads share the step", launch=launch)]
+            reason = "advances before threads share the step" if shared else "advances; there is no skin"
+            before = [Stage(name="time", reason=reason, launch=launch)]
+        if not self.links:
+            return before
         links = links_type(context.real)()
         links.world, links.links, links.middles, links.reaches = self.world, self._links, self._middles, self._reaches
         links.pose, links.velocity, links.spin = map(self._numbers, (self._pose, self._velocity, self._spin))

@@ -141,8 +141,7 @@ class Simulation(PoseInput):
         middles = np.array([_middle(np.concatenate(each)) for each in skins.values()]).reshape(-1, 3)
         self._poses = RelativePoses(links, len(self.bodies), reasons, middles, self.context)
         self.plan = Plan(device=self.device, threads=self.context.threads, why_threads=why_threads)
-        if self.sensors:
-            self.plan.stages += self._poses.stages()
+        self.plan.stages += self._poses.stages()
         self._compiler = SensorCompiler(self.bodies, self._poses, self.context)
         attachments = [self._compiler.compile(sensor, self) for sensor in self.sensors]
         self.plan.stages += self._compiler.stages
@@ -166,19 +165,36 @@ class Simulation(PoseInput):
         self.plan.insert(stage)
         stage.launch()
 
-    def step(self, dt: float | None = None) -> None:
-        """Advance the time by ``dt`` [s] (default: the scene's), move the bodies that have a motion, and run the plan.
+    def step(self, n: int = 1, *, dt: float | None = None) -> None:
+        """Take ``n`` steps: each advances the time, moves the bodies that have a motion, and runs the plan.
+
+        Args:
+            n: number of steps, a whole number >= 0.
+            dt: length of each [s]; default: the scene's.
 
         Raises:
             PoseError: a pose is not finite (on a GPU: at the next read). All environments have been computed; those
                 with such a pose read NaN.
-            ValueError: ``dt`` is negative or not finite, less than a nanosecond but not 0, or too short for what
-                sensors keep of the past (delay, scan).
+            ValueError: ``n`` is no whole number >= 0; or ``dt`` is negative or not finite, less than a nanosecond but
+                not 0, or too short for what sensors keep of the past (delay, scan).
             SceneError: the scene has changed since it was built, or was built again.
         """
         if self.outdated:
             raise SceneError(f"step: {self.outdated}; use the simulation that scene.build() returns now")
-        dt = self.dt if dt is None else dt
+        if isinstance(n, bool) or not isinstance(n, int | np.integer) or n < 0:
+            raise ValueError(
+                f"step: n is a number of steps, a whole number >= 0, got {n!r}; a step's length [s] is dt="
+            )
+        self._set_length(self.dt if dt is None else dt)
+        capturing = self.device.is_cuda and wp.get_stream(self.device).is_capturing
+        for _ in range(n):
+            if capturing:
+                self._step_within_capture()
+            else:
+                self._step()
+
+    def _set_length(self, dt: float) -> None:
+        """Set the length of the steps to take [s]."""
         if not (dt >= 0.0 and math.isfinite(dt)):
             raise ValueError(f"step: dt must be a time >= 0 s, got {dt!r}")
         dt_ns = round(dt * 1e9)
@@ -191,10 +207,9 @@ class Simulation(PoseInput):
             self.context.dt.fill_(dt)
             self._poses.dt_ns.fill_(dt_ns)
             self._dt_ns = dt_ns
-        if self.device.is_cuda and wp.get_stream(self.device).is_capturing:
-            self._step_within_capture()
-            return
-        self.time_ns += dt_ns
+
+    def _step(self) -> None:
+        self.time_ns += self._dt_ns
         self.step_count += 1
         self._move(self.time_ns * 1e-9)
         self.world.upload()
@@ -218,6 +233,17 @@ class Simulation(PoseInput):
         self.plan.run_within_capture()
 
     @property
+    def time(self) -> float:
+        """The simulated time [s]: :attr:`time_ns` in seconds."""
+        return self.time_ns * 1e-9
+
+    @property
+    def env_time(self) -> np.ndarray:
+        """The simulated time of each environment since its own reset [s], float64, shape ``(n_envs,)``. On a GPU it
+        waits for the device, which also counts the steps of your graphs."""
+        return (self.context.time_ns.numpy() - self.context.began_ns.numpy()) * 1e-9
+
+    @property
     def dt_ns(self) -> int:
         """Length of a step unless you pass another to :meth:`step` [ns]."""
         return round(self.dt * 1e9)
@@ -236,12 +262,10 @@ class Simulation(PoseInput):
         dt_ns = self.dt_ns
         steps = (t_ns - self.time_ns) // dt_ns if dt_ns else 0
         if max_steps is None or steps <= max_steps:
-            for _ in range(steps):
-                self.step()
+            self.step(steps)
             return False
-        self.step((steps - max_steps + 1) * dt_ns * 1e-9)
-        for _ in range(max_steps - 1):
-            self.step()
+        self.step(dt=(steps - max_steps + 1) * dt_ns * 1e-9)
+        self.step(max_steps - 1)
         return True
 
     def _move(self, t_s: float) -> None:
@@ -340,8 +364,8 @@ class Simulation(PoseInput):
 
         Args:
             envs: the environments to reset: indices, a mask, or a mask (bool or uint8) in an array on the simulation's
-                device (Warp, torch, anything with ``__dlpack__``), which is not waited for. ``None``: all; the time and
-                the step count then start at 0 again.
+                device (Warp, torch, anything with ``__dlpack__``), which is not waited for; their :attr:`env_time` is 0
+                then. ``None``: all; the time and the step count then start at 0 again, too.
 
         Raises:
             SceneError: an index is out of range; a mask has the wrong length, type or device.

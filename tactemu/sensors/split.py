@@ -60,10 +60,20 @@ class SplitSimulation:
             raise SceneError(f"no sensor {name!r} in this simulation; there are: {', '.join(self._names) or 'none'}")
         return self._handles[part][self._names.index(name)]
 
-    def step(self, dt: float | None = None) -> None:
-        """Advance all parts by one step (:meth:`Simulation.step`)."""
+    def step(self, n: int = 1, *, dt: float | None = None) -> None:
+        """Take ``n`` steps of all parts (:meth:`Simulation.step`)."""
         for part in self.parts:
-            part.step(dt)
+            part.step(n, dt=dt)
+
+    @property
+    def time(self) -> float:
+        """The simulated time [s]."""
+        return self.parts[0].time
+
+    @property
+    def env_time(self) -> np.ndarray:
+        """The simulated time of each environment since its own reset [s] (:attr:`Simulation.env_time`)."""
+        return np.concatenate([part.env_time for part in self.parts])
 
     def set_pose(self, body: Body | str | int, *, envs: Sequence[int] | np.ndarray | None = None, **pose: Any) -> None:
         """Set a body's pose (:meth:`Simulation.set_pose`); lists and NumPy arrays hold rows for all environments."""

@@ -97,7 +97,7 @@ def measure_loop(loaded: LoadedScene, rate_hz: float, compute: str | None, momen
     assembled = assemble(loaded, AssemblyOptions(port="memory:", rate_hz=rate_hz, compute=compute))
     channels = assembled.emulator.channels
     if assembled.simulation is not None:
-        assembled.simulation.step(moment)
+        assembled.simulation.step(dt=moment)
     for channel in channels:
         channel.source = ConstantSource(channel)
     with Emulator(None, channels, clock=VirtualClock()) as emulator:
@@ -125,7 +125,7 @@ def _dropped(channels: Sequence[Channel]) -> list[int]:
 def measure_cost(simulation, sensor, senses: str, moment: float, loop: LoopCost) -> Cost:
     """Time steps around ``moment`` seconds, and the ideal and measured readings of one skin."""
     clock = stopwatch(simulation.device.is_cpu)
-    simulation.step(max(moment - 0.5 * TIMED_STEPS * simulation.dt, 0.0))
+    simulation.step(dt=max(moment - 0.5 * TIMED_STEPS * simulation.dt, 0.0))
     steps, reads = [], []
     for _ in range(TIMED_STEPS):
         start = clock()

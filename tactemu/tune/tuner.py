@@ -146,7 +146,7 @@ class Tuner:
         sim, sensor = self._build(setting)
         frames = []
         for _ in range(MOMENTS):
-            sim.step(self.seconds / MOMENTS)
+            sim.step(dt=self.seconds / MOMENTS)
             frames.append(np.asarray(sensor.quantity(self.device.contact[0], ground_truth=True), float))
         return np.stack(frames)
 

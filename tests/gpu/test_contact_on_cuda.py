@@ -109,7 +109,7 @@ def test_the_step_length_may_change_under_a_captured_graph():
         found = []
         for step, dt in enumerate((1e-3, 1e-3, 2e-3, 0.0, 5e-3)):
             sim.set_pose(body, **poses(step))
-            sim.step(dt)
+            sim.step(dt=dt)
             found.append(skin.read())
         assert sim.time_ns == 9_000_000 == int(sim.context.time_ns.numpy()[0])
         readings[device] = np.array(found)

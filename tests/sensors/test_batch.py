@@ -210,11 +210,11 @@ def test_time_is_counted_in_whole_nanoseconds():
     for _ in range(1000):
         sim.step()
     assert sim.time_ns == 1_000_000_000 and sim.step_count == 1000
-    sim.step(0.0)
+    sim.step(dt=0.0)
     assert sim.time_ns == 1_000_000_000 and sim.step_count == 1001
     for wrong in (-1e-3, np.nan, np.inf):
         with pytest.raises(ValueError, match="dt"):
-            sim.step(wrong)
+            sim.step(dt=wrong)
     assert int(sim.context.step.numpy()[0]) == 1001 and int(sim.context.time_ns.numpy()[0]) == sim.time_ns
 
 

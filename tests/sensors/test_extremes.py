@@ -128,7 +128,7 @@ def test_the_length_of_a_step_changes_no_reading():
             tt.Sphere(radius=10 * MM), tt.KinematicTaxel(probe_local_pos=LINE, normal_stiffness=1e9)
         )
         sim.set_pose(ball, position=(0, 0, 9 * MM), linear_velocity=(0.1, 0, -0.3))
-        sim.step(dt)
+        sim.step(dt=dt)
         readings.append(skin.read().force)
     assert all(np.array_equal(readings[0], other) for other in readings)
 

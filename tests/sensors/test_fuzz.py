@@ -195,7 +195,7 @@ def test_readings_are_numbers_or_the_step_says_whose_pose_is_not(calls, dtype):
             sim.reset(sorted(envs))
         bad = False
         try:
-            sim.step(0.0 if action == "still" else None)
+            sim.step(dt=0.0 if action == "still" else None)
         except PoseError as error:
             assert "environment" in str(error) and f"step {sim.step_count}" in str(error)
             bad = True

@@ -67,9 +67,9 @@ def test_a_time_step_below_a_nanosecond_is_refused(world):
         tt.Scene(dt=4e-10)
     sim = world[0].build()
     with pytest.raises(ValueError, match="at least 1e-9 s, got 4e-10"):
-        sim.step(4e-10)
-    sim.step(0.0)
-    sim.step(1e-9)
+        sim.step(dt=4e-10)
+    sim.step(dt=0.0)
+    sim.step(dt=1e-9)
     assert sim.time_ns == 1
 
 
