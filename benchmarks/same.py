@@ -36,6 +36,11 @@ import numpy as np
 import tactemu as tt
 from tactemu.cli.app import app
 
+try:
+    from tactemu.base.option_groups import from_flat as make
+except ImportError:  # the base, whose models take all options side by side
+    make = lambda model, options: model(**options)
+
 def run(name, words, folder):
     log = Path(folder) / f"{name}.jsonl"
     with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
@@ -54,7 +59,7 @@ def read(model, options):
     shapes = tt.Sphere(radius=0.01), tt.Box(size=(0.008,) * 3), tt.Capsule(radius=0.004, length=0.01)
     bodies = [scene.add_body(shape, name=type(shape).__name__) for shape in shapes]
     # Bodies that come from the side at different depths, turning.
-    sensor = scene.add_sensor(getattr(tt, model)(probe_local_pos=grid, **options), link=pad)
+    sensor = scene.add_sensor(make(getattr(tt, model), {"probe_local_pos": grid, **options}), link=pad)
     sim = scene.build(n_envs=2, seed=3)
     seen = hashlib.sha256()
     for step in range(60):

@@ -25,9 +25,8 @@ def build():
             probe_local_pos=grid,
             probe_radius=0.001,
             normal_stiffness=400.0,
-            noise=0.002,
-            hysteresis_strength=0.1,
-            dead_taxel_probability=0.02,
+            imperfections=tt.ImperfectionOptions(hysteresis_strength=0.1, dead_taxel_probability=0.02),
+            electronics=tt.ElectronicsOptions(noise=0.002),
         ),
         link=pad,
     )

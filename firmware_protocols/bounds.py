@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import operator
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 from firmware_protocols.messages import shown
@@ -32,6 +32,10 @@ class Bounds:
     """The largest valid value; ``inf``: infinity is valid too."""
     below: float | None = None
     """The smallest value that is too large."""
+
+    def __repr__(self) -> str:
+        given = {each.name: getattr(self, each.name) for each in fields(self)}
+        return f"Bounds({', '.join(f'{name}={value!r}' for name, value in given.items() if value not in (None, ''))})"
 
     def __str__(self) -> str:
         """Return the range and the unit: ``>= 0 and <= 1e+06 s``."""

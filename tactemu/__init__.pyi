@@ -35,8 +35,11 @@ from tactemu.geometry.shapes.mesh import Mesh as Mesh
 from tactemu.geometry.shapes.plane import Plane as Plane
 from tactemu.geometry.shapes.sphere import Sphere as Sphere
 from tactemu.geometry.shapes.voxel_grid import VoxelGrid as VoxelGrid
+from tactemu.imperfections.options import ElectronicsOptions as ElectronicsOptions
+from tactemu.imperfections.options import ImperfectionOptions as ImperfectionOptions
 from tactemu.scene.scene import Scene as Scene
 from tactemu.scene.schema import Event as Event
+from tactemu.sensors.drawing import DrawOptions as DrawOptions
 from tactemu.sensors.elastomer.elastomer_taxel import ElastomerTaxel as ElastomerTaxel
 from tactemu.sensors.layer.elastic_layer_taxel import ElasticLayerTaxel as ElasticLayerTaxel
 from tactemu.sensors.points.proximity_taxel import ProximityTaxel as ProximityTaxel

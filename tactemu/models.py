@@ -20,12 +20,13 @@ from tactemu.geometry.shapes.distance import ShapeFunctions, shape_functions
 from tactemu.geometry.shapes.rays import LinePieces, line_pieces, ray_function, traced_ray
 from tactemu.geometry.shapes.registry import shape_class
 from tactemu.geometry.shapes.shape import FAR, Row, Shape, ShapeKind, box_outline, table_type
-from tactemu.imperfections import ImperfectionOptions, ReadingInfo
+from tactemu.imperfections import ElectronicsOptions, ImperfectionOptions, ReadingInfo
 from tactemu.imperfections.info import Channels
 from tactemu.plan.clearing import clear_rows
 from tactemu.plan.launches import Launch, Launches, in_turn, record
 from tactemu.plan.plan import Context, Dtype, Stage
 from tactemu.plan.scalars import is_finite, is_nan, natural
+from tactemu.sensors.drawing import DrawOptions
 from tactemu.sensors.models import model_class
 from tactemu.sensors.point_cloud import PointCloud
 from tactemu.sensors.poses import LinkView
@@ -52,8 +53,9 @@ from tactemu.transducers.transducer import (
 
 __all__ = [  # noqa: RUF022  (in groups)
     # the contract of a sensor model: it derives from SensorModel, and compiles a Site to a Compiled
-    "Channels", "Compiled", "DepthQuery", "Derive", "Dtype", "Grid", "ImperfectionOptions", "LinkView", "PointCloud",
-    "Probes", "Quantity", "ReadingInfo", "SensorModel", "ShapeTable", "ShapeTables", "Site", "Setting", "model_class",
+    "Channels", "Compiled", "DepthQuery", "Derive", "DrawOptions", "Dtype", "ElectronicsOptions", "Grid",
+    "ImperfectionOptions", "LinkView", "PointCloud", "Probes", "Quantity", "ReadingInfo", "SensorModel", "ShapeTable",
+    "ShapeTables", "Site", "Setting", "model_class",
     # the stages of a step, and the context that allocates their arrays and records their launches
     "Context", "Launch", "Launches", "Stage", "clear_rows", "in_turn", "record",
     # functions for kernels: the nearest surface, distances, lines through bodies, numbers that are not finite

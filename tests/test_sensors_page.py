@@ -13,7 +13,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from tactemu.imperfections import ImperfectionOptions
+from tactemu.imperfections import ElectronicsOptions, ImperfectionOptions
 from tactemu.sensors.drawing import DrawOptions
 from tactemu.sensors.models import MODELS, cheapest, model_class
 from tactemu.sensors.sensor_model import SensorModel
@@ -33,14 +33,24 @@ point out of the skin, units are SI. Costs and errors below are those of [speed 
 the depth of a body in a probe, [differences](differences.md) where the models differ from those of Genesis whose
 options they share, and [adding a sensor model](adding-a-sensor-model.md) how to write your own.
 """
-ALL_MODELS = "## Options of every model"
-IMPERFECTIONS = """## Imperfections
+GEOMETRY = """## Options of every model
 
-Every model has these options, too. They are off by default; [imperfections](imperfections.md) describes them.
+Every model has these options, its own, and the three groups at the end of this page. A scene file has all of them side
+by side under `[skin.options]`.
+"""
+IMPERFECTIONS = """## Imperfections of the skin
+
+The fields of `imperfections=tt.ImperfectionOptions(...)`. They are off by default; [imperfections](imperfections.md)
+describes them.
+"""
+ELECTRONICS = """## Imperfections of the electronics
+
+The fields of `electronics=tt.ElectronicsOptions(...)`. They are off by default; [imperfections](imperfections.md)
+describes them.
 """
 DRAWING = """## Drawing
 
-Every model has these options of Genesis, too. They set how viewers draw a sensor, and change no reading.
+The fields of `draw=tt.DrawOptions(...)`. They set how viewers draw a sensor, and change no reading.
 """
 
 
@@ -148,10 +158,14 @@ def page() -> str:
         cls = model_class(name)
         link = f"[`{cls.__name__}`](#{cls.__name__.lower()})"
         overview.append(row(link, str(cls.level), ", ".join(cls.layouts), cls.unit))
-    shared = f"{ALL_MODELS}\n\n{options_table(SensorModel)}\n"
-    spoiled = f"{IMPERFECTIONS}\n{options_table(ImperfectionOptions)}\n"
-    drawn = f"{DRAWING}\n{options_table(DrawOptions)}\n"
-    return "\n".join([HEAD, "\n".join(overview) + "\n", *(section(name) for name in MODELS), shared, spoiled, drawn])
+    shared = f"{GEOMETRY}\n{options_table(SensorModel)}\n"
+    groups = [
+        f"{title}\n{options_table(group)}\n"
+        for title, group in (
+            (IMPERFECTIONS, ImperfectionOptions), (ELECTRONICS, ElectronicsOptions), (DRAWING, DrawOptions),
+        )
+    ]  # fmt: skip
+    return "\n".join([HEAD, "\n".join(overview) + "\n", shared, *(section(name) for name in MODELS), *groups])
 
 
 def test_the_page_is_what_the_models_say():

@@ -3,6 +3,8 @@
 from tactemu.imperfections.adjustments import Adjustments
 from tactemu.imperfections.compile import Imperfections
 from tactemu.imperfections.info import ReadingInfo
-from tactemu.imperfections.options import ImperfectionOptions
+from tactemu.imperfections.options import ChainOptions, ElectronicsOptions, ImperfectionOptions
 
-__all__ = ["Adjustments", "ImperfectionOptions", "Imperfections", "ReadingInfo"]
+__all__ = [
+    "Adjustments", "ChainOptions", "ElectronicsOptions", "ImperfectionOptions", "Imperfections", "ReadingInfo",
+]  # fmt: skip

@@ -8,7 +8,7 @@ import numpy as np
 import warp as wp
 
 from tactemu.imperfections.material import decay, grown, ramp_share
-from tactemu.imperfections.options import ImperfectionOptions
+from tactemu.imperfections.options import ChainOptions
 from tactemu.plan.launches import record
 from tactemu.plan.plan import Context, Stage
 
@@ -79,7 +79,7 @@ def _kernel(material: bool, walk: bool, noise: bool, temperature: bool):
 
 
 def compile_coefficients(
-    options: ImperfectionOptions, laws: frozenset[str], name: str, context: Context
+    options: ChainOptions, laws: frozenset[str], name: str, context: Context
 ) -> tuple[wp.array | None, list[Stage]]:
     """Return the array of coefficients and the stage that fills it; ``None`` and no stage if no law depends on time."""
     material = bool(laws & {"hysteresis", "creep"})

@@ -34,7 +34,7 @@ from tactemu.imperfections.delivery import Delay, compile_history
 from tactemu.imperfections.elementwise import COLUMNS_PER_THREAD, electronics_kernel, material_kernel
 from tactemu.imperfections.info import ReadingInfo
 from tactemu.imperfections.laws import check, electronic_laws, gain_is_on, material_laws, needs_random_numbers
-from tactemu.imperfections.options import ImperfectionOptions
+from tactemu.imperfections.options import ChainOptions
 from tactemu.imperfections.radius import radius_kernel
 from tactemu.imperfections.scan import compile_scan
 from tactemu.plan.clearing import clear_rows
@@ -61,7 +61,7 @@ class Adjustable(Protocol):
 class Imperfections(Adjustments):
     """The imperfections of one sensor, and the handle by which you change them while the scene runs."""
 
-    def __init__(self, options: ImperfectionOptions, info: ReadingInfo, context: Context):
+    def __init__(self, options: ChainOptions, info: ReadingInfo, context: Context):
         check(options, info)
         self.options, self.info, self.context = options, info, context
         self.state: dict[str, wp.array] = {}

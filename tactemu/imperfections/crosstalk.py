@@ -18,7 +18,7 @@ from tactemu.base.errors import SceneError
 from tactemu.base.options import numbers
 from tactemu.imperfections.info import ReadingInfo
 from tactemu.imperfections.laws import is_on
-from tactemu.imperfections.options import ImperfectionOptions
+from tactemu.imperfections.options import ChainOptions
 from tactemu.plan.launches import Launch, in_turn
 from tactemu.plan.plan import Context, Stage
 from tactemu.plan.scalars import natural
@@ -189,7 +189,7 @@ def gaussian_plane(strength: float, sigma: float, spacing: tuple[float, float], 
     return plane
 
 
-def planes(options: ImperfectionOptions, info: ReadingInfo) -> np.ndarray | None:
+def planes(options: ChainOptions, info: ReadingInfo) -> np.ndarray | None:
     """Return the kernel's planes, float64, shape ``(1, 2 or 3, kh, kw)``; ``None`` without crosstalk.
 
     Raises:
@@ -249,7 +249,7 @@ def _groups(channels: tuple[str, ...], n_planes: int) -> dict[int, np.ndarray]:
 
 
 def compile_crosstalk(
-    options: ImperfectionOptions, x: wp.array, info: ReadingInfo, context: Context
+    options: ChainOptions, x: wp.array, info: ReadingInfo, context: Context
 ) -> tuple[wp.array, list[Stage]]:
     """Return readings ``(n_envs, n_taxels, n_channels)`` with crosstalk, and the stage, or ``x`` without a stage."""
     kernel = planes(options, info)
@@ -270,7 +270,7 @@ def compile_crosstalk(
 
 
 def _direct(
-    kernel: np.ndarray, options: ImperfectionOptions, info: ReadingInfo, context: Context, x, kept, filler, out
+    kernel: np.ndarray, options: ChainOptions, info: ReadingInfo, context: Context, x, kept, filler, out
 ) -> Iterator[Launch]:
     """Yield a launch per width of groups, which sums the kernel's taxels for each taxel."""
     real, device = context.real, context.device
@@ -286,7 +286,7 @@ def _direct(
 
 
 def _in_lines(
-    lines: Lines, options: ImperfectionOptions, info: ReadingInfo, context: Context, x, kept, filler, out
+    lines: Lines, options: ChainOptions, info: ReadingInfo, context: Context, x, kept, filler, out
 ) -> Iterator[Launch]:
     """Yield the launch along the rows, then the one along the columns."""
     (down, along, centre), (rows, columns), real = lines, info.layout, context.real

@@ -10,7 +10,7 @@ from tactemu.base.random_streams import stream_key
 from tactemu.imperfections.columns import environment_indices
 from tactemu.imperfections.elementwise import ALIVE, DIES
 from tactemu.imperfections.info import ReadingInfo
-from tactemu.imperfections.options import ImperfectionOptions
+from tactemu.imperfections.options import ChainOptions
 from tactemu.imperfections.resets import dead_kernel
 from tactemu.plan.plan import Context
 
@@ -18,7 +18,7 @@ from tactemu.plan.plan import Context
 class DeadTaxels:
     """The readings at which dead columns of each environment are stuck; the electronics' kernel outputs these."""
 
-    def __init__(self, options: ImperfectionOptions, info: ReadingInfo, context: Context, streams: wp.array):
+    def __init__(self, options: ChainOptions, info: ReadingInfo, context: Context, streams: wp.array):
         self._info, self._context, self._streams = info, context, streams
         self._options = options
         self.stuck = context.full((context.n_envs, info.n_columns), ALIVE, context.real)

@@ -13,7 +13,7 @@ from tactemu.base.random_streams import stream_key
 from tactemu.imperfections.columns import environment_indices
 from tactemu.imperfections.delivery_kernels import deliver_kernel, remember_kernel, select_kernel
 from tactemu.imperfections.info import ReadingInfo
-from tactemu.imperfections.options import ImperfectionOptions
+from tactemu.imperfections.options import ChainOptions
 from tactemu.imperfections.ring import Ring, ring_depth
 from tactemu.plan.clearing import clear_rows
 from tactemu.plan.launches import in_turn
@@ -23,7 +23,7 @@ from tactemu.plan.plan import Context, Stage
 class Delay:
     """The delay of a sensor's readings; made only for a sensor with a delay or jitter."""
 
-    def __init__(self, options: ImperfectionOptions, info: ReadingInfo, context: Context, streams: wp.array):
+    def __init__(self, options: ChainOptions, info: ReadingInfo, context: Context, streams: wp.array):
         self._streams = streams
         self._options, self._info, self._context = options, info, context
         dt = float(context.dt.numpy()[0])

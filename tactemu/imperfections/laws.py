@@ -11,9 +11,9 @@ import numpy as np
 from tactemu.base.errors import SceneError
 from tactemu.base.options import numbers
 from tactemu.imperfections.info import ReadingInfo
-from tactemu.imperfections.options import ImperfectionOptions, Law
+from tactemu.imperfections.options import ChainOptions, Law
 
-_TYPES = {field.name: str(field.type) for field in fields(ImperfectionOptions)}
+_TYPES = {field.name: str(field.type) for field in fields(ChainOptions)}
 _SINGLE = tuple(name for name, kind in _TYPES.items() if kind in ("float", "float | None", "int"))
 _PER_COLUMN = tuple(name for name, kind in _TYPES.items() if kind == "Numbers")
 _SIGNED = {"probe_gain", "temperature_reference", "temperature_sensitivity", "temperature_offset", "bias"}
@@ -33,7 +33,7 @@ def is_on(value) -> bool:
     return value is not None and bool(np.any(np.asarray(value, dtype=np.float64) != 0.0))
 
 
-def check(options: ImperfectionOptions, info: ReadingInfo) -> None:
+def check(options: ChainOptions, info: ReadingInfo) -> None:
     """Check that options are meaningful.
 
     Raises:
@@ -72,7 +72,7 @@ def check(options: ImperfectionOptions, info: ReadingInfo) -> None:
     _check_temperature(options, info)
 
 
-def _check_temperature(options: ImperfectionOptions, info: ReadingInfo) -> None:
+def _check_temperature(options: ChainOptions, info: ReadingInfo) -> None:
     coefficients = is_on(options.temperature_offset) or is_on(options.temperature_sensitivity)
     course = options.temperature_course
     if course is None:
@@ -94,19 +94,19 @@ def _check_temperature(options: ImperfectionOptions, info: ReadingInfo) -> None:
 _DRAWN = ("probe_radius_noise", "random_walk", "random_walk_density", "noise", "noise_density", "jitter")
 
 
-def needs_random_numbers(options: ImperfectionOptions) -> bool:
+def needs_random_numbers(options: ChainOptions) -> bool:
     """Return True if any law draws random numbers."""
     redrawn = options.probe_gain_resample_range is not None or options.dead_taxel_probability > 0.0
     return redrawn or any(is_on(getattr(options, name)) or name in options.adjustable for name in _DRAWN)
 
 
-def gain_is_on(options: ImperfectionOptions) -> bool:
+def gain_is_on(options: ChainOptions) -> bool:
     """Return True if the options set, draw or may change the gains of taxels."""
     fixed = np.any(np.asarray(options.probe_gain, dtype=np.float64) != 1.0)
     return bool(fixed) or options.probe_gain_resample_range is not None or "probe_gain" in options.adjustable
 
 
-def material_laws(options: ImperfectionOptions) -> frozenset[str]:
+def material_laws(options: ChainOptions) -> frozenset[str]:
     """Return the laws that are switched on and have a memory of the load."""
     unloading = options.hysteresis_strength_unloading
     hysteresis = is_on(options.hysteresis_strength) or is_on(unloading)
@@ -119,7 +119,7 @@ def material_laws(options: ImperfectionOptions) -> frozenset[str]:
     return frozenset(law for law, on in laws.items() if on)
 
 
-def electronic_laws(options: ImperfectionOptions, info: ReadingInfo) -> frozenset[str]:
+def electronic_laws(options: ChainOptions, info: ReadingInfo) -> frozenset[str]:
     """Return the laws that are switched on and have no memory of the load, and the random walk."""
     adjustable = set(options.adjustable)
     drifts = {"temperature_offset", "temperature_sensitivity"}

@@ -1,10 +1,11 @@
 """The options of the imperfections: one keyword each, off by default, in the order in which they act.
 
-Sensors inherit from :class:`ImperfectionOptions`. A column is one number of a reading: a taxel has one column (depth),
-three (displacement) or six (force, then torque). Where an option takes *one number or one per column*, you may give a
-scalar, one per taxel ``(n_taxels,)`` or in the shape of the layout, one per taxel and channel
-``(n_taxels, n_channels)``, or a flat list in which the channels of each vector stand together, in the order of a
-force/torque sensor: all forces, taxel by taxel, then all torques.
+Every sensor model has two groups of them: :class:`ImperfectionOptions` for its skin, :class:`ElectronicsOptions` for
+its read-out. A column is one number of a reading: a taxel has one column (depth), three (displacement) or six (force,
+then torque). Where an option takes *one number or one per column*, you may give a scalar, one per taxel ``(n_taxels,)``
+or in the shape of the layout, one per taxel and channel ``(n_taxels, n_channels)``, or a flat list in which the
+channels of each vector stand together, in the order of a force/torque sensor: all forces, taxel by taxel, then all
+torques.
 """
 
 from __future__ import annotations
@@ -14,6 +15,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+
+from tactemu.base.option_groups import OptionGroup
 
 Numbers = float | Sequence | np.ndarray
 """One number, or one per column (see the module's docstring)."""
@@ -25,9 +28,9 @@ Law = Literal[
 """A law that can be switched on while the scene runs: the name of an option, or ``dead`` for single dead taxels."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class ImperfectionOptions:
-    """The imperfections of a sensor. All are off by default, and an imperfection that is off costs nothing."""
+@dataclass(frozen=True, kw_only=True, repr=False)
+class ImperfectionOptions(OptionGroup):
+    """The imperfections of a skin. All are off by default, and an imperfection that is off costs nothing."""
 
     # -- inside the sensor's formula
     probe_gain: Numbers = 1.0
@@ -67,6 +70,20 @@ class ImperfectionOptions:
     creep_tau: float = 10.0
     """Time constant of the creep [s]."""
 
+    # -- taxels that are broken
+    dead_taxel_probability: float = 0.0
+    """Probability that a taxel is dead, drawn for each taxel at each reset."""
+    dead_taxel_value_range: tuple[float, float] = (0.0, 0.0)
+    """Range of the constant that a dead taxel reads in all its columns [unit], drawn uniformly."""
+    dead_taxel_mode: Literal["value", "last"] = "value"
+    """``value``: a dead taxel reads that constant; ``last``: it is stuck at its first reading after the reset."""
+
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+class ElectronicsOptions(OptionGroup):
+    """The imperfections of a sensor's read-out: scan, temperature, drift, noise, quantisation, delay. All are off by
+    default."""
+
     # -- read-out of the taxels one after the other
     scan_time: float = 0.0
     """Duration of one scan [s]. The reading belongs to the end of the scan; a taxel in slot s of n was sampled
@@ -100,12 +117,6 @@ class ImperfectionOptions:
     """Range that readings are clipped to [unit], before they are rounded."""
     resolution: Numbers = 0.0
     """Step of the quantiser [unit]: round-half-even of x/resolution; 0: none."""
-    dead_taxel_probability: float = 0.0
-    """Probability that a taxel is dead, drawn for each taxel at each reset."""
-    dead_taxel_value_range: tuple[float, float] = (0.0, 0.0)
-    """Range of the constant that a dead taxel reads in all its columns [unit], drawn uniformly."""
-    dead_taxel_mode: Literal["value", "last"] = "value"
-    """``value``: a dead taxel reads that constant; ``last``: it is stuck at its first reading after the reset."""
 
     # -- delivery
     delay: float = 0.0
@@ -120,6 +131,18 @@ class ImperfectionOptions:
     history_length: int = 0
     """Number of past readings that are delivered, newest first, each delayed like a single one."""
 
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+class ChainOptions(ImperfectionOptions, ElectronicsOptions):
+    """The imperfections of one sensor, of its skin and of its electronics, and those that can be switched on."""
+
     adjustable: Sequence[Law] = ()
     """Options that are built although they are zero, with a number per column, so that their setters can switch them
     on while the scene runs; ``dead`` is for :meth:`~tactemu.sensors.sensor.Sensor.set_dead`."""
+
+    @classmethod
+    def join(
+        cls, imperfections: ImperfectionOptions, electronics: ElectronicsOptions, adjustable: Sequence[Law]
+    ) -> ChainOptions:
+        """Return the imperfections of a sensor model, given its groups."""
+        return cls(**vars(imperfections), **vars(electronics), adjustable=adjustable)

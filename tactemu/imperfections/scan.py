@@ -10,7 +10,7 @@ import warp as wp
 from tactemu.base.errors import SceneError
 from tactemu.base.options import numbers
 from tactemu.imperfections.info import ReadingInfo
-from tactemu.imperfections.options import ImperfectionOptions
+from tactemu.imperfections.options import ChainOptions
 from tactemu.imperfections.ring import Ring, entries, entry_before, ring_depth, share_of_newer, slot
 from tactemu.plan.plan import Context, Stage
 
@@ -62,7 +62,7 @@ def _kernel(real: type):
     return scan
 
 
-def slots(options: ImperfectionOptions, info: ReadingInfo) -> np.ndarray:
+def slots(options: ChainOptions, info: ReadingInfo) -> np.ndarray:
     """Return the slot of the scan in which each taxel is read, from 0, shape ``(n_taxels,)``.
 
     Raises:
@@ -87,9 +87,7 @@ def slots(options: ImperfectionOptions, info: ReadingInfo) -> np.ndarray:
     return col if order == "row" else row
 
 
-def compile_scan(
-    options: ImperfectionOptions, x: wp.array, info: ReadingInfo, context: Context
-) -> tuple[wp.array, Stage]:
+def compile_scan(options: ChainOptions, x: wp.array, info: ReadingInfo, context: Context) -> tuple[wp.array, Stage]:
     """Return readings ``(n_envs, n_columns)``, each of its taxel's slot in the scan that ends now, and the stage."""
     order = slots(options, info)
     n_slots = int(order.max(initial=0)) + 1

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,7 +12,8 @@ import numpy as np
 from firmware_protocols import Device
 from firmware_protocols.options import checked, declared
 from firmware_protocols.senses import TOUCH
-from tactemu.base.errors import DeviceError, SceneError, nearest
+from tactemu.base.errors import DeviceError, SceneError
+from tactemu.base.option_groups import defaults, from_flat
 from tactemu.base.options import numbers
 from tactemu.geometry import rotation
 from tactemu.geometry.bodies import Body
@@ -205,13 +205,10 @@ def sensor_model(
         raise SceneError(f"skin {skin.title!r}: model: {error}") from error
     if not (isinstance(model, type) and issubclass(model, SensorModel)):
         raise SceneError(f"skin {skin.title!r}: model: {name} is no sensor model (tactemu.sensors.sensor.SensorModel)")
-    known = [field.name for field in dataclasses.fields(model) if field.init]
     _check_senses(skin, name, model, device)
     where = f"skin {skin.title!r}: options"
-    for option in skin.options:
-        if option not in known:
-            raise SceneError(f"{where}: {name} has no {option!r}{nearest(option, known)} (options: {', '.join(known)})")
     try:
+        known = defaults(model)
         given = taxels(part or parts_of(skin, device.layout)[0], skin, model, known) | _arrays(skin.options)
         if "forces_on_skin" in known:  # devices measure forces on themselves (see firmware_protocols.device)
             given.setdefault("forces_on_skin", True)
@@ -221,7 +218,7 @@ def sensor_model(
             given.setdefault("filter_link_idx", ignored)
         if laws:
             given["adjustable"] = tuple(sorted({*given.get("adjustable", ()), *laws}))
-        return model(**given)
+        return from_flat(model, given, name)
     except (TypeError, ValueError, ArithmeticError, SceneError) as error:
         raise SceneError(f"{where}: {error}") from error
 
@@ -244,7 +241,7 @@ def _check_senses(skin: SkinTable, name: str, model: Any, device: Device) -> Non
             )
 
 
-def taxels(part: SkinPart, skin: SkinTable, model: type[SensorModel], known: list[str]) -> dict[str, Any]:
+def taxels(part: SkinPart, skin: SkinTable, model: type[SensorModel], known: Collection[str]) -> dict[str, Any]:
     """Return the model's options for the taxels: positions, normals and radius in the link's frame.
 
     Those of a single grid have shape ``(rows, cols, 3)``.

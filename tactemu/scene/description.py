@@ -19,7 +19,7 @@ from tactemu.geometry import rotation
 
 if TYPE_CHECKING:
     from tactemu.scene.placement import PlacedSensor, PlacedSkin
-    from tactemu.sensors.sensor_model import SensorModel
+    from tactemu.sensors.drawing import DrawOptions
     from tactemu.sensors.simulation import Simulation
 
 
@@ -198,7 +198,7 @@ class SceneContext:
         if self._simulation is None:
             return []
         sensors = [part.sensor for skin in self._skins.values() for part in skin.parts]
-        drawn = next((sensor.model for sensor in sensors if sensor.model.draw_debug), None)
+        drawn = next((sensor.model.draw for sensor in sensors if sensor.model.draw.draw_debug), None)
         clouds = {cloud.body: _points(cloud.positions, drawn) for cloud in self._simulation.clouds if drawn}
         return [
             BodyDescription(
@@ -229,8 +229,8 @@ def _skin(device: Device, placed: PlacedSkin | None) -> SkinDescription:
     )
 
 
-def _points(positions: np.ndarray, model: SensorModel) -> PointCloud:
-    return PointCloud(positions, list(model.debug_point_cloud_color), model.debug_point_cloud_radius)
+def _points(positions: np.ndarray, draw: DrawOptions) -> PointCloud:
+    return PointCloud(positions, list(draw.debug_point_cloud_color), draw.debug_point_cloud_radius)
 
 
 def _part(placed: PlacedSensor) -> PartDescription:
@@ -244,18 +244,18 @@ def _part(placed: PlacedSensor) -> PartDescription:
         positions=part.layout.positions,
         normals=part.layout.normals,
         model=type(sensor.model).__name__,
-        draw=_probes(placed) if sensor.model.draw_debug else None,
+        draw=_probes(placed) if sensor.model.draw.draw_debug else None,
     )
 
 
 def _probes(placed: PlacedSensor) -> DrawnProbes:
-    part, sensor, model = placed.part, placed.sensor, placed.sensor.model
+    part, sensor, draw = placed.part, placed.sensor, placed.sensor.model.draw
     back = rotation.conjugate(rotation.normalised(part.quaternion))
     return DrawnProbes(
         probes=rotation.rotate(back, sensor.probes.positions - np.asarray(part.position)),
         radii=sensor.probes.radii,
-        probe_color=list(model.debug_probe_color),
-        contact_color=list(model.debug_contact_color),
-        center_radius=model.debug_probe_center_radius,
-        opacity=model.debug_probe_sphere_opacity,
+        probe_color=list(draw.debug_probe_color),
+        contact_color=list(draw.debug_contact_color),
+        center_radius=draw.debug_probe_center_radius,
+        opacity=draw.debug_probe_sphere_opacity,
     )

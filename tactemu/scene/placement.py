@@ -16,7 +16,7 @@ from tactemu.geometry.motion import Pose
 from tactemu.scene.skins import SkinPart
 
 if TYPE_CHECKING:
-    from tactemu.imperfections import ImperfectionOptions, Imperfections
+    from tactemu.imperfections import ChainOptions, Imperfections
     from tactemu.sensors.sensor import Sensor
     from tactemu.sensors.sensor_model import SensorModel
 
@@ -42,7 +42,7 @@ class PlacedSensor:
         self._to_link = rotation.normalised(part.quaternion)
         self._back = rotation.conjugate(self._to_link)
         self._turned = not np.array_equal(self._to_link, rotation.IDENTITY)
-        course = sensor.model.temperature_course
+        course = sensor.model.electronics.temperature_course
         self._course = None if course is None else numbers(f"sensor {sensor.name!r}", "temperature_course", course)
         self._before: tuple[float, np.ndarray] | None = None
         """The time of the last reading of a link that is posed by hand [s], and its velocity then [m/s]."""
@@ -183,7 +183,7 @@ class JoinedImperfections:
         self._parts = list(parts)
 
     @property
-    def options(self) -> ImperfectionOptions:
+    def options(self) -> ChainOptions:
         """The options of the first part; all parts have the same."""
         return self._parts[0][0].options
 

@@ -6,12 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from tactemu.base.errors import SceneError
+from tactemu.base.option_groups import OptionGroup
 from tactemu.base.options import numbers
 from tactemu.base.units import Length, Share
 
 
-@dataclass(frozen=True, kw_only=True)
-class DrawOptions:
+@dataclass(frozen=True, kw_only=True, repr=False)
+class DrawOptions(OptionGroup):
     """Options for viewers of a sensor. Names and defaults are those of Genesis."""
 
     draw_debug: bool = False

@@ -11,7 +11,7 @@ import warp as wp
 from tactemu.base.errors import SceneError
 from tactemu.base.options import check_declared
 from tactemu.geometry.bodies import Body
-from tactemu.imperfections import Imperfections, ReadingInfo
+from tactemu.imperfections import ChainOptions, Imperfections, ReadingInfo
 from tactemu.imperfections.compile import Transduce
 from tactemu.plan.plan import Context, Stage
 from tactemu.sensors.drawing import check_drawing
@@ -76,7 +76,8 @@ class SensorCompiler:
         its result. Return the function that connects its handle to the ``simulation``."""
         model = sensor.model
         self._check(sensor)
-        imperfections = Imperfections(model, _reading_info(sensor), self._context)
+        options = ChainOptions.join(model.imperfections, model.electronics, model.adjustable)
+        imperfections = Imperfections(options, _reading_info(sensor), self._context)
         gain, gain_stages = imperfections.compile_gain()
         radius, radius_stages = imperfections.compile_radius_noise()
         compiled = model.compile(self._site(sensor, gain if model.gain_inside else None, radius))
@@ -109,9 +110,11 @@ class SensorCompiler:
                 f"{n_taxels}, "
                 f"more than the {MAX_LAUNCH_THREADS - 1} of one launch; build fewer environments at a time"
             )
-        check_declared(f"sensor {sensor.name!r}", sensor.model)
+        where = f"sensor {sensor.name!r}"
+        for options in (sensor.model, sensor.model.imperfections, sensor.model.electronics, sensor.model.draw):
+            check_declared(where, options)
         check_query(sensor)
-        check_drawing(f"sensor {sensor.name!r}", sensor.model)
+        check_drawing(where, sensor.model.draw)
         sensor.model.validate(sensor.probes)
 
     def _site(self, sensor: Sensor, gain, radius) -> Site:

@@ -49,7 +49,7 @@ file *without* ``from __future__ import annotations``. A NaN pose must come out 
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -58,10 +58,12 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 import warp as wp
 
+from tactemu.base.option_groups import Options
 from tactemu.base.units import Length
 from tactemu.geometry.bodies import Body
-from tactemu.imperfections import ImperfectionOptions
+from tactemu.imperfections import ElectronicsOptions, ImperfectionOptions
 from tactemu.imperfections.info import Channels
+from tactemu.imperfections.options import Law
 from tactemu.plan.plan import Context, Dtype, Stage
 from tactemu.sensors.drawing import DrawOptions
 from tactemu.sensors.point_cloud import PointCloud
@@ -168,11 +170,11 @@ class Setting:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class SensorModel(ImperfectionOptions, DrawOptions, ABC):
+class SensorModel(Options):
     """Options that all tactile sensors share. Positions, normals and readings are in the frame of the link.
 
     They are frozen: ``dataclasses.replace(model, stiffness=2.0)`` makes another model, and :meth:`Sensor.set` changes
-    imperfections at run time.
+    imperfections at run time. Scene files have the options of the three groups beside the model's own.
     """
 
     probe_local_pos: Sequence | np.ndarray = ((0.0, 0.0, 0.0),)
@@ -197,6 +199,15 @@ class SensorModel(ImperfectionOptions, DrawOptions, ABC):
     """Cell size of the voxel query [m], ``None``: the shape's largest extent / 64; of the band, ``None``: / 96."""
     ray_reach: Length | None = None
     """Depth of the skin that the ray query covers [m]; ``None``: to the far side of the sensor's own link."""
+    imperfections: ImperfectionOptions = ImperfectionOptions()
+    """Imperfections of the skin: gains, crosstalk, hysteresis, creep, dead taxels."""
+    electronics: ElectronicsOptions = ElectronicsOptions()
+    """Imperfections of the read-out: scan, temperature, drift, noise, saturation, resolution, delay."""
+    adjustable: Sequence[Law] = ()
+    """Options of these two groups that are built although they are zero, with a number per column, so that their
+    setters can switch them on while the scene runs; ``dead`` is for :meth:`Sensor.set_dead`."""
+    draw: DrawOptions = DrawOptions()
+    """Options of how viewers draw the sensor; they change no reading."""
 
     # These attributes describe a model. Scene files, `tactemu tune`, the benches and docs/sensors.md read them here.
     level: ClassVar[int]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 
+from tactemu.base.option_groups import defaults
 from tactemu.scene.file import LoadedScene
 from tactemu.scene.schema import SkinTable
 from tactemu.sensors.models import model_class, models_for
@@ -14,13 +15,13 @@ def skin_with(setting: Setting, skin: SkinTable, gain: float = 1.0) -> SkinTable
     """Return the skin with the model of a setting: common options are kept, those of the setting are set, and the
     options that scale the model's reading take the gain."""
     model = model_class(setting.model)
-    known = {field.name: field for field in dataclasses.fields(model) if field.init}
-    shared = {field.name for field in dataclasses.fields(SensorModel)} - {"contact_depth_query", "voxel_size"}
+    known = defaults(model)
+    shared = set(defaults(SensorModel)) - {"contact_depth_query", "voxel_size"}
     kept = set(known) - _decided_options(model) if skin.model_ == setting.model else shared
     options = {name: value for name, value in skin.options.items() if name in kept} | dict(setting.options)
     if gain != 1.0:
         for name in model.strengths:
-            options[name] = float(f"{gain * options.get(name, known[name].default):.4g}")
+            options[name] = float(f"{gain * options.get(name, known[name]):.4g}")
     return skin.model_copy(update={"model_": setting.model, "options": options})
 
 

@@ -9,6 +9,7 @@ import warp as wp
 
 import tactemu as tt
 from tactemu.base.errors import PoseError
+from tactemu.base.option_groups import from_flat
 from tests.sensors.genesis_case import Case
 
 pytestmark = pytest.mark.gpu
@@ -105,7 +106,7 @@ def test_the_step_length_may_change_under_a_captured_graph():
     options = {"probe_local_pos": LINE, "probe_radius": 2e-3, "hysteresis_strength": 0.5, "hysteresis_tau": 0.01}
     readings = {}
     for device in ("cpu", DEVICE):
-        sim, body, skin = built(SHAPES["sphere"], tt.ContactDepthProbe(**options), device)
+        sim, body, skin = built(SHAPES["sphere"], from_flat(tt.ContactDepthProbe, options), device)
         found = []
         for step, dt in enumerate((1e-3, 1e-3, 2e-3, 0.0, 5e-3)):
             sim.set_pose(body, **poses(step))

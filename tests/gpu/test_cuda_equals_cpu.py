@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import tactemu as tt
+from tactemu.base.option_groups import from_flat
 
 pytestmark = pytest.mark.gpu
 
@@ -31,7 +32,7 @@ def simulate(model: str, options: dict, device: str, **build):
     pad = scene.add_body(tt.Box(size=(0.08, 0.08, 0.02)), fixed=True)
     ball = scene.add_body(tt.Sphere(radius=0.01))
     box = scene.add_body(tt.Box(size=(0.01, 0.012, 0.014)))
-    skin = scene.add_sensor(getattr(tt, model)(probe_local_pos=GRID, **options), link=pad)
+    skin = scene.add_sensor(from_flat(getattr(tt, model), {"probe_local_pos": GRID, **options}), link=pad)
     sim = scene.build(n_envs=N_ENVS, device=device, seed=4, **build)
     readings = []
     for step in range(STEPS):

@@ -94,7 +94,9 @@ def layer(device, **options):
     built = tt.Scene(dt=1e-3)
     pad = built.add_body(tt.Box(size=(0.04, 0.04, 0.02)), fixed=True, name="pad")
     ball = built.add_body(tt.Sphere(radius=0.01), name="ball", position=(0, 0, 0.0195))
-    skin = built.add_sensor(tt.ElasticLayerTaxel(probe_local_pos=GRID, noise=1e-3, **options), link=pad, name="skin")
+    noisy = tt.ElectronicsOptions(noise=1e-3)
+    model = tt.ElasticLayerTaxel(probe_local_pos=GRID, electronics=noisy, **options)
+    skin = built.add_sensor(model, link=pad, name="skin")
     return built.build(N_ENVS, device=device), ball, skin
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import warp as wp
 
-from tactemu.imperfections import ImperfectionOptions, Imperfections, ReadingInfo
+from tactemu.imperfections import ChainOptions, Imperfections, ReadingInfo
 from tactemu.plan.plan import Context
 
 DATA = Path(__file__).parents[1] / "data" / "imperfections"
@@ -86,8 +86,8 @@ class Rig:
         self.context.time_ns.assign([0])
 
 
-def options(**given) -> ImperfectionOptions:
-    return ImperfectionOptions(**given)
+def options(**given) -> ChainOptions:
+    return ChainOptions(**given)
 
 
 class Case:
@@ -132,8 +132,8 @@ class Case:
             name=key,
         )
 
-    def options(self, key: str, *leave_out: str) -> ImperfectionOptions:
+    def options(self, key: str, *leave_out: str) -> ChainOptions:
         """The sensor's own options, as far as they are imperfections."""
-        known = ImperfectionOptions.__dataclass_fields__
+        known = ChainOptions.__dataclass_fields__
         given = self.sensors[key]["options"]
-        return ImperfectionOptions(**{k: v for k, v in given.items() if k in known and k not in leave_out})
+        return ChainOptions(**{k: v for k, v in given.items() if k in known and k not in leave_out})

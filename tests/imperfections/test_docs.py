@@ -4,10 +4,10 @@ import dataclasses
 import re
 from pathlib import Path
 
-from tactemu.imperfections import ImperfectionOptions
+from tactemu.imperfections import ChainOptions
 
 PAGE = (Path(__file__).parents[2] / "docs" / "imperfections.md").read_text(encoding="utf-8")
-OPTIONS = {field.name for field in dataclasses.fields(ImperfectionOptions)}
+OPTIONS = {field.name for field in dataclasses.fields(ChainOptions)}
 
 
 def test_every_option_is_documented():

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import tactemu as tt
+from tactemu.base.option_groups import from_flat
 from tests.imperfections.rig import DATA
 
 CASES = {
@@ -41,7 +42,7 @@ def replayed(name: str, dtype: str) -> dict[str, list]:
     sensors = {}
     for key, sensor in facts["sensors"].items():
         options = {k: v for k, v in sensor["options"].items() if k != "ent"}
-        sensors[key] = scene.add_sensor(getattr(tt, sensor["type"])(**options), link=pad, name=key)
+        sensors[key] = scene.add_sensor(from_flat(getattr(tt, sensor["type"]), options), link=pad, name=key)
     sim = scene.build(dtype=dtype)
     resets = {event["step"] for event in facts["events"]}
     readings = {key: [] for key in sensors}
@@ -103,7 +104,7 @@ def test_history_of_the_truth_is_not_delayed():
     ball = scene.add_body(tt.Sphere(radius=0.02))
     positions = facts["sensors"]["hist"]["options"]["probe_local_pos"]
     given = {"probe_local_pos": positions, "probe_radius": 0.003, "history_length": 3, "delay": 2e-3}
-    skin = scene.add_sensor(tt.ContactDepthProbe(**given), link=pad)
+    skin = scene.add_sensor(from_flat(tt.ContactDepthProbe, given), link=pad)
     sim = scene.build()
     for k in range(8):
         sim.set_pose(ball, position=(0, 0, 0.029 - 1e-4 * k))

@@ -5,6 +5,7 @@ import pytest
 
 import tactemu as tt
 from firmware_protocols import grid_layout
+from tactemu.base.option_groups import from_flat
 from tactemu.geometry import rotation
 from tactemu.geometry.motion import Pose
 from tactemu.scene import file
@@ -65,7 +66,8 @@ def placed(turn=(1.0, 0.0, 0.0, 0.0), motion=None, **options):
     pad = scene.add_body(tt.Box(size=(0.04, 0.04, 0.04)), motion=motion)
     scene.add_body(tt.Sphere(radius=0.01))
     positions = grid_layout(4, 4, 0.004).positions
-    return on_link(scene.add_sensor(tt.KinematicTaxel(probe_local_pos=positions, **options), link=pad), turn)
+    model = from_flat(tt.KinematicTaxel, {"probe_local_pos": positions, **options})
+    return on_link(scene.add_sensor(model, link=pad), turn)
 
 
 def test_gravity_follows_the_skin():

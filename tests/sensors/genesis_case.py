@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 import tactemu as tt
+from tactemu.base.option_groups import from_flat
 
 DATA = Path(__file__).parents[1] / "data" / "genesis"
 NOT_OURS = {"ent"}
@@ -42,7 +43,7 @@ class Case:
         sensors = {}
         for key in keys:
             model = getattr(tt, self.meta["sensors"][key]["type"])
-            sensors[key] = scene.add_sensor(model(**self.options(key), **extra), link=pad, name=key)
+            sensors[key] = scene.add_sensor(from_flat(model, self.options(key) | extra), link=pad, name=key)
         sim = scene.build(n_envs=self.n_envs if self.batched else None, dtype=dtype, device=device)
         readings = {key: {"": [], "_gt": []} for key in keys}
         resets = {event["step"]: [1] if "envs_idx" in event["event"] else None for event in self.meta["events"]}

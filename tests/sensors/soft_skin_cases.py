@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 import tactemu as tt
+from tactemu.base.option_groups import from_flat
 
 DATA = Path(__file__).parents[1] / "data" / "soft_skin"
 
@@ -53,7 +54,7 @@ class Case:
                 options[name] = self.data[f"{key}__{name}"]
         if sensor["clouds"]:
             options["points"] = [self.data[cloud] for cloud in sensor["clouds"]]
-        return getattr(tt, sensor["type"])(**(options | changes))
+        return from_flat(getattr(tt, sensor["type"]), options | changes)
 
     def build(self, dtype: str, device: str = "cpu", **changes):
         scene = tt.Scene(dt=self.meta["dt"])

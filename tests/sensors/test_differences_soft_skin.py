@@ -98,9 +98,8 @@ def test_a_stuck_point_never_slips():
 
 def test_radius_and_its_noise_mean_nothing_to_an_elastomer():
     positions = grid(6, 6)
-    assert np.array_equal(
-        press(positions, probe_radius=1e-4), press(positions, probe_radius=0.02, probe_radius_noise=0.01)
-    )
+    noisy = {"probe_radius": 0.02, "imperfections": tt.ImperfectionOptions(probe_radius_noise=0.01)}
+    assert np.array_equal(press(positions, probe_radius=1e-4), press(positions, **noisy))
 
 
 def test_two_fixed_bodies_are_felt():

@@ -185,7 +185,7 @@ def test_fillers_are_no_skin():
 
 
 def test_imperfections_spoil_measurements_not_status():
-    sim, ball, skin = scene_with(tt.Sphere(radius=5e-3), friction=0.5, noise=1e-3)
+    sim, ball, skin = scene_with(tt.Sphere(radius=5e-3), friction=0.5, electronics=tt.ElectronicsOptions(noise=1e-3))
     for k in range(3):
         reading = press(sim, ball, skin, 4.5e-3, x=1e-5 * k)
     truth = skin.read_ground_truth()

@@ -198,7 +198,7 @@ def test_a_quaternion_of_any_length_is_the_same_rotation():
 
 
 def test_counters_go_past_31_bits():
-    model = tt.ContactDepthProbe(probe_local_pos=LINE, noise=1e-5)
+    model = tt.ContactDepthProbe(probe_local_pos=LINE, electronics=tt.ElectronicsOptions(noise=1e-5))
     sim, _ball, skin = scene_with(tt.Sphere(radius=10 * MM), model)
     sim.context.step.fill_(2**31 - 2)
     sim.context.time_ns.fill_((2**31 - 2) * 1_000_000)

@@ -1,6 +1,5 @@
 """What every sensor model keeps, by the registry alone: a model that is added is found here by its name."""
 
-import dataclasses
 import inspect
 import re
 from typing import get_args
@@ -11,6 +10,7 @@ import pytest
 import tactemu as tt
 from firmware_protocols.senses import TOUCH, Quantity
 from tactemu.base.errors import SceneError
+from tactemu.base.option_groups import defaults, from_flat
 from tactemu.scene.building import build_scene, make_devices
 from tactemu.scene.file import parse
 from tactemu.sensors.models import MODELS, cheapest, model_class, models_for
@@ -23,7 +23,7 @@ PROBES = np.stack([X, Y, np.full_like(X, 0.01)], -1)
 
 
 def options_of(model) -> set[str]:
-    return {field.name for field in dataclasses.fields(model) if field.init}
+    return set(defaults(model))
 
 
 def pressed(name, options, *, depth, speed=(0.05, 0.0, 0.0), seed=0):
@@ -31,7 +31,7 @@ def pressed(name, options, *, depth, speed=(0.05, 0.0, 0.0), seed=0):
     scene = tt.Scene(dt=1e-3)
     pad = scene.add_body(tt.Box(size=(0.04, 0.04, 0.02)), fixed=True, name="pad")
     ball = scene.add_body(tt.Sphere(radius=0.01), name="ball", position=(0, 0, 1))
-    skin = scene.add_sensor(model_class(name)(probe_local_pos=PROBES, **options), link=pad, name="skin")
+    skin = scene.add_sensor(from_flat(model_class(name), {"probe_local_pos": PROBES, **options}), link=pad, name="skin")
     sim = scene.build(seed=seed)
     for step in range(4):
         at = (5e-4 * step, 0, 0.02 - depth)
@@ -68,8 +68,7 @@ def test_it_feels_what_presses_and_nothing_else(name, words):
 @pytest.mark.parametrize(("name", "words"), [example for example in EXAMPLES if model_class(example[0]).strengths])
 def test_its_strengths_scale_the_whole_reading(name, words):
     model, options = model_class(name), dict(model_class(name).examples[words])
-    defaults = {field.name: field.default for field in dataclasses.fields(model)}
-    strong = options | {option: 3.0 * options.get(option, defaults[option]) for option in model.strengths}
+    strong = options | {option: 3.0 * options.get(option, defaults(model)[option]) for option in model.strengths}
     once, thrice = (pressed(name, given, depth=1e-3)[0] for given in (options, strong))
     assert thrice == pytest.approx(3.0 * once, rel=1e-5, abs=1e-6 * float(np.abs(once).max()))
 

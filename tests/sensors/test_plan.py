@@ -41,8 +41,13 @@ print(len(launches), len(modules), ",".join(stage.name for stage in sim.plan.sta
 """
 BARE = "scene.add_sensor(tt.ContactDepthProbe(probe_local_pos=grid), link=link)"
 FULL = """
-spoilt = dict(noise=1e-6, bias=1e-6, random_walk=1e-6, hysteresis_strength=0.5, delay=2e-3, dead_taxel_probability=0.1,
-              probe_gain_resample_range=(0.9, 1.1), probe_radius_noise=1e-5)
+spoilt = dict(
+    electronics=tt.ElectronicsOptions(noise=1e-6, bias=1e-6, random_walk=1e-6, delay=2e-3),
+    imperfections=tt.ImperfectionOptions(
+        hysteresis_strength=0.5, dead_taxel_probability=0.1, probe_gain_resample_range=(0.9, 1.1),
+        probe_radius_noise=1e-5,
+    ),
+)
 for kind in (tt.ContactProbe, tt.ContactDepthProbe, tt.KinematicTaxel, tt.ElastomerTaxel, tt.ProximityTaxel):
     scene.add_sensor(kind(probe_local_pos=grid, track_link_idx=1, **spoilt), link=link, name=kind.__name__)
 """
@@ -79,7 +84,8 @@ def test_velocities_are_computed_only_for_who_asks():
 def test_without_imperfections_the_measured_branch_is_the_truth():
     sim, body, skin = scene_with(tt.Sphere(radius=0.01), tt.ContactDepthProbe(probe_radius=1e-3))
     assert skin.array() is skin.array(ground_truth=True)
-    sim, body, skin = scene_with(tt.Sphere(radius=0.01), tt.ContactDepthProbe(probe_radius=1e-3, bias=1e-3))
+    biased = tt.ContactDepthProbe(probe_radius=1e-3, electronics=tt.ElectronicsOptions(bias=1e-3))
+    sim, body, skin = scene_with(tt.Sphere(radius=0.01), biased)
     sim.set_pose(body, position=(0, 0, 0.009))
     sim.step()
     assert skin.read() - skin.read_ground_truth() == pytest.approx(1e-3, abs=1e-9)

@@ -5,13 +5,14 @@ import pytest
 
 import tactemu as tt
 from tactemu.base.errors import PoseError, SceneError
+from tactemu.base.option_groups import from_flat
 
 
 def scene_of(points, *, dtype="float64", n_envs=None, shape=None, **options):
     scene = tt.Scene(dt=1e-3)
     pad = scene.add_body(tt.Box(size=(0.1, 0.1, 0.02)))
     body = scene.add_body(shape or tt.Sphere(radius=0.01), name="body")
-    skin = scene.add_sensor(tt.ProximityTaxel(points=points, **options), link=pad)
+    skin = scene.add_sensor(from_flat(tt.ProximityTaxel, {"points": points, **options}), link=pad)
     return scene.build(n_envs=n_envs, dtype=dtype), skin, body
 
 

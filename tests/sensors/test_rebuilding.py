@@ -57,9 +57,10 @@ def test_a_build_that_fails_leaves_the_one_before(world):
 
 def test_a_model_cannot_be_edited(world):
     *_, skin = world
-    with pytest.raises(dataclasses.FrozenInstanceError, match="noise"):
-        skin.model.noise = 0.1
-    assert dataclasses.replace(skin.model, noise=0.1).noise == 0.1
+    with pytest.raises(dataclasses.FrozenInstanceError, match="probe_radius"):
+        skin.model.probe_radius = 0.1
+    noisy = tt.ElectronicsOptions(noise=0.1)
+    assert dataclasses.replace(skin.model, electronics=noisy).electronics.noise == 0.1
 
 
 def test_a_time_step_below_a_nanosecond_is_refused(world):

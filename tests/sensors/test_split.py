@@ -5,6 +5,7 @@ import pytest
 
 import tactemu as tt
 from tactemu.base.errors import SceneError
+from tactemu.base.option_groups import from_flat
 from tactemu.transducers.registry import make_transducer
 
 GRID = np.stack([*np.meshgrid(np.linspace(-8e-3, 8e-3, 6), np.linspace(-6e-3, 6e-3, 4)), np.full((4, 6), 0.01)], -1)
@@ -25,7 +26,7 @@ def scene():
     built = tt.Scene(dt=1e-3)
     pad = built.add_body(tt.Box(size=(0.03, 0.02, 0.02)), name="pad", fixed=True)
     built.add_body(tt.Sphere(radius=0.01), name="tool", position=(0, 0, 0.0195))
-    model = tt.KinematicTaxel(probe_local_pos=GRID, probe_radius=2e-3, **SPOILED)
+    model = from_flat(tt.KinematicTaxel, {"probe_local_pos": GRID, "probe_radius": 2e-3, **SPOILED})
     return built, built.add_sensor(model, link=pad, name="skin")
 
 

@@ -9,6 +9,7 @@ import pytest
 
 import tactemu as tt
 from tactemu.base.errors import SceneError
+from tactemu.base.option_groups import from_flat
 from tactemu.plan.launches import Launches, in_turn
 from tactemu.plan.thread_pool import ThreadPool
 from tactemu.sensors.models import MODELS, model_class
@@ -57,7 +58,7 @@ def built(model: str, threads: int | None, n_envs: int | None = N_ENVS, transduc
     scene = tt.Scene(dt=1e-3)
     pad = scene.add_body(tt.Box(size=(0.03, 0.02, 0.02)), fixed=True, name="pad")
     ball = scene.add_body(tt.Sphere(radius=0.01), name="ball", position=(0, 0, 0.019))
-    sensor = getattr(tt, model)(probe_local_pos=GRID, probe_radius=2e-3, **options)
+    sensor = from_flat(getattr(tt, model), {"probe_local_pos": GRID, "probe_radius": 2e-3, **options})
     skin = scene.add_sensor(sensor, link=pad, name="skin", transducers=transducers)
     return scene.build(n_envs, threads=threads), ball, skin
 

@@ -6,6 +6,7 @@ import warp as wp
 
 import tactemu as tt
 from tactemu.base.errors import SceneError
+from tactemu.base.option_groups import from_flat
 from tests.sensors.rig import scene_with
 
 GRID = np.stack([*np.meshgrid(np.linspace(-8e-3, 8e-3, 6), np.linspace(-6e-3, 6e-3, 5)), np.full((5, 6), 0.01)], -1)
@@ -13,7 +14,8 @@ AT = {"link_shape": tt.Box(size=(0.03, 0.03, 0.02)), "position": (0, 0, 0.0195)}
 
 
 def pressed(model, n_envs=3, slide=2e-4, **options):
-    sim, body, skin = scene_with(tt.Sphere(radius=0.01), model(probe_local_pos=GRID, **options), n_envs=n_envs, **AT)
+    made = from_flat(model, {"probe_local_pos": GRID, **options})
+    sim, body, skin = scene_with(tt.Sphere(radius=0.01), made, n_envs=n_envs, **AT)
     for k in range(3):
         sim.set_pose(body, position=(k * slide, 0, 0.0194), linear_velocity=(0.2, 0, 0))
         sim.step()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import hashlib
 import inspect
 from collections.abc import Mapping
@@ -12,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from tactemu.base.errors import StateError
+from tactemu.base.option_groups import to_flat
 from tactemu.emulator.saving import parts, state_file
 
 MAX_TURN_NS = 600_000_000_000
@@ -110,7 +110,7 @@ def _device(device: Any) -> dict[str, Any]:
 
 def _options(model: Any) -> dict[str, str]:
     """Return the class and options of a sensor model; long options as their digests."""
-    values = {each.name: getattr(model, each.name) for each in dataclasses.fields(model)}
+    values = to_flat(model)
     texts = {name: str(each.tolist() if isinstance(each, np.ndarray) else each) for name, each in values.items()}
     short = {name: text if len(text) <= 200 else _digest(text.encode()) for name, text in texts.items()}
     return {"model": type(model).__name__, **short}

@@ -14,6 +14,7 @@ from typing import Any, Literal
 import numpy as np
 import warp as wp
 
+from tactemu.base.option_groups import from_flat
 from tactemu.geometry.shapes.box import Box
 from tactemu.geometry.shapes.mesh import Mesh
 from tactemu.geometry.shapes.sphere import Sphere
@@ -143,7 +144,7 @@ def build(case: Case, device: str, **options: Any):
         place, extent, positions = (0.0, 0.0, 0.029), SIDE, grid(case.side)
     pad = scene.add_body(Box(size=(extent, extent, 0.02)), fixed=True, name="pad")
     ball = scene.add_body(_ball(case.mesh), name="ball", position=place)
-    sensor = scene.add_sensor(kind(probe_local_pos=positions, **chosen), link=pad, name="skin")
+    sensor = scene.add_sensor(from_flat(kind, {"probe_local_pos": positions, **chosen}), link=pad, name="skin")
     sim = scene.build(case.n_envs, device=device, **options)
     sim.set_pose(ball, linear_velocity=(0.01, 0, 0))
     sim.step()

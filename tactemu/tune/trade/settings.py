@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from tactemu.base.option_groups import from_flat
 from tactemu.sensors.models import MODELS, model_class
 from tactemu.sensors.sensor_model import SensorModel, Setting
 from tactemu.tune.trade.cases import TestSkin
@@ -22,9 +23,9 @@ def calibrated_fields(setting: Setting) -> tuple[str, ...]:
 
 def make_model(setting: Setting, skin: TestSkin) -> SensorModel:
     """Return the sensor model on a skin, with the skin's material if the model has one."""
-    model: Any = model_class(setting.model)
+    model = model_class(setting.model)
     material = {name: getattr(skin, name) for name in model.material}
-    return model(probe_local_pos=skin.positions(), **{**material, **setting.options})
+    return from_flat(model, {"probe_local_pos": skin.positions(), **material, **setting.options})
 
 
 _FITTED = {"touch": (), "depth": ("sink",), "force": ("pressure", "drag"), "displacement": ("sink", "shift")}

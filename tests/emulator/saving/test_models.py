@@ -78,7 +78,12 @@ def test_of_a_model_of_ones_own_all_that_its_context_made_is_saved():
     pad = scene.add_body(tt.Box(size=(0.03, 0.03, 0.01)), fixed=True)
     ball = scene.add_body(tt.Sphere(radius=0.01))
     skin = scene.add_sensor(
-        tt.KinematicTaxel(probe_radius=0.002, hysteresis_strength=0.3, random_walk=1e-3, history_length=3), link=pad
+        tt.KinematicTaxel(
+            probe_radius=0.002,
+            imperfections=tt.ImperfectionOptions(hysteresis_strength=0.3),
+            electronics=tt.ElectronicsOptions(random_walk=1e-3, history_length=3),
+        ),
+        link=pad,
     )
     sim = scene.build(n_envs=3, seed=5, dtype="float64")
     down = np.array([[0.0, 0.0, 0.0145], [0.0, 0.0, 0.0148], [0.0, 0.0, 0.02]])
