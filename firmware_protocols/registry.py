@@ -52,6 +52,7 @@ DEVICES: dict[str, str] = {
     "imada_zt": f"{_HERE}.imada_zt:ImadaZt",
     "inspire_rh56dftp": f"{_HERE}.inspire_rh56dftp:InspireRh56dftp",
     "kunwei_kwr75": f"{_HERE}.kunwei_kwr75:KunweiKwr75",
+    "kata_hand": f"{_HERE}.kata_hand:KataHand",
     "leptrino_cfs": f"{_HERE}.leptrino_cfs:LeptrinoCfs",
     "linker_hand_g20": f"{_HERE}.linker_hand:LinkerHandG20",
     "linker_hand_l10": f"{_HERE}.linker_hand:LinkerHandL10",

@@ -66,7 +66,7 @@ def main() -> int:
     spec["scene"] = scene_of(spec, args.spec.parent)
     recording, told, counters, samples, status = run(spec, args.command)
     wrong = [f"the driver ended with status {status}"] if status else []
-    wrong += match(recording, told, samples)
+    wrong += match(recording, told, samples) if told else ["the driver reported no reading"]
     wrong += left_over(spec, counters)
     if not wrong:
         again, made = replay(recording)

@@ -14,7 +14,7 @@ from tactemu.emulator.options import AssemblyOptions
 from tactemu.scene import file
 from tactemu.truth import Truth
 
-SECONDS = {"sensel_morph": 1.0, "anyskin": 10.0, "linker_hand_l6": 10.0, "xela_uskin": 10.0}
+SECONDS = {"kata_hand": 6.5, "sensel_morph": 1.0, "anyskin": 10.0, "linker_hand_l6": 10.0, "xela_uskin": 10.0}
 """Of emulation, in the steps of 1 ms that a user gets; the others run until their scenes have pressed them."""
 STEP_S = 0.005
 """Of physics for the others, which is most of what the test costs, device by device."""
