@@ -30,7 +30,7 @@ VARIANTS = ((), ("--measured",), ("--fault", "drop 10%"), ("--fault", "flip 10%"
 DIGEST_LENGTH = 64
 """Hexadecimal digits of a SHA-256; another answer of the probe is a refusal."""
 PROBE = """
-import contextlib, hashlib, io, json, re, sys
+import contextlib, hashlib, inspect, io, json, re, sys
 from pathlib import Path
 import numpy as np
 import tactemu as tt
@@ -54,7 +54,8 @@ def run(name, words, folder):
 def read(model, options):
     line = np.linspace(-0.008, 0.008, 12)
     grid = np.stack([*np.meshgrid(line, line), np.full((12, 12), 0.005)], axis=-1)
-    scene = tt.Scene(dt=1e-3)
+    signs = {"convention": "genesis"} if "convention" in inspect.signature(tt.Scene).parameters else {}
+    scene = tt.Scene(dt=1e-3, **signs)
     pad = scene.add_body(tt.Box(size=(0.02, 0.02, 0.01)), fixed=True, name="pad")
     shapes = tt.Sphere(radius=0.01), tt.Box(size=(0.008,) * 3), tt.Capsule(radius=0.004, length=0.01)
     bodies = [scene.add_body(shape, name=type(shape).__name__) for shape in shapes]

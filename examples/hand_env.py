@@ -37,7 +37,7 @@ class HandEnv:
         self.engine = ENGINES[engine](scene, HAND)
         model = self.engine.source
         fingers = [f"{joint.removesuffix('_flexor')}_tip" for joint in JOINTS[:5]]
-        about = {"probe_local_pos": PAD, "probe_radius": 1.5e-3, "normal_stiffness": 200.0, "forces_on_skin": True}
+        about = {"probe_local_pos": PAD, "probe_radius": 1.5e-3, "normal_stiffness": 200.0}
         taxels = tt.KinematicTaxel(**about, track_link_idx=(model.body_of("object").index,))
         skins = [scene.add_sensor(taxels, link=model.body_of(tip)) for tip in fingers]
         self.sim = scene.build(num_envs, device=device)

@@ -28,10 +28,12 @@ HEAD = """# Sensor models
 A sensor model turns contact into the readings of taxels. A scene file names one (`model = "kinematic_taxel"`, or
 `"module:Class"` of your own), Python makes one (`tt.KinematicTaxel(...)`); without a name a skin takes the cheapest
 model that gives the quantity of its device. Positions, normals and readings are in the frame of the link, normals
-point out of the skin, units are SI. Costs and errors below are those of [speed for accuracy](accuracy.md): one step of
-1024 taxels on one core, and median errors over contacts that were not used for fitting. [Contact](contact.md) explains
-the depth of a body in a probe, [differences](differences.md) where the models differ from those of Genesis whose
-options they share, and [adding a sensor model](adding-a-sensor-model.md) how to write your own.
+point out of the skin, units are SI. Forces and torques of every model act on the skin: a press is a force along minus
+the normal, a body that slides drags the skin along (`convention="genesis"` gives Genesis's signs). Costs and errors
+below are those of [speed for accuracy](accuracy.md): one step of 1024 taxels on one core, and median errors over
+contacts that were not used for fitting. [Contact](contact.md) explains the depth of a body in a probe,
+[differences](differences.md) where the models differ from those of Genesis whose options they share, and [adding a
+sensor model](adding-a-sensor-model.md) how to write your own.
 """
 GEOMETRY = """## Options of every model
 

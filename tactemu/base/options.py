@@ -69,6 +69,18 @@ def triple(where: str, name: str, value) -> np.ndarray:
     return array
 
 
+def choice(where: str, name: str, value: Any, choices: Any) -> Any:
+    """Return a value that is one of a ``Literal``'s.
+
+    Raises:
+        SceneError: it is another.
+    """
+    known = typing.get_args(choices)
+    if not any(value is each or (type(value) is type(each) and value == each) for each in known):
+        raise SceneError(f"{where}: {name} must be one of {', '.join(map(str, known))}, got {shown(value)}")
+    return value
+
+
 def check_declared(where: str, options: Any) -> None:
     """Check the options of a dataclass by their declared types: numbers, their bounds, switches, tuples.
 
@@ -94,6 +106,8 @@ def _check_type(where: str, name: str, value: Any, hint: Any) -> None:
             raise SceneError(f"{where}: {name} must be true or false, got {shown(value)}")
     elif hint in (int, float) or (origin is typing.Annotated and parts[0] in (int, float)):
         number(where, name, value, hint)
+    elif origin is typing.Literal:
+        choice(where, name, value, hint)
     elif origin is typing.Annotated:
         _check_type(where, name, value, parts[0])
     elif origin is tuple and parts[-1] is not Ellipsis:

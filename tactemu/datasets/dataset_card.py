@@ -36,8 +36,9 @@ models, with the imperfections that the scene declares.
 | `t_ns` | int64 | ns | simulated time |
 {rows}
 
-Forces act on the skin. `env`, `step` and `t_ns` are numbers; the other columns hold the bytes of their arrays (little
-endian, C order), with their type and shape in the metadata of the field:
+Forces act on the skin, or have the signs of Genesis where a column says so. `env`, `step` and `t_ns` are numbers; the
+other columns hold the bytes of their arrays (little endian, C order), with their type and shape in the metadata of the
+field:
 
 ```python
 import tactemu as tt

@@ -153,7 +153,8 @@ class _QuantityReader:
         frame = ", in the frame of the device's link" if vector else ""
         words = "without imperfections" if self._truth else "as the electronics measure it"
         kind_of = "bool" if quantity == "touch" else dtype
-        meaning = f"{quantity} on each taxel{frame}, {words}"
+        signs = "" if all(sensor.on_skin for sensor, _ in self.sensors) else ", with the signs of Genesis"
+        meaning = f"{quantity} on each taxel{frame}{signs}, {words}"
         self.column = Column(f"{name}.{quantity}.{kind}", shape, UNITS.get(quantity, ""), meaning, kind_of)
 
     def read(self, hosts: dict[tuple[Sensor, bool], wp.array]) -> np.ndarray:

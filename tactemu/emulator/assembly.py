@@ -30,6 +30,7 @@ from tactemu.scene.measured_defaults import with_measured_defaults
 from tactemu.scene.placement import NullSource, PlacedSkin, SenseReader
 from tactemu.scene.schema import EventTable, SceneTable, SkinTable
 from tactemu.scene.steering import Steered
+from tactemu.sensors.signs import require_on_skin
 from tactemu.truth import Truth
 from tactemu.wire.faults import parse
 from tactemu.wire.line import Pacing
@@ -122,6 +123,8 @@ def assemble(
         return channels[skin].local_ns(t_ns) if skin in channels else t_ns
 
     scene, placed = build_scene(_driven(loaded, devices, local_ns), devices, laws, local_ns)
+    for name, skin in placed.items():
+        require_on_skin((part.sensor for part in skin.parts), f"skin {name!r}: devices measure")
     played = _recordings(loaded, devices)
     simulation = _built(scene, options, world, seed, like) if placed else given.simulation
     if given.poses and simulation is not None:

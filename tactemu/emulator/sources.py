@@ -33,6 +33,7 @@ from tactemu.geometry import rotation
 from tactemu.geometry.motion import Pose
 from tactemu.scene.placement import AMBIENT, PlacedSensor, PlacedSkin
 from tactemu.scene.skins import SkinPart
+from tactemu.sensors.signs import require_on_skin
 
 if TYPE_CHECKING:
     from tactemu.scene.file import LoadedScene
@@ -313,8 +314,7 @@ def _placed(name: str, sensor: Sensor, device: Device) -> PlacedSkin:
     for quantity in device.contact:
         if quantity not in model.layouts:
             raise SceneError(f"{where} gives {', '.join(model.layouts)} and not {quantity}, which {device.name} senses")
-    if not getattr(model, "forces_on_skin", True):
-        raise SceneError(f"{where}: devices measure what acts on them; build it with forces_on_skin=True")
+    require_on_skin([sensor], f"{where}: devices measure")
     part = SkinPart(
         name, device.layout, np.arange(n), device.layout.links, sensor.link.name, (0.0, 0.0, 0.0), rotation.IDENTITY
     )

@@ -100,7 +100,7 @@ def build_scene(
     """
     from tactemu.scene.scene import Scene
 
-    scene = Scene(dt=loaded.tables.scene.dt)
+    scene = Scene(dt=loaded.tables.scene.dt, convention=loaded.tables.scene.convention)
     for body in loaded.tables.body:
         scene.add_body(
             _shape(body, loaded.folder),
@@ -210,8 +210,6 @@ def sensor_model(
     try:
         known = defaults(model)
         given = taxels(part or parts_of(skin, device.layout)[0], skin, model, known) | _arrays(skin.options)
-        if "forces_on_skin" in known:  # devices measure forces on themselves (see firmware_protocols.device)
-            given.setdefault("forces_on_skin", True)
         if friction is not None and "friction" in known:
             given.setdefault("friction", friction)
         if ignored:

@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactemu.base.errors import SceneError
-from tactemu.base.options import number
+from tactemu.base.options import choice, number
 from tactemu.base.units import DEFAULT_STEP_S, StepSeconds
 from tactemu.geometry.bodies import Body, WorldMotion, find_body
 from tactemu.geometry.shapes.registry import SHAPES
 from tactemu.geometry.shapes.shape import Shape
+from tactemu.sensors.signs import Convention, require_on_skin
 
 if TYPE_CHECKING:
     from tactemu.geometry.motion import Motion
@@ -29,10 +30,16 @@ class Scene:
 
     Args:
         dt: time that one step advances [s].
+        convention: signs of forces and torques, where a model does not set them: all act on the skin, or those of
+            Genesis (:mod:`tactemu.sensors.signs`).
+
+    Raises:
+        SceneError: an option is wrong.
     """
 
-    def __init__(self, dt: float = DEFAULT_STEP_S):
+    def __init__(self, dt: float = DEFAULT_STEP_S, *, convention: Convention = "skin"):
         self.dt: float = number("Scene", "dt", dt, StepSeconds)
+        self.convention: Convention = choice("Scene", "convention", convention, Convention)
         self.bodies: list[Body] = []
         self._names: set[str] = set()
         """Names of the bodies."""
@@ -117,9 +124,11 @@ class Scene:
         name = name or f"{kind}{len(self.sensors)}"
         if any(sensor.name == name for sensor in self.sensors):
             raise SceneError(f"sensor {name!r}: there is already a sensor of this name; choose another name")
-        sensor = Sensor(name, model, self.body(link), tuple(transducers))
+        sensor = Sensor(name, model, self.body(link), tuple(transducers), model.convention or self.convention)
         for each in sensor.transducers:
             each.check_all(f"sensor {name!r}")
+        if sensor.transducers:
+            require_on_skin([sensor], f"sensor {name!r}: transducers sense")
         _ = sensor.chain  # raises if the transducers do not fit
         self.sensors.append(sensor)
         self._outdate(f"sensor {name!r} was added after the scene was built")

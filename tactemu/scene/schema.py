@@ -43,6 +43,7 @@ from tactemu.geometry.shapes.shape import Shape
 from tactemu.scene.engine_tables import AnyEngine
 from tactemu.scene.table import Table, one_of
 from tactemu.scene.validation_errors import list_errors
+from tactemu.sensors.signs import Convention
 
 Vector = tuple[Coordinate, Coordinate, Coordinate]
 
@@ -336,6 +337,10 @@ class SceneTable(Table):
     seed: Whole = Field(default=0, description="seed of all random numbers")
     device: str = Field(default="cpu", description="device that runs the kernels: cpu, cuda:0 ...")
     dtype: Literal["float32", "float64"] = Field(default="float32", description="number type of the kernels")
+    convention: Convention = Field(
+        default="skin",
+        description="signs of forces: all act on the skin, or those of Genesis, which no device can have",
+    )
 
 
 class TruthTable(Table):

@@ -18,6 +18,7 @@ from tactemu.imperfections import Adjustments, Imperfections
 from tactemu.plan.plan import Plan, Stage
 from tactemu.sensors.probe_layout import Probes
 from tactemu.sensors.sensor_model import DepthQuery, Derive, SensorModel
+from tactemu.sensors.signs import Convention
 from tactemu.sensors.views import Views
 from tactemu.transducers.chain import Chain
 from tactemu.transducers.transducer import Transducer
@@ -56,6 +57,8 @@ class Sensor(Views, Adjustments):
     link: Body
     transducers: tuple[Transducer, ...] = ()
     """The transducers between the model and the electronics, in order."""
+    convention: Convention = "skin"
+    """The signs of its forces and torques: the model's own, else the scene's."""
     imperfections: Imperfections | None = field(default=None, repr=False)
     """The imperfections of a built scene; their setters change them at run time. ``None`` before the scene is built."""
     _sim: Built | None = field(default=None, repr=False)
@@ -69,7 +72,7 @@ class Sensor(Views, Adjustments):
 
     def clone(self) -> Sensor:
         """Return a separate handle on the same skin, for another simulation."""
-        return Sensor(self.name, self.model, self.link, self.transducers)
+        return Sensor(self.name, self.model, self.link, self.transducers, self.convention)
 
     @cached_property
     def probes(self) -> Probes:
@@ -93,6 +96,10 @@ class Sensor(Views, Adjustments):
 
     def read(self, out: wp.array | np.ndarray | None = None) -> Any:
         """Return the measured reading of the last step, a NumPy copy of shape ``([n_envs,] [history,] layout[, 3])``.
+
+        Vectors are in the frame of the link. Forces and torques act on the skin, whatever the model: on a taxel whose
+        normal is +z a press is a force along -z, and a body that slides to +x drags the skin to +x. A scene or model of
+        ``convention="genesis"`` has Genesis's signs instead (:mod:`tactemu.sensors.signs`).
 
         Args:
             out: memory of the host to copy into, as :meth:`host_array` makes it; the returned array then uses it.
@@ -135,6 +142,11 @@ class Sensor(Views, Adjustments):
         if self.imperfections is None:
             raise SceneError(f"sensor {self.name!r} cannot be changed yet; build the scene first (scene.build())")
         return self.imperfections
+
+    @property
+    def on_skin(self) -> bool:
+        """Do all forces and torques that the model reports act on the skin?"""
+        return self.convention == "skin" or not self.model.has_genesis_signs
 
     def link_pose(self) -> Pose:
         """Return the pose and velocities of its link as last set, in the world of environment 0."""

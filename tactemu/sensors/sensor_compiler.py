@@ -132,6 +132,7 @@ class SensorCompiler:
             shapes=self._shapes,
             clouds=self.clouds,
             **upload_probes(sensor.probes, self._context),
+            on_skin=sensor.on_skin,
             gain=gain,
             radius=radius,
         )

@@ -71,6 +71,7 @@ from tactemu.sensors.poses import LinkView
 from tactemu.sensors.probe_layout import Probes, make_probes
 from tactemu.sensors.sensed import sensed_type
 from tactemu.sensors.shape_table import ShapeTable, ShapeTables
+from tactemu.sensors.signs import Convention
 
 DepthQuery = Literal["sdf", "raycast", "band", "voxel", "ray"]
 Derive = Callable[[wp.array, str], tuple[wp.array, Stage]]
@@ -97,6 +98,9 @@ class Site:
     positions: wp.array
     normals: wp.array
     radii: wp.array
+    on_skin: bool = True
+    """Do all forces and torques of the reading act on the skin (:mod:`tactemu.sensors.signs`)? Only a model that has
+    Genesis's signs needs to look."""
     gain: wp.array | None = None
     radius: wp.array | None = None
 
@@ -199,6 +203,10 @@ class SensorModel(Options):
     """Cell size of the voxel query [m], ``None``: the shape's largest extent / 64; of the band, ``None``: / 96."""
     ray_reach: Length | None = None
     """Depth of the skin that the ray query covers [m]; ``None``: to the far side of the sensor's own link."""
+    convention: Convention | None = None
+    """Signs of forces and torques. ``skin``: all act on the skin, so that a press is a force along minus the normal.
+    ``genesis``: those of Genesis's sensor of this name; a model that Genesis lacks keeps ``skin``. ``None``: the
+    scene's convention, ``skin`` by default."""
     imperfections: ImperfectionOptions = ImperfectionOptions()
     """Imperfections of the skin: gains, crosstalk, hysteresis, creep, dead taxels."""
     electronics: ElectronicsOptions = ElectronicsOptions()
@@ -222,6 +230,8 @@ class SensorModel(Options):
     """Does the model apply ``site.gain`` itself? If not, the gain multiplies the reading after hysteresis."""
     layouts: ClassVar[dict[str, slice]] = {}
     """Quantities that the model offers (see :data:`firmware_protocols.device.Quantity`), each with its channels."""
+    has_genesis_signs: ClassVar[bool] = False
+    """Does it reverse parts of its reading where ``site.on_skin`` is false? If not, all always acts on the skin."""
     senses_within_radius: ClassVar[bool] = False
     """Do its probes sense bodies nearer than their radius? Sunk by that radius, they measure from the first contact."""
     strengths: ClassVar[tuple[str, ...]] = ()

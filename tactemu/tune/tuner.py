@@ -18,6 +18,7 @@ from tactemu.scene.file import LoadedScene, load
 from tactemu.scene.schema import SkinTable
 from tactemu.sensors.models import model_class
 from tactemu.sensors.sensor_model import Setting
+from tactemu.sensors.signs import require_on_skin
 from tactemu.tune.choice import ERRORS, Choice, Measured, Pace, pick, report_choice
 from tactemu.tune.cost import measure_cost, measure_loop
 from tactemu.tune.settings import scene_with, settings_for, skin_with, truth_settings
@@ -137,6 +138,8 @@ class Tuner:
     def _build(self, setting: Setting):
         loaded = scene_with(setting, self.loaded, self.skin.title)
         scene, skins = build_scene(loaded, {self.skin.title: self.device} | make_devices(loaded))
+        sensors = (part.sensor for part in skins[self.skin.title].parts)
+        require_on_skin(sensors, f"skin {self.skin.title!r}: devices measure")
         world = loaded.tables.scene
         sim = scene.build(device=self.compute, seed=world.seed, dtype=world.dtype)
         return sim, skins[self.skin.title]

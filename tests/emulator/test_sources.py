@@ -140,7 +140,7 @@ def scene_with_a_skin(motion=None, **options):
     model = tt.KinematicTaxel(
         probe_local_pos=create("anyskin").layout.positions + np.array([0, 0, 1.5e-3]),
         probe_radius=2e-3, normal_stiffness=500.0,
-        **{"forces_on_skin": True} | options,
+        **options,
     )  # fmt: skip
     return scene, ball, scene.add_sensor(model, link=pad)
 
@@ -203,7 +203,7 @@ def test_what_fails_later_ends_the_run_and_is_raised_from_stop(case, tmp_path):
 
 
 def of_another_sign():
-    return scene_with_a_skin(forces_on_skin=False)[0]
+    return scene_with_a_skin(convention="genesis")[0]
 
 
 def late():
@@ -218,7 +218,11 @@ WRONG_AT_ONCE = {
     "text": (lambda t_s: "no", SourceError, "force: expected numbers of shape"),
     "another quantity": (lambda t_s: {"pressure": np.zeros(N)}, SourceError, "expected force, temperature"),
     "an empty scene": (tt.Scene(), SceneError, "no sensor called 'anyskin'"),
-    "of another sign": (of_another_sign, SceneError, "build it with forces_on_skin=True"),
+    "of another sign": (
+        of_another_sign,
+        SceneError,
+        "sensor 'KinematicTaxel0': devices measure what acts on the skin; leave out convention=",
+    ),
     "not at its start": (late, SceneError, r"is at 0\.001 s; give it at its start: reset\(\)"),
 }
 

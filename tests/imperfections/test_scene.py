@@ -36,7 +36,7 @@ def recorded(name: str) -> tuple[dict, dict]:
 def replayed(name: str, dtype: str) -> dict[str, list]:
     """Our readings, ``{key: [reading per step]}``, of all sensors of a case in one scene."""
     arrays, facts = recorded(name)
-    scene = tt.Scene(dt=facts["dt"])
+    scene = tt.Scene(dt=facts["dt"], convention="genesis")
     pad = scene.add_body(tt.Box(size=(0.08, 0.08, 0.02)), name="pad")
     ball = scene.add_body(tt.Sphere(radius=0.02), name="ball")
     sensors = {}

@@ -33,12 +33,12 @@ class Case:
     def options(self, key: str) -> dict:
         return {k: v for k, v in self.meta["sensors"][key]["options"].items() if k not in NOT_OURS}
 
-    def replay(self, shape, keys, dtype: str, device: str = "cpu", gated: bool = False, **extra):
+    def replay(self, shape, keys, dtype: str, device: str = "cpu", gated: bool = False, convention="genesis", **extra):
         """Readings of the sensors ``keys`` when ``shape`` is pressed into the pad: ``{key: {branch: (T, ...)}}``.
 
         ``gated``: the object is taken away on steps on which Genesis's contact list is empty.
         """
-        scene = tt.Scene(dt=self.meta["dt"])
+        scene = tt.Scene(dt=self.meta["dt"], convention=convention)
         pad, indenter = scene.add_body(name="pad"), scene.add_body(shape, name="indenter")
         sensors = {}
         for key in keys:

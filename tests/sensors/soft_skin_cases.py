@@ -56,8 +56,8 @@ class Case:
             options["points"] = [self.data[cloud] for cloud in sensor["clouds"]]
         return from_flat(getattr(tt, sensor["type"]), options | changes)
 
-    def build(self, dtype: str, device: str = "cpu", **changes):
-        scene = tt.Scene(dt=self.meta["dt"])
+    def build(self, dtype: str, device: str = "cpu", convention="genesis", **changes):
+        scene = tt.Scene(dt=self.meta["dt"], convention=convention)
         for index in range(len(self.meta["bodies"])):
             scene.add_body(self.shape(index), name=f"body{index}")
         handles = {s["key"]: scene.add_sensor(self.model(s, **changes), link=0) for s in self.meta["sensors"]}

@@ -138,12 +138,12 @@ def test_offsets_move_the_probes():
     assert not np.allclose(moved, depth_of(tt.Sphere(radius=20 * MM), points, 2 * MM, position=(0, 0, 20 * MM)))
 
 
-def test_shear_acts_on_the_skin_if_asked():
+def test_shear_acts_on_the_skin():
     """Quirk 16: its shear force acts on the object, its normal force on the skin."""
     options = {"probe_local_pos": [[0, 0, 0]], "probe_radius": 2 * MM, "shear_scalar": 1.0}
     forces = []
-    for on_skin in (False, True):
-        sim, ball, skin = scene_with(tt.Sphere(radius=0.02), tt.KinematicTaxel(**options, forces_on_skin=on_skin))
+    for convention in ("genesis", "skin"):
+        sim, ball, skin = scene_with(tt.Sphere(radius=0.02), tt.KinematicTaxel(**options, convention=convention))
         sim.set_pose(ball, position=(0, 0, 0.0199), linear_velocity=(0.5, 0, 0))
         sim.step()
         forces.append(skin.read().force[0])

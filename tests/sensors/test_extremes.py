@@ -217,7 +217,7 @@ def test_dampers_take_energy_and_pull_only_if_allowed():
     for clamp in (False, True):
         model = tt.KinematicTaxel(
             probe_local_pos=LINE, probe_radius=2 * MM, normal_stiffness=0.0 if not clamp else 10.0,
-            normal_damping=50.0, forces_on_skin=True, clamp_adhesion=clamp, twist_scalar=0.0,
+            normal_damping=50.0, clamp_adhesion=clamp, twist_scalar=0.0,
         )  # fmt: skip
         sim, plane, skin = scene_with(tt.Plane(), model, dtype="float64")
         for velocity in rng.normal(size=(20, 3)):

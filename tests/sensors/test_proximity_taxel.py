@@ -40,10 +40,10 @@ def by_hand(points, probes, normals, radius, pad, body, *, stiffness, density, s
         overlap = np.maximum(radius - np.linalg.norm(d, axis=1), 0)
         v = vb + np.cross(wb, x - xb) - (vp + np.cross(wp_, p - xp))
         v -= np.outer(v @ a, a)
-        f = stiffness * scale * overlap.sum() * a + shear * scale * (overlap[:, None] * v).sum(0)
+        f = -stiffness * scale * overlap.sum() * a + shear * scale * (overlap[:, None] * v).sum(0)
         spin = (wb - wp_) @ a if overlap.any() else 0.0
         force.append(to_world.T @ f)
-        torque.append(to_world.T @ (np.cross(p - xp, f) - twist * spin * a))
+        torque.append(to_world.T @ (np.cross(p - xp, f) + twist * spin * a))
     return np.array(force), np.array(torque)
 
 
@@ -77,7 +77,7 @@ def test_mean_overlap_of_an_even_plate():
     x = 0.04 * np.stack([(i + 0.5) / len(i) - 0.5, (i * (np.sqrt(5) - 1) / 2) % 1 - 0.5, 0 * i], -1)
     sim, skin, _ = scene_of(x, probe_local_pos=[(0, 0, 0)], probe_radius=0.01, stiffness=1.0, density_scalar=1.0)
     sim.step()
-    assert skin.read().force[0, 2] == pytest.approx(np.pi * 0.01**3 / (3 * 0.04**2), rel=4e-3)
+    assert skin.read().force[0, 2] == pytest.approx(-np.pi * 0.01**3 / (3 * 0.04**2), rel=4e-3)
 
 
 def test_a_point_at_the_probe_counts_fully():
@@ -86,7 +86,7 @@ def test_a_point_at_the_probe_counts_fully():
         [(0, 0, 0), (0, 0, 0.005)], probe_local_pos=[(0, 0, 0)], probe_radius=0.005, stiffness=2.0, density_scalar=2.0
     )
     sim.step()
-    assert skin.read().force[0] == pytest.approx([0, 0, 2.0 * 0.005], rel=1e-12)
+    assert skin.read().force[0] == pytest.approx([0, 0, -2.0 * 0.005], rel=1e-12)
 
 
 def test_fillers_and_no_taxels():
@@ -94,18 +94,18 @@ def test_fillers_and_no_taxels():
     sim, skin, _ = scene_of(points, probe_local_pos=[(0, 0, 0), (0, 0, 0)], probe_radius=[0.0, 0.01])
     sim.step()
     force, torque = skin.read()
-    assert not force[0].any() and not torque[0].any() and force[1, 2] > 0
+    assert not force[0].any() and not torque[0].any() and force[1, 2] < 0
     sim, skin, _ = scene_of(points, probe_local_pos=np.zeros((0, 3)))
     sim.step()
     assert skin.read().force.shape == (0, 3)
 
 
-def test_forces_on_skin_turns_the_normal_part():
+def test_the_convention_of_genesis_turns_the_normal_and_twist_parts():
     points = np.array([(0.001, 0, 0.002)])
     options = {"probe_local_pos": [(0, 0, 0)], "shear_coupling": 1.0, "twist_scalar": 0.1}
     forces = []
-    for on_skin in (False, True):
-        sim, skin, body = scene_of(points, forces_on_skin=on_skin, **options)
+    for convention in ("genesis", "skin"):
+        sim, skin, body = scene_of(points, convention=convention, **options)
         sim.set_pose(body, linear_velocity=(0.1, 0, 0), angular_velocity=(0, 0, 3.0))
         sim.step()
         forces.append(skin.read())
@@ -123,7 +123,7 @@ def test_gain_multiplies_the_sums_and_not_the_twist():
     measured, truth = skin.read(), skin.read_ground_truth()
     assert measured.force == pytest.approx(1.5 * truth.force)
     assert measured.torque == pytest.approx(truth.torque)  # at the origin there is only twist
-    assert truth.torque[0, 2] == pytest.approx(-0.3)
+    assert truth.torque[0, 2] == pytest.approx(0.3)
 
 
 @pytest.mark.parametrize("size", [1e-9, 1e-3, 1e3])

@@ -59,7 +59,7 @@ proximities = st.fixed_dictionaries(
         "shear_coupling": magnitudes(-3, 3),
         "twist_scalar": magnitudes(-3, 3),
         "n_sample_points": st.integers(1, 60),
-        "forces_on_skin": st.booleans(),
+        "convention": st.sampled_from([None, "skin", "genesis"]),
     }
 )
 

@@ -29,7 +29,7 @@ def skin(*transducers, probes=SPOTS, turned=(1, 0, 0, 0), n_envs=None, dtype="fl
     ball = scene.add_body(tt.Sphere(radius=0.02), name="ball", position=(0, 0, 1))
     model = tt.KinematicTaxel(
         probe_local_pos=probes, probe_radius=1e-3, normal_stiffness=1000.0, normal_damping=0.0, shear_scalar=0.0,
-        twist_scalar=0.0, forces_on_skin=True, electronics=tt.ElectronicsOptions(**options),
+        twist_scalar=0.0, electronics=tt.ElectronicsOptions(**options),
     )  # fmt: skip
     sensor = scene.add_sensor(model, link=pad, name="skin", transducers=transducers)
     return scene.build(n_envs, dtype=dtype), ball, sensor

@@ -3,11 +3,11 @@
 With ``P_j = R - |x_j - r|`` for the M points ``x_j`` of the tracked bodies within R of the probe at r, the probe's
 normal a, ``v_j = v_body(x_j) - v_skin(r)``, ``v_tj`` its part across a, and ``D = density_scalar / M``::
 
-    F = k D (sum P_j) a + c D sum P_j v_tj             k stiffness, c shear_coupling
-    T = r x F - c_w a sum P_j (w_j - w_skin).a / sum P_j        c_w twist_scalar
+    F = -k D (sum P_j) a + c D sum P_j v_tj            k stiffness, c shear_coupling
+    T = r x F + c_w a sum P_j (w_j - w_skin).a / sum P_j        c_w twist_scalar
 
-The normal part is the force on the *body*, the shear part the force on the skin, as in Genesis. ``forces_on_skin``
-reverses the normal and twist parts, so that all of F and T acts on the skin.
+All of F and T acts on the skin. With ``convention="genesis"`` the normal and twist parts, those with ``k`` and ``c_w``,
+are reversed: they act on the body, as in Genesis.
 """
 
 # pyright: reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false, reportAssignmentType=false
@@ -82,13 +82,13 @@ def proximity_kernel(real, moving: bool, has_gain: bool):
         g = real(1.0)
         if wp.static(has_gain):
             g = c.gain[e, i]
-        force = c.normal * g * total * a
+        force = -c.normal * g * total * a
         if wp.static(moving):
             force += c.shear * g * (motion - wp.dot(motion, a) * a)
         torque = wp.cross(r, force)
         if wp.static(moving):
             if total > real(0.0):
-                torque -= c.twist * twist / total * a
+                torque += c.twist * twist / total * a
         write(out, e, i, force, torque)
 
     return proximity
@@ -113,14 +113,13 @@ class ProximityTaxel(SensorModel):
     """Points on all tracked bodies together, split evenly, or one number per tracked body."""
     points: Sequence | np.ndarray | None = None
     """The points themselves in the frame of the tracked body [m], ``(M, 3)``; a list of such arrays for several."""
-    forces_on_skin: bool = False
-    """Reverse the normal and twist parts so that they too act on the skin."""
 
     level = 2
     work = 10
     channels = ("force", "torque")
     unit = "N"
     layouts = {"force": slice(0, 3)}
+    has_genesis_signs = True
     strengths = ("stiffness", "shear_coupling", "twist_scalar")
     examples = {", 500 points": {"probe_radius": 0.004, "n_sample_points": 500}}
     valid = (
@@ -168,7 +167,7 @@ class ProximityTaxel(SensorModel):
     def _forces(self, site: Site, clouds, sums: ProximitySums, values, gain, n_points: int, out) -> Callable[[], None]:
         context, view, c = site.context, site.view, proximity_type(site.context.real)()
         density = self.density_scalar / max(n_points, 1)
-        side = -1.0 if self.forces_on_skin else 1.0
+        side = 1.0 if site.on_skin else -1.0
         c.normal, c.shear = side * self.stiffness * density, self.shear_coupling * density
         c.twist = side * self.twist_scalar
         c.bodies, c.sums, c.place = clouds.bodies, values, sums.place

@@ -3,11 +3,11 @@
 With depth ``d > 0``, ``s = d**normal_exponent``, ``n`` the normal of the body there (out of it, so into the skin),
 ``v = v_body - v_skin`` at the probe, ``v_n = v . n`` and ``v_t = v - v_n n``::
 
-    F = k s n + c s v_n n - c_s v_t              k normal_stiffness, c normal_damping, c_s shear_scalar
-    T = r x F - c_w ((w_body - w_skin) . n) n    c_w twist_scalar, r the probe's position in the link's frame
+    F = k s n + c s v_n n + c_s v_t              k normal_stiffness, c normal_damping, c_s shear_scalar
+    T = r x F + c_w ((w_body - w_skin) . n) n    c_w twist_scalar, r the probe's position in the link's frame
 
-The normal part is the force on the skin. The shear and twist parts oppose the body's motion, which is the force on the
-*body*, as in Genesis. ``forces_on_skin`` reverses them, so that all of F and T acts on the skin.
+All of F and T acts on the skin. With ``convention="genesis"`` the shear and twist parts, those with ``c_s`` and
+``c_w``, are reversed: they act on the body, as in Genesis.
 """
 
 # pyright: reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
@@ -101,8 +101,8 @@ def springs_formula(real, moving: bool):
                 push += c.damping * s * vn
                 if push < c.pull_floor:  # not max(), which would turn NaN into the floor
                     push = c.pull_floor
-                force = push * n - c.shear * (v - vn * n)
-                torque = wp.cross(r, force) - c.twist * wp.dot(w, n) * n
+                force = push * n + c.shear * (v - vn * n)
+                torque = wp.cross(r, force) + c.twist * wp.dot(w, n) * n
             else:
                 force = push * n
                 torque = wp.cross(r, force)
@@ -125,8 +125,6 @@ class KinematicTaxel(SensorModel):
     """Tangential force of a probe per sliding speed [N s/m]."""
     twist_scalar: NonNegative = 1.0
     """Torque of a probe per spin about the normal [N m s/rad]."""
-    forces_on_skin: bool = False
-    """Reverse the shear and twist parts so that they too act on the skin (a body that slides drags the skin along)."""
     clamp_adhesion: bool = False
     """Never let the damper pull on the skin."""
 
@@ -135,6 +133,7 @@ class KinematicTaxel(SensorModel):
     channels = ("force", "torque")
     unit = "N"
     layouts = {"force": slice(0, 3)}
+    has_genesis_signs = True
     senses_within_radius = True
     strengths = ("normal_stiffness", "normal_damping", "shear_scalar", "twist_scalar")
     valid = (
@@ -163,7 +162,7 @@ class KinematicTaxel(SensorModel):
 
     def _springs(self, site: Site):
         c = springs_type(site.context.real)()
-        side = -1.0 if self.forces_on_skin else 1.0
+        side = 1.0 if site.on_skin else -1.0
         c.stiffness, c.damping, c.exponent = self.normal_stiffness, self.normal_damping, self.normal_exponent
         c.shear, c.twist = side * self.shear_scalar, side * self.twist_scalar
         c.pull_floor = 0.0 if self.clamp_adhesion else -FAR

@@ -41,10 +41,10 @@ def _layer(name: str, **options: Any) -> Setting:
 def ladder() -> list[Setting]:
     """Return all settings, the cheapest level first; a model without one here is added with its defaults."""
     forced = {"tolerance": 1e-6}
-    springs = {**_GRAZING, "normal_damping": 0.0, "forces_on_skin": True, "twist_scalar": 0.0}
+    springs = {**_GRAZING, "normal_damping": 0.0, "twist_scalar": 0.0}
     fitted = {"lambda_d": 3e4, "lambda_s": 3e4, "normal_exponent": 1.0, "n_sample_points": 2000}
     layered = {"compressibility": 0.0, "elastomer_thickness": 4e-3, "n_sample_points": 2000}
-    proximity = {"probe_radius": 1e-3, "forces_on_skin": True, "twist_scalar": 0.0, "shear_coupling": 1.0}
+    proximity = {"probe_radius": 1e-3, "twist_scalar": 0.0, "shear_coupling": 1.0}
     voxel = {"contact_depth_query": "voxel", "voxel_size": 2.5e-4}
     settings = [
         Setting(name="L0 touch", model="contact_probe", options=_GRAZING),

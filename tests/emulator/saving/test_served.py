@@ -97,7 +97,7 @@ def test_a_simulation_of_ones_own_is_forked_with_handles_of_its_own():
     skin = scene.add_sensor(
         tt.KinematicTaxel(
             probe_local_pos=[(0.002 * x, 0.002 * y, 0.005) for x, y in ((0, 0), (1, 0), (0, 1), (-1, 0), (0, -1))],
-            probe_radius=0.002, forces_on_skin=True,
+            probe_radius=0.002,
             imperfections=tt.ImperfectionOptions(hysteresis_strength=0.3),
         ),
         link=pad,
