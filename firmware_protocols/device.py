@@ -109,6 +109,8 @@ class Device(Generic[F]):
     """The streams of a device with several, by name."""
     columns: tuple[Column, ...] = ()
     """The meaning of the counts."""
+    tables: ClassVar[tuple[Any, ...]] = ()
+    """The frames and registers of this class, where its module has others, too; default: all of the module."""
     rollovers: tuple[Rollover, ...] = ()
     """The counters and clocks on the wire."""
     boot_s: float = 0.0

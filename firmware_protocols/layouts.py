@@ -42,7 +42,7 @@ class Patch:
         return slice(self.start, self.start + len(self))
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Layout:
     """The positions and frames of the taxels, each in the frame of the link that carries it (one link by default).
 

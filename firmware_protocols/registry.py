@@ -47,6 +47,7 @@ DEVICES: dict[str, str] = {
     "fulai_glove": f"{_HERE}.fulai_glove:FulaiGlove",
     "ghand5": f"{_HERE}.ghand5:GHand5",
     "harp_loadcells": f"{_HERE}.harp_loadcells:HarpLoadCells",
+    "icub_inertials": f"{_HERE}.icub_inertials:IcubInertials",
     "icub_skin": f"{_HERE}.icub_skin:IcubSkin",
     "icub_strain": f"{_HERE}.icub_strain:IcubStrain",
     "imada_zt": f"{_HERE}.imada_zt:ImadaZt",

@@ -64,12 +64,15 @@ def mutations_of(cls: type[Device], hints: bool = False) -> Iterator[Mutation]:
 
 
 def frames_of(cls: type[Device]) -> list[Frame]:
-    """Return the frame tables in the device's modules and classes."""
+    """Return the frame tables of a device."""
     return tables_of(cls, Frame)
 
 
 def tables_of(cls: type[Device], kind: type | tuple[type, ...]) -> list[Any]:
-    """Return the tables of a type in the device's modules and classes, also those in dicts and lists."""
+    """Return the tables of a type: those that the class lists, else those in its modules and classes, also in dicts and
+    lists."""
+    if listed := [each for each in cls.tables if isinstance(each, kind)]:
+        return listed
     own = [each for each in cls.__mro__ if issubclass(each, Device) and each is not Device]
     places = [*(vars(sys.modules[each.__module__]) for each in own), *(vars(each) for each in own)]
     found: dict[int, Any] = {}

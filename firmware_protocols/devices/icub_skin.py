@@ -36,12 +36,12 @@ Try it: ``tactemu run icub_skin --port can:socketcan:vcan0``, then for each boar
 """
 
 from dataclasses import replace
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 
 from firmware_protocols import (
-    Can, CanFrame, Column, Command, Counts, Device, Frame, Layout, Option, Reading, Stream, Transmissions,
+    Can, CanFrame, Column, Command, Counts, Device, Layout, Option, Reading, Stream, Transmissions,
     command_table, fact_table, place, stack,
 )  # fmt: skip
 from firmware_protocols.devices.icub_board import (
@@ -74,7 +74,7 @@ class IcubSkin(Device[CanFrame]):
     """Triangles of the iCub skin on one CAN bus: flat with normal +z, or around a cylinder about the link's z axis."""
 
     name = "icub_skin"
-    tables: ClassVar[tuple[Frame, ...]] = (HEAD, TAIL)
+    tables = (HEAD, TAIL)
     """The frames that its boards send."""
     kind = "skin"
     senses = ("force", "temperature")
@@ -205,11 +205,17 @@ class IcubSkin(Device[CanFrame]):
             ident = klass << 8 | board.address << 4 | host
             if found := board.answers(klass, data.data):
                 answers += [CanFrame(arbitration_id=ident, data=each) for each in found]
-            elif klass == 2 and board.obey(data.data):
-                obeyed += 1
-                self.periods[name] = board.period_ns
+            elif klass == 2:
+                obeyed += self.set_up(name, data.data)
         self.counters["requests" if answers or obeyed else "unknown_command"] += 1
         return answers
+
+    def set_up(self, name: str, data: bytes) -> bool:
+        """Obey one message to a board; return False if it does not know it."""
+        board = self.boards[name]
+        if is_known := board.obey(data):
+            self.periods[name] = board.period_ns
+        return is_known
 
     @property
     def commands(self) -> tuple[Command, ...]:

@@ -201,6 +201,7 @@ class OptoForceCan(OptoForce):
     """A dome on CAN, whose packets come in frames."""
 
     name = "optoforce_can"
+    tables = (DATA, CONFIGURE)
     ports = (Can(filters=((TO_SENSOR, 0x7FF),)),)
     evidence = ("driver",)
     sources = (f"{BLMC} blmc/optoforce.py, scripts/read_optoforce.py", *OptoForce.sources)

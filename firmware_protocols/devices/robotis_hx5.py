@@ -27,12 +27,12 @@ Try it: ``tactemu run robotis_hx5``, then ``PacketHandler(2.0).readTxRx(port, 11
 """
 
 from collections.abc import Mapping
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 
 from firmware_protocols import (
-    Column, Counts, Device, Motors, Option, Reading, RegisterMap, Rollover, Rs485, Sent, Transmissions, command_table,
+    Column, Counts, Device, Motors, Option, Reading, Rollover, Rs485, Sent, Transmissions, command_table,
     fact_table, grid_layout, on_fingers, quantize,
 )  # fmt: skip
 from firmware_protocols.devices.robotis_hx5_nodes import (
@@ -51,7 +51,7 @@ class RobotisHx5(Device):
     """A hand with its controller, motors and sensors on one line."""
 
     name = "robotis_hx5"
-    tables: ClassVar[tuple[RegisterMap, ...]] = (CONTROLLER_TABLE, MOTOR_TABLE, SENSOR_TABLE)
+    tables = (CONTROLLER_TABLE, MOTOR_TABLE, SENSOR_TABLE)
     """The control tables of its nodes."""
     kind = "hand"
     title = "ROBOTIS HX5-D20 hand, five tips of 3x3"

@@ -252,12 +252,13 @@ class SenseReader:
     """
 
     TRANSIENT_FIELDS: ClassVar[tuple[str, ...]] = ("_layout", "_device")
+    _ambient: dict[str | tuple[str, str], np.ndarray]
+    """The ambient quantities at one time, by quantity and link; and the readings of their senses, by key."""
 
     def __init__(self, skin: SkinReadings, device: Device):
         self.skin = skin
         self._layout, self._device = device.layout, device
-        self._ambient: tuple[int, dict[str | tuple[str, str], np.ndarray]] = (-1, {})
-        """The ambient quantities at a time, by quantity and link; and the readings of their senses, by key."""
+        self._ambient_ns, self._ambient = -1, {}
 
     @property
     def imperfections(self) -> Imperfections | JoinedImperfections | None:
@@ -281,9 +282,9 @@ class SenseReader:
                 motors = self._device.drives
                 return np.zeros(len(at)) if motors is None or not motors.is_in_engine else motors.loads()
             case quantity:
-                if self._ambient[0] != t_ns:  # read once for all conversions of one time
-                    self._ambient = (t_ns, {})
-                found = self._ambient[1]
+                if self._ambient_ns != t_ns:  # read once for all conversions of one time
+                    self._ambient_ns, self._ambient = t_ns, {}
+                found = self._ambient
                 if sense.key not in found:
                     if len(at.links) == 1:
                         value = self._at(t_ns, quantity, at.links[0])
@@ -294,7 +295,7 @@ class SenseReader:
                 return found[sense.key]
 
     def _at(self, t_ns: int, quantity: str, link: str) -> np.ndarray:
-        found = self._ambient[1]
+        found = self._ambient
         if (quantity, link) not in found:
             found[quantity, link] = np.asarray(self.skin.ambient(quantity, t_ns, link), float)
         return found[quantity, link]

@@ -17,7 +17,8 @@ TOUCH = (*CONTACT, "wrench", "vibration")
 
 def felt(loaded) -> tuple[np.ndarray, np.ndarray]:
     """Time since boot [s] and largest reading of touch of each sample, for four seconds."""
-    emulator = assemble(loaded, AssemblyOptions(port="memory:", rate_hz=10)).emulator
+    rates = dict.fromkeys(device_class(loaded.tables.skin[0].device)().periods, 10.0)
+    emulator = assemble(loaded, AssemblyOptions(port="memory:", rate_hz=rates)).emulator
     emulator.clock = VirtualClock()
     boot_s = emulator.channels[0].device.boot_s
     with emulator:
