@@ -2,15 +2,9 @@
 
 from __future__ import annotations
 
-import importlib
-import importlib.util
-import re
-import sys
-from importlib.metadata import entry_points
-from pathlib import Path
 from typing import TYPE_CHECKING
 
-from firmware_protocols.messages import nearest
+from firmware_protocols.named_classes import NamedClasses, WrongClassError
 
 if TYPE_CHECKING:  # names of devices must not wait for the import of numpy
     from firmware_protocols.device import Device
@@ -110,16 +104,14 @@ DEVICES: dict[str, str] = {
     "xela_uskin_4x6": f"{_HERE}.xela_uskin:XelaUskin4x6",
 }
 
-ENTRY_POINT_GROUP = "tactemu.devices"
-"""The group of entry points under which an installed package registers its devices: ``name = "module:Class"``."""
-
-_FILES: dict[tuple[Path, int], object] = {}
-"""The modules of device files, by path and time of change, so that each file runs once."""
+REGISTRY = NamedClasses(
+    "device", "tactemu.devices", DEVICES, "firmware_protocols.device:Device", listing="`tactemu devices`"
+)
 
 
 def names() -> list[str]:
     """Return the name of every device, those of installed packages included."""
-    return sorted({*DEVICES, *(point.name for point in entry_points(group=ENTRY_POINT_GROUP))})
+    return REGISTRY.names()
 
 
 def device_class(name: str) -> type[Device]:
@@ -129,14 +121,18 @@ def device_class(name: str) -> type[Device]:
         LookupError: there is no such device; the message names the nearest.
         TypeError: the object is no device class, or one of the contract's first version.
     """
-    if ".py:" in name:
-        return _device(_from_file(name), name)
-    if name in DEVICES:
-        module, _, attribute = DEVICES[name].partition(":")
-        return getattr(importlib.import_module(module), attribute)
-    for point in entry_points(group=ENTRY_POINT_GROUP, name=name):
-        return _device(point.load(), name)
-    raise LookupError(_unknown(name))
+    found = REGISTRY.load(name)
+    if hasattr(found, "digitize"):
+        raise WrongClassError(
+            f"{name} is written for the first version of the contract: rename digitize(reading) to "
+            "measure(reading, t_ns) and return the counts, wires to ports, put power_on into __init__, and see "
+            "docs/adding-a-device.md (installed: tactemu/docs)"
+        )
+    if hasattr(found, "feel"):
+        raise WrongClassError(f"{name}: rename feel(reading, t_ns) to measure(reading, t_ns)")
+    if not isinstance(getattr(found, "name", None), str):
+        raise WrongClassError(f'{name} has no name: write `name = "..."` in the class, in lower case with underscores')
+    return found
 
 
 def create(name: str, **options) -> Device:
@@ -150,48 +146,3 @@ def create(name: str, **options) -> Device:
 
     found = device_class(name)
     return found(**checked(found, options))
-
-
-def _device(found: object, name: str) -> type[Device]:
-    from firmware_protocols.device import Device
-
-    if isinstance(found, type) and hasattr(found, "digitize"):
-        raise TypeError(
-            f"{name} is written for the first version of the contract: rename digitize(reading) to "
-            "measure(reading, t_ns) and return the counts, wires to ports, put power_on into __init__, and see "
-            "docs/adding-a-device.md (installed: tactemu/docs)"
-        )
-    if isinstance(found, type) and hasattr(found, "feel"):
-        raise TypeError(f"{name}: rename feel(reading, t_ns) to measure(reading, t_ns)")
-    if not (isinstance(found, type) and issubclass(found, Device)):
-        raise TypeError(f"{name} is not a subclass of firmware_protocols.Device")
-    if not isinstance(getattr(found, "name", None), str):
-        raise TypeError(f'{name} has no name: write `name = "..."` in the class, in lower case with underscores')
-    return found
-
-
-def _from_file(target: str) -> object:
-    path, _, attribute = target.rpartition(":")
-    file = Path(path).resolve()
-    if not file.is_file():
-        raise LookupError(f"no such device file: {path}")
-    key = (file, file.stat().st_mtime_ns)
-    if key not in _FILES:
-        spec = importlib.util.spec_from_file_location(f"device_file_{file.stem}", file)
-        if spec is None or spec.loader is None:
-            raise LookupError(f"not a Python file: {path}")
-        module = sys.modules[spec.name] = importlib.util.module_from_spec(spec)
-        spec.loader.exec_module(module)
-        _FILES[key] = module
-    if not hasattr(_FILES[key], attribute):
-        raise LookupError(f"{path} has no class {attribute!r}")
-    return getattr(_FILES[key], attribute)
-
-
-def _unknown(name: str) -> str:
-    if Path(name).suffix == ".py" and Path(name).is_file():
-        classes = re.findall(r"^class (\w+)", Path(name).read_text(errors="replace"), re.MULTILINE)
-        return f"{name}: name the class in it, as {name}:{classes[-1] if classes else 'Class'}"
-    if Path(name).is_dir():
-        return f"{name!r} is a folder; name a device, a scene file or path/to/device.py:Class"
-    return f"unknown device {name!r}{nearest(name, names()) or '; `tactemu devices` lists them'}"

@@ -1,4 +1,4 @@
-"""The face for sensor models, shapes and transducers of your own: the public names that such a file imports.
+"""The face for sensor models, shapes, transducers and engines of your own: the names that such a file imports.
 
 >>> from tactemu.models import Compiled, SensorModel, Site, Stage, model_class
 >>> issubclass(model_class("kinematic_taxel"), SensorModel)
@@ -26,6 +26,8 @@ from tactemu.plan.clearing import clear_rows
 from tactemu.plan.launches import Launch, Launches, in_turn, record
 from tactemu.plan.plan import Context, Dtype, Stage
 from tactemu.plan.scalars import is_finite, is_nan, natural
+from tactemu.scene.engine_interface import Engine, JointMotors
+from tactemu.scene.engine_tables import EngineTable
 from tactemu.sensors.drawing import DrawOptions
 from tactemu.sensors.models import model_class
 from tactemu.sensors.point_cloud import PointCloud
@@ -69,4 +71,6 @@ __all__ = [  # noqa: RUF022  (in groups)
     # transducers, which turn the reading of a model into another quantity
     "CAPACITANCE", "DEPTH", "DISPLACEMENT", "FIELD", "FORCE", "PRESSURE", "RESISTANCE", "SIGNAL_TYPES", "SignalType",
     "Transducer", "TransducerSite", "transducer_class",
+    # engines, which move bodies of a scene: the table in the scene file, and what it opens
+    "Engine", "EngineTable", "JointMotors",
 ]  # fmt: skip

@@ -13,7 +13,6 @@ import pytest
 from firmware_protocols.registry import DEVICES
 from tactemu.base.formats import FORMATS
 from tactemu.geometry.shapes.registry import SHAPES
-from tactemu.scene.engine_registry import OPENERS
 from tactemu.scene.engine_tables import ENGINES
 from tactemu.sensors.models import MODELS
 from tactemu.transducers.registry import TRANSDUCERS
@@ -72,6 +71,7 @@ PARTS = {
     for role in ("reader", "log_writer", "converter")
     if (part := getattr(each, role))
 }
+OPENERS = {name: table.opener for name, table in ENGINES.items()}
 NAMED = {**MODELS, **SHAPES, **OPENERS, **PARTS, **TRANSDUCERS, **DEVICES}
 SCRIPTS = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 ENTRIES = {
@@ -85,10 +85,6 @@ def test_what_is_named_by_a_string_is_there(name):
     module, _, attribute = {**NAMED, **ENTRIES}[name].partition(":")
     found = importlib.import_module(module)
     assert not attribute or hasattr(found, attribute)
-
-
-def test_each_kind_of_engine_can_be_opened():
-    assert set(OPENERS) == set(ENGINES)
 
 
 def test_paths_that_pages_and_settings_name_are_there():

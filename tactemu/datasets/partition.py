@@ -17,7 +17,7 @@ from tactemu.datasets.spec import DatasetSpec
 from tactemu.datasets.start_poses import BodyMotions, StartPoses
 from tactemu.plan.thread_pool import cores
 from tactemu.scene.building import build_scene, make_devices
-from tactemu.scene.engine_tables import MujocoTable
+from tactemu.scene.engine_tables import BatchTable
 from tactemu.scene.file import LoadedScene, load
 from tactemu.scene.placement import PlacedSkin
 from tactemu.sensors.sensor import Sensor
@@ -38,9 +38,10 @@ def load_scene(spec: DatasetSpec) -> LoadedScene:
         TactemuError: the scene cannot be loaded, or its engine simulates one environment only.
     """
     loaded = load(spec.target)
-    if isinstance(loaded.tables.engine, MujocoTable):
+    engine = loaded.tables.engine
+    if engine is not None and not isinstance(engine, BatchTable):
         raise TactemuError(
-            f'{spec.target}: an engine of kind "mujoco" simulates one environment; use "mujoco-warp" or "newton"'
+            f'{spec.target}: an engine of kind "{engine.kind}" simulates one environment; use "mujoco-warp" or "newton"'
         )
     return loaded
 

@@ -26,8 +26,7 @@ from tactemu.geometry.bodies import Body
 from tactemu.scene.engine_tables import MujocoTable
 
 if TYPE_CHECKING:
-    from tactemu.scene.engine_registry import JointMotors
-    from tactemu.scene.file import LoadedScene
+    from tactemu.scene.engine_interface import JointMotors
     from tactemu.scene.scene import Scene
     from tactemu.sensors.sensor import Sensor
     from tactemu.sensors.simulation import Simulation
@@ -43,12 +42,10 @@ BROKEN_DAMPING = 1e3
 """The damping of a broken geom's joints, so that it stays where it is."""
 
 
-def open_engine(scene: Scene, loaded: LoadedScene, motors: Sequence[JointMotors]) -> MujocoEngine:
-    """Open the engine of a scene file: see :data:`tactemu.scene.engine_registry.OPENERS`."""
-    table = loaded.tables.engine
-    assert isinstance(table, MujocoTable)
+def open_engine(table: MujocoTable, scene: Scene, folder: Path, motors: Sequence[JointMotors]) -> MujocoEngine:
+    """Open the engine of a scene file: see :attr:`tactemu.scene.engine_tables.ModelTable.opener`."""
     drives = [Drive(each.skin, each.device, each.joints, each.local_ns) for each in motors]
-    return MujocoEngine(scene, loaded.folder / table.file, drives, table)
+    return MujocoEngine(scene, folder / table.file, drives, table)
 
 
 class MujocoEngine:

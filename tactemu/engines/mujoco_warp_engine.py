@@ -134,4 +134,4 @@ class _Worlds:
 
 
 open_engine = MujocoWarpEngine.from_file
-"""Open the engine of a scene file: see :data:`tactemu.scene.engine_registry.OPENERS`."""
+"""Open the engine of a scene file: see :attr:`tactemu.scene.engine_tables.ModelTable.opener`."""

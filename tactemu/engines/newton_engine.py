@@ -208,4 +208,4 @@ class _Worlds:
 
 
 open_engine = NewtonEngine.from_file
-"""Open the engine of a scene file: see :data:`tactemu.scene.engine_registry.OPENERS`."""
+"""Open the engine of a scene file: see :attr:`tactemu.scene.engine_tables.ModelTable.opener`."""

@@ -12,14 +12,16 @@ import numpy as np
 from firmware_protocols import Device
 from firmware_protocols.options import checked, declared
 from firmware_protocols.senses import TOUCH
-from tactemu.base.errors import DeviceError, SceneError
+from tactemu.base.errors import DeviceError, SceneError, TactemuError
 from tactemu.base.option_groups import defaults, from_flat
 from tactemu.base.options import numbers
+from tactemu.base.own_code import own_error
 from tactemu.geometry import rotation
 from tactemu.geometry.bodies import Body
 from tactemu.geometry.shapes.registry import shape_class
 from tactemu.geometry.shapes.shape import Shape
-from tactemu.scene.engine_registry import BatchEngine, Engine, JointMotors, open_engine
+from tactemu.scene.engine_interface import BatchEngine, Engine, JointMotors
+from tactemu.scene.engine_tables import REGISTRY as ENGINES
 from tactemu.scene.engine_tables import BatchTable
 from tactemu.scene.file import LoadedScene, device_class
 from tactemu.scene.placement import PlacedSensor, PlacedSkin
@@ -41,12 +43,12 @@ def make_devices(loaded: LoadedScene) -> dict[str, Device]:
     Raises:
         DeviceError: there is no such device, or it does not have an option.
     """
-    return {skin.title: _device_of(skin, _found(skin.device, loaded)) for skin in loaded.tables.skin}
+    return {skin.title: _device_of(skin) for skin in loaded.tables.skin}
 
 
-def _device_of(skin: SkinTable, name: str) -> Device:
+def _device_of(skin: SkinTable) -> Device:
     """Return the device of a skin; its option ``sees``, if it has one, is the quantity that the transducers provide."""
-    options = skin.device_options
+    name, options = skin.device, skin.device_options
     if skin.transducer and "sees" in declared(device_class(name)) and "sees" not in options:
         model = model_class(model_name(skin, make_device(name, options)))
         kind = Chain(f"skin {skin.title!r}", transducers_of(skin), model.layouts).output
@@ -63,12 +65,6 @@ def transducers_of(skin: SkinTable) -> list[Transducer]:
     return [
         make_transducer(f"skin {skin.title!r}: transducer {k}", table) for k, table in enumerate(skin.transducer, 1)
     ]
-
-
-def _found(name: str, loaded: LoadedScene) -> str:
-    """Return the name of a device, with the path of a device file made relative to the scene file's folder."""
-    path = loaded.folder / name
-    return str(path) if ".py:" in name and Path(str(path).rpartition(":")[0]).is_file() else name
 
 
 def make_device(name: str, options: dict[str, Any]) -> Device:
@@ -128,6 +124,30 @@ def build_scene(
             placed.append(PlacedSensor(sensor, part))
         skins[skin.title] = PlacedSkin(placed, len(device.layout))
     return scene, skins
+
+
+def open_engine(scene: Scene, loaded: LoadedScene, motors: Sequence[JointMotors]) -> Any:
+    """Open the engine that a scene file names, an :class:`Engine`, and add the bodies of its model to the scene.
+
+    Raises:
+        SceneError: a skin has joints and the engine moves no motors, the engine or a library that it needs is not
+            installed, the engine cannot read its model, or an engine of the user's own raises an error.
+    """
+    table = loaded.tables.engine
+    assert table is not None
+    if motors and not table.moves_motors:
+        raise SceneError(
+            f'skin {motors[0].skin!r}: joints: an engine of kind {table.kind!r} moves no motors; use kind "mujoco"'
+        )
+    try:
+        engine: Any = table.open(scene, loaded.folder, motors)
+    except TactemuError:
+        raise
+    except Exception as raised:
+        raise own_error(ENGINES, table.kind, raised) from raised
+    if isinstance(table, BatchTable):
+        engine.starts = loaded.starts
+    return engine
 
 
 def read_engine(loaded: LoadedScene) -> BatchEngine | None:
@@ -196,15 +216,11 @@ def sensor_model(
     Raises:
         SceneError: there is no such model, or it does not have or accept an option.
     """
-    from tactemu.sensors.sensor import SensorModel
-
     name = model_name(skin, device)
     try:
         model = model_class(name)
-    except LookupError as error:
+    except SceneError as error:
         raise SceneError(f"skin {skin.title!r}: model: {error}") from error
-    if not (isinstance(model, type) and issubclass(model, SensorModel)):
-        raise SceneError(f"skin {skin.title!r}: model: {name} is no sensor model (tactemu.sensors.sensor.SensorModel)")
     _check_senses(skin, name, model, device)
     where = f"skin {skin.title!r}: options"
     try:

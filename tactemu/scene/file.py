@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tomllib
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -13,14 +13,19 @@ import numpy as np
 from pydantic import ValidationError
 
 import firmware_protocols
+from firmware_protocols.named_classes import UnknownNameError, WrongClassError, is_file_name
 from firmware_protocols.options import checked
+from firmware_protocols.registry import REGISTRY as DEVICES
 from tactemu.base.errors import DeviceError, SceneError, nearest
+from tactemu.base.own_code import own_error
 from tactemu.geometry.motion import Motion
+from tactemu.scene.code_names import own_names
 from tactemu.scene.default import tables_for
+from tactemu.scene.engine_tables import ENGINES
 from tactemu.scene.measured_defaults import measured_defaults
 from tactemu.scene.schema import SHAPES, SceneFile, make_motion, motion_schemas
 from tactemu.scene.validation_errors import list_errors
-from tactemu.sensors.models import MODELS
+from tactemu.sensors.models import REGISTRY as MODELS
 
 DEFAULTS = Path(__file__).parent / "defaults"
 """The folder of the scenes of devices, by their names; the scenes of other devices are made from their layouts."""
@@ -46,37 +51,27 @@ class LoadedScene:
 def load(target: str | Path, device_options: Mapping[str, Any] | None = None, *, code: bool = True) -> LoadedScene:
     """Return the scene in the file ``target``, or the default scene of the device called ``target`` with its options.
 
-    Building a scene runs the Python files that it names. ``code=False`` refuses a scene that names any.
+    Reading a scene runs the code of others that it names: Python files, and classes of installed packages.
+    ``code=False`` refuses a scene that names any, and runs none.
 
     Raises:
         SceneError: the file cannot be read or has errors; the message lists every error.
         DeviceError: ``target`` is neither a file nor a device, or the device does not take an option.
     """
-    if not code and ".py:" in str(target):
-        raise SceneError(f"{target}: this is Python code, which would be run; give a scene file without code")
-    loaded = _load(str(target), device_options or {})
-    for skin in () if code else loaded.tables.skin:
-        for name in (skin.device, skin.model_ or ""):
-            if ":" in name:
-                raise SceneError(
-                    f"{target}: skin {skin.title!r} names {name}, Python code that would be run; "
-                    "give a scene file without code"
-                )
-    return loaded
-
-
-def _load(text: str, device_options: Mapping[str, Any]) -> LoadedScene:
+    text = str(target)
+    if not code and DEVICES.is_own(text):
+        raise SceneError(f"{text}: this is Python code, which would be run; give a scene file without code")
     if text.endswith(".toml"):
         if device_options:
             named = ", ".join(device_options)
             raise SceneError(f"{text}: give the options {named} in the scene file, as `device_options` of its skins")
         path = Path(text)
         try:
-            return parse(path.read_text(encoding="utf-8-sig"), source=text, folder=path.parent)
+            return parse(path.read_text(encoding="utf-8-sig"), source=text, folder=path.parent, code=code)
         except (OSError, UnicodeDecodeError) as error:
             reason = error.strerror if isinstance(error, OSError) else "not a text file"
             raise SceneError(f"{text}: cannot read the scene file: {reason}") from None
-    return default_scene(text, device_options)
+    return default_scene(text, device_options or {})
 
 
 def default_scene(name: str, device_options: Mapping[str, Any] | None = None) -> LoadedScene:
@@ -130,18 +125,18 @@ def device_class(name: str) -> type[firmware_protocols.Device]:
     """
     try:
         return firmware_protocols.device_class(name)
-    except LookupError as error:
-        hint = "" if ".py:" in name else "; a scene file ends in .toml"
+    except UnknownNameError as error:
+        hint = "" if is_file_name(name) else "; a scene file ends in .toml"
         if name.endswith(".py"):
             hint = f"; a device file is named with its class: {name}:CLASS"
         raise DeviceError(f"{error.args[0]}{hint}") from None
+    except WrongClassError as error:
+        raise DeviceError(error.args[0]) from None
     except Exception as error:  # a user's device file may raise anything
-        if ".py:" not in name:
-            raise
-        raise DeviceError(f"{name}: the file raised {type(error).__name__}: {error}") from error
+        raise own_error(DEVICES, name, error, DeviceError) from error
 
 
-def parse(text: str, *, source: str = "scene", folder: Path | None = None) -> LoadedScene:
+def parse(text: str, *, source: str = "scene", folder: Path | None = None, code: bool = True) -> LoadedScene:
     """Return the scene that a TOML text describes.
 
     Raises:
@@ -155,17 +150,21 @@ def parse(text: str, *, source: str = "scene", folder: Path | None = None) -> Lo
         raise SceneError(f"{source}: not a scene: tables or lists are nested too deep") from None
     if not data:
         raise SceneError(f"{source}: the file is empty; `tactemu new FILE` writes a scene to start from")
-    return check(data, source=source, folder=folder)
+    return check(data, source=source, folder=folder, code=code)
 
 
-def check(data: dict[str, Any], *, source: str = "scene", folder: Path | None = None) -> LoadedScene:
+def check(data: dict[str, Any], *, source: str = "scene", folder: Path | None = None, code: bool = True) -> LoadedScene:
     """Return the scene that tables already read describe.
 
     Raises:
         SceneError: the tables have errors; the message lists every error.
     """
+    for where, name in () if code else own_names(data):
+        raise SceneError(
+            f"{source}: {where} names {name}, Python code that would be run; give a scene file without code"
+        )
     try:
-        tables = SceneFile.model_validate(data)
+        tables = SceneFile.model_validate(data, context={"folder": folder})
         if any(skin.measured for skin in tables.skin):
             skins = tuple(measured_defaults(skin) if skin.measured else skin for skin in tables.skin)
             tables = tables.model_copy(update={"skin": skins})
@@ -189,7 +188,17 @@ def json_schema() -> dict[str, Any]:
     }
     for body in SHAPES.values():
         schema["$defs"][body.__name__]["properties"]["motion"] = {"$ref": "#/$defs/Motion"}
+    properties = schema["properties"]
+    properties["body"]["items"] = _or_own(properties["body"]["items"], "shape", SHAPES)
+    engine, nothing = properties["engine"]["anyOf"]
+    properties["engine"]["anyOf"] = [_or_own(engine, "kind", ENGINES), nothing]
     return schema
+
+
+def _or_own(table: dict[str, Any], key: str, known: Iterable[str]) -> dict[str, Any]:
+    """Return the JSON schema of a table, or of one with any keys for a class of the user's own."""
+    own = {"type": "string", "not": {"enum": list(known)}, "description": "path/to/file.py:Class, or of a package"}
+    return {"anyOf": [table, {"type": "object", "properties": {key: own}, "required": [key]}]}
 
 
 def _motions(tables: SceneFile, source: str) -> dict[str, Motion]:
@@ -233,9 +242,8 @@ def _references(tables: SceneFile):
                 yield f"skin {skin.title!r}: links.{link}: no body {body!r}{nearest(body, bodies)} (bodies: {known})"
         if skin.joints and tables.engine is None:
             yield f"skin {skin.title!r}: joints: they name joints of an engine's model; add an [engine]"
-        if skin.model_ is not None and skin.model_ not in MODELS and ":" not in skin.model_:
-            hint = f"{nearest(skin.model_, MODELS)} (models: {', '.join(MODELS)})"
-            yield f"skin {skin.title!r}: model: unknown model {skin.model_!r}{hint}"
+        if skin.model_ is not None and not MODELS.knows(skin.model_):
+            yield f"skin {skin.title!r}: model: {MODELS.unknown(skin.model_)}"
     for k, event in enumerate(tables.scenario):
         if event.skin is not None and event.skin not in skins:
             yield f"scenario[{k}]: skin: no skin {event.skin!r}{nearest(event.skin, skins)} (skins: {', '.join(skins)})"

@@ -9,6 +9,7 @@ import dataclasses
 import inspect
 import types
 import typing
+from functools import cache
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Union
 
 from pydantic import (
@@ -18,12 +19,13 @@ from pydantic import (
     Field,
     Tag,
     ValidationError,
+    ValidationInfo,
     create_model,
-    model_validator,
 )
 
 from firmware_protocols.bounds import Bounds
 from tactemu.base.errors import SceneError, nearest
+from tactemu.base.own_code import own_error
 from tactemu.base.units import (
     DEFAULT_STEP_S,
     LENGTH_UNIT,
@@ -37,11 +39,12 @@ from tactemu.base.units import (
     Whole,
 )
 from tactemu.geometry.motion import MOTIONS, Motion, Sequence, Together
-from tactemu.geometry.shapes.registry import SHAPES as SHAPE_CLASSES
+from tactemu.geometry.shapes.registry import REGISTRY as SHAPE_CLASSES
 from tactemu.geometry.shapes.registry import shape_class
 from tactemu.geometry.shapes.shape import Shape
+from tactemu.scene.engine_interface import JointTable
 from tactemu.scene.engine_tables import AnyEngine
-from tactemu.scene.table import Table, one_of
+from tactemu.scene.table import ClassName, Table, one_of, placed
 from tactemu.scene.validation_errors import list_errors
 from tactemu.sensors.signs import Convention
 
@@ -149,6 +152,7 @@ class BodyTable(Table):
     )
 
 
+@cache
 def _body_table(name: str, shape: type[Shape]) -> type[BodyTable]:
     """Return the table with the keys of a shape: its fields, or the parameters of its ``from_file``."""
     own = "from_file" in vars(shape)
@@ -168,7 +172,7 @@ def _body_table(name: str, shape: type[Shape]) -> type[BodyTable]:
 
 
 SHAPES: dict[str, type[BodyTable]] = {
-    **{name: _body_table(name, shape_class(name)) for name in SHAPE_CLASSES},
+    **{name: _body_table(name, shape_class(name)) for name in SHAPE_CLASSES.classes},
     "frame": create_model(
         "FrameBody", __base__=BodyTable, __doc__="No geometry: a link for a skin.", shape=(Literal["frame"], ...)
     ),
@@ -176,10 +180,23 @@ SHAPES: dict[str, type[BodyTable]] = {
 """The table of each ``shape``."""
 
 
+def _own_table(name: str) -> type[BodyTable]:
+    """Return the table of a shape of the user's own.
+
+    Raises:
+        SceneError: there is no such shape, or the file raises an error.
+    """
+    shape = shape_class(name)
+    try:
+        return _body_table(name, shape)
+    except Exception as raised:  # its types may be anything
+        raise own_error(SHAPE_CLASSES, name, raised) from raised
+
+
 if TYPE_CHECKING:
     AnyBody = BodyTable
 else:
-    AnyBody = one_of(SHAPES, "shape")
+    AnyBody = one_of(SHAPES, "shape", SHAPE_CLASSES, _own_table)
 
 
 # -- skins ---------------------------------------------------------------------------------------------------------
@@ -232,25 +249,18 @@ class LinkTable(Table):
     )
 
 
-class JointTable(Table):
-    """The joint of an engine's model that a motor of the device moves."""
+def _placed_kind(table: dict[str, Any], info: ValidationInfo) -> dict[str, Any]:
+    return table | {"kind": placed(table["kind"], info)} if isinstance(table.get("kind"), str) else table
 
-    joint: str = Field(description="name of the joint in the model")
-    zero: Number = Field(default=0.0, description="position of the joint when the motor is at 0 [rad, m]")
-    ratio: Number = Field(default=1.0, description="travel of the joint per [rad, m] of the motor; may be negative")
 
-    @model_validator(mode="after")
-    def _moves(self):
-        if self.ratio == 0:
-            raise ValueError("ratio: expected a number that is not 0")
-        return self
+TransducerTable = Annotated[dict[str, Any], AfterValidator(_placed_kind)]
 
 
 class SkinTable(Table):
     """A device on a port, whose taxels a sensor on a body simulates."""
 
     name: Name | None = Field(default=None, description="name of the skin; default: the device's name")
-    device: str = Field(description="name of the device (see `tactemu devices`), or path/to/file.py:Class")
+    device: ClassName = Field(description="name of the device (see `tactemu devices`), or path/to/file.py:Class")
     device_options: dict[str, Any] = Field(default={}, description="keyword arguments of the device class")
     link: str | None = Field(default=None, description="name of the body that carries the taxels")
     readings: str | None = Field(default=None, description="instead of a link: truth log whose samples are replayed")
@@ -265,11 +275,13 @@ class SkinTable(Table):
     quaternion: Quaternion = Field(
         default=(1.0, 0.0, 0.0, 0.0), description="orientation of the device's frame on the link"
     )
-    model_: str | None = Field(
-        default=None, alias="model", description="sensor model, or MODULE:CLASS; default: the cheapest suitable one"
+    model_: ClassName | None = Field(
+        default=None,
+        alias="model",
+        description="sensor model, or path/to/file.py:Class; default: the cheapest suitable one",
     )
     options: dict[str, Any] = Field(default={}, description="options of the sensor model, imperfections included")
-    transducer: tuple[dict[str, Any], ...] = Field(
+    transducer: tuple[TransducerTable, ...] = Field(
         default=(), description="transducers: tables with a `kind`, one after another, between model and electronics"
     )
     embed: Annotated[float, Bounds(unit=LENGTH_UNIT, low=-1, high=1)] | None = Field(

@@ -2,12 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Annotated, Any, Union
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    ValidationInfo,
+    ValidatorFunctionWrapHandler,
+    WrapValidator,
+    model_validator,
+)
 
-from tactemu.base.errors import nearest
+from firmware_protocols.named_classes import NamedClasses, beside
+from tactemu.base.errors import SceneError, nearest
 
 
 class Table(BaseModel):
@@ -27,15 +38,45 @@ class Table(BaseModel):
         return data
 
 
-def one_of(tables: Mapping[str, type[Table]], key: str) -> Any:
-    """Return the annotation of a table that is one of several, chosen by the value of its ``key``."""
+def placed(name: str, info: ValidationInfo) -> str:
+    """Return a name of a registry, with the path of a file taken relative to the scene file's folder."""
+    folder: Path | None = (info.context or {}).get("folder")
+    return name if folder is None else beside(name, folder)
 
-    def known(data: Any) -> Any:
+
+ClassName = Annotated[str, AfterValidator(placed)]
+"""A name of a registry. The path of ``path/to/file.py:Class`` is relative to the scene file, and once it is checked to
+the working directory.
+"""
+
+
+def one_of(
+    tables: Mapping[str, type[Table]], key: str, registry: NamedClasses, own: Callable[[str], type[Table]]
+) -> Any:
+    """Return the annotation of a table that is one of several, chosen by the value of its ``key``.
+
+    Args:
+        tables: the tables of this package, by name.
+        key: the key with the name.
+        registry: the classes that the names denote.
+        own: the function that returns the table of a class of a user's own, by name.
+    """
+
+    def known(data: Any, handler: ValidatorFunctionWrapHandler, info: ValidationInfo) -> Any:
         given = data.get(key) if isinstance(data, dict) else None
-        if isinstance(data, dict) and (not isinstance(given, str) or given not in tables):
-            problem = f"unknown {key} {given!r}{nearest(given, tables)}" if key in data else f"missing key {key!r}"
-            raise ValueError(f"{problem} ({key}s: {', '.join(tables)})")
-        return data
+        if not isinstance(data, dict) or (isinstance(given, str) and given in tables):
+            return handler(data)
+        if not isinstance(given, str) or not registry.knows(given):
+            hint = (
+                registry.unknown(given, tables) if key in data else f"missing key {key!r} ({key}s: {', '.join(tables)})"
+            )
+            raise ValueError(hint)
+        name = placed(given, info)
+        try:
+            table = own(name)
+        except SceneError as error:
+            raise ValueError(str(error)) from None
+        return table.model_validate({**data, key: name}, context=info.context)
 
     one = Annotated[Union[tuple(tables.values())], Field(discriminator=key)]  # noqa: UP007
-    return Annotated[one, BeforeValidator(known)]
+    return Annotated[one, WrapValidator(known)]

@@ -7,10 +7,11 @@
 
 from __future__ import annotations
 
-import importlib
 from typing import TYPE_CHECKING
 
+from firmware_protocols.named_classes import NamedClasses
 from tactemu.base.errors import SceneError
+from tactemu.base.own_code import load_class
 
 if TYPE_CHECKING:
     from tactemu.sensors.sensor_model import SensorModel
@@ -28,17 +29,17 @@ MODELS: dict[str, str] = {
 names in :mod:`tactemu` are made from it."""
 
 
+REGISTRY = NamedClasses("model", "tactemu.models", MODELS, "tactemu.sensors.sensor_model:SensorModel")
+"""The models of :data:`MODELS`, of installed packages and of files."""
+
+
 def model_class(name: str) -> type[SensorModel]:
-    """Return the class of a model by its name in :data:`MODELS`, or of a user's own model by ``"module:Class"``.
+    """Return the class of a model by its name, or of your own model by ``path/to/file.py:Class``.
 
     Raises:
-        LookupError: no model has this name.
+        SceneError: there is no such model, or the file raises an error.
     """
-    module, _, kind = MODELS.get(name, name).partition(":")
-    try:
-        return getattr(importlib.import_module(module), kind)
-    except (ImportError, AttributeError, ValueError) as error:
-        raise LookupError(f"no sensor model {name!r}: {error}") from error
+    return load_class(REGISTRY, name)
 
 
 def models_for(quantity: str) -> dict[str, type[SensorModel]]:

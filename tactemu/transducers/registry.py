@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
-import importlib
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
+from firmware_protocols.named_classes import NamedClasses
 from tactemu.base.errors import SceneError, nearest
+from tactemu.base.own_code import load_class
 
 if TYPE_CHECKING:
     from tactemu.transducers.transducer import Transducer
@@ -22,18 +23,17 @@ TRANSDUCERS: dict[str, str] = {
 }
 
 
+REGISTRY = NamedClasses("transducer", "tactemu.transducers", TRANSDUCERS, "tactemu.transducers.transducer:Transducer")
+"""The transducers of :data:`TRANSDUCERS`, of installed packages and of files."""
+
+
 def transducer_class(name: str) -> type[Transducer]:
-    """Return the class of a transducer, given its name or the ``"module:Class"`` of your own.
+    """Return the class of a transducer by its name, or of your own transducer by ``path/to/file.py:Class``.
 
     Raises:
-        SceneError: there is no transducer of this name.
+        SceneError: there is no such transducer, or the file raises an error.
     """
-    module, _, kind = TRANSDUCERS.get(name, name).partition(":")
-    try:
-        return getattr(importlib.import_module(module), kind)
-    except (ImportError, AttributeError, ValueError):
-        hint = nearest(name, TRANSDUCERS) or f" (kinds: {', '.join(TRANSDUCERS)})"
-        raise SceneError(f"no transducer {name!r}{hint}") from None
+    return load_class(REGISTRY, name)
 
 
 def make_transducer(where: str, table: Mapping[str, Any]) -> Transducer:

@@ -12,7 +12,7 @@ PAD = '[[body]]\nname = "pad"\nshape = "box"\nsize = [0.1, 0.1, 0.01]\n[[skin]]\
     ("words", "sentence"),
     [
         ("run anyskn", "unknown device 'anyskn'; did you mean 'anyskin'?"),
-        ("run qqqqqq", "unknown device 'qqqqqq'; `tactemu devices` lists them; a scene file ends in .toml"),
+        ("run qqqqqq", "unknown device 'qqqqqq'; `tactemu devices` lists them (your own: path/to/file.py:Class, or "),
         ("run tests", "'tests' is a folder; name a device, a scene file or path/to/device.py:Class"),
         ("run anyskin --port /tmp/x", "port '/tmp/x': a path needs its scheme; did you mean 'pty:/tmp/x'?"),
         ("run anyskin --port ptty:/tmp/x", "port 'ptty:/tmp/x': unknown scheme 'ptty'; did you mean 'pty'?"),

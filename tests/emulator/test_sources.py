@@ -308,5 +308,5 @@ def test_what_mujoco_does_not_have_is_told(tmp_path):
     (tmp_path / "ball.xml").write_text(MODEL)
     with pytest.raises(SceneError, match="no geom or body 'palm'; geoms: plate, ball; bodies: world, pad, ball"):
         serve(tmp_path / "scene.toml", "memory:").start()
-    with pytest.raises(SceneError, match=r"engine: unknown kind 'bullet' \(kinds: mujoco, "):
+    with pytest.raises(SceneError, match=r"engine: unknown engine 'bullet' \(engines: mujoco, "):
         parse(ENGINE.replace("mujoco", "bullet").format(link="pad"))

@@ -151,7 +151,7 @@ PLANTS = {
     ),
     "contract: the first version": (
         [("def measure(self, reading: Reading, t_ns: int)", "def digitize(self, reading)")],
-        "TypeError",
+        "WrongClassError",
     ),
     "file: no Python": ([("class AcmePalm(Device):", "class AcmePalm(Device)")], r"import: .*\(acme_palm\.py:\d+\)"),
 }

@@ -87,7 +87,7 @@ def test_a_step_that_time_cannot_count_is_refused(dt):
 
 CODE = {
     "a device file": ("device = 'mine.py:Mine'", "names mine.py:Mine, Python code"),
-    "a model of one's own": ("device = 'anyskin'\nmodel = 'mine:Taxel'", "names mine:Taxel, Python code"),
+    "a model of one's own": ("device = 'anyskin'\nmodel = 'mine.py:Taxel'", "names mine.py:Taxel, Python code"),
 }
 
 

@@ -28,7 +28,7 @@ def tree(tmp_path_factory) -> Path:
         folder, FILES, "tactemu/sensors/probes/pin_taxel.py", "tactemu/sensors/models.py", '    "proximity_taxel"'
     )
     shutil.copy(ROOT / "tests" / "sensors" / "test_models.py", tree)
-    (tree / "pins.toml").write_text(FILES["pins.toml"].replace("pin_taxel:PinTaxel", "pin_taxel"))
+    (tree / "pins.toml").write_text(FILES["pins.toml"].replace("pin_taxel.py:PinTaxel", "pin_taxel"))
     return tree
 
 

@@ -11,7 +11,6 @@ import tactemu as tt
 from firmware_protocols.senses import TOUCH, Quantity
 from tactemu.base.errors import SceneError
 from tactemu.base.option_groups import defaults, from_flat
-from tactemu.scene.building import build_scene, make_devices
 from tactemu.scene.file import parse
 from tactemu.sensors.models import MODELS, cheapest, model_class, models_for
 from tactemu.sensors.sensor_model import SensorModel
@@ -101,16 +100,7 @@ model = {model!r}
 """
 
 
-def test_a_scene_file_takes_a_class_of_the_users_own(tmp_path, monkeypatch):
-    text = "from tactemu import KinematicTaxel\n\n\nclass Soft(KinematicTaxel):\n    level = 2\n"
-    (tmp_path / "users_own_model.py").write_text(text)
-    monkeypatch.syspath_prepend(tmp_path)
-    loaded = parse(SCENE.format(model="users_own_model:Soft"))
-    _scene, sensors = build_scene(loaded, make_devices(loaded))
-    assert type(sensors["anyskin"].model).__name__ == "Soft"
-    missing = parse(SCENE.format(model="users_own_model:Hard"))
-    with pytest.raises(SceneError, match="skin 'anyskin': model: no sensor model 'users_own_model:Hard'"):
-        build_scene(missing, make_devices(missing))
+def test_a_wrong_name_of_a_model_is_told():
     with pytest.raises(SceneError, match="unknown model 'kinematik_taxel'; did you mean 'kinematic_taxel'"):
         parse(SCENE.format(model="kinematik_taxel"))
 

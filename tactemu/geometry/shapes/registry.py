@@ -7,8 +7,10 @@
 
 from __future__ import annotations
 
-import importlib
 from typing import TYPE_CHECKING
+
+from firmware_protocols.named_classes import NamedClasses
+from tactemu.base.own_code import load_class
 
 if TYPE_CHECKING:
     from tactemu.geometry.shapes.shape import Shape
@@ -26,7 +28,14 @@ SHAPES: dict[str, str] = {
 """The class of each shape. Scene files, the JSON schema, :mod:`tactemu`, MuJoCo's geoms and the docs derive from it."""
 
 
+REGISTRY = NamedClasses("shape", "tactemu.shapes", SHAPES, "tactemu.geometry.shapes.shape:Shape")
+"""The shapes of :data:`SHAPES`, of installed packages and of files."""
+
+
 def shape_class(name: str) -> type[Shape]:
-    """Return the class of a shape, by its name in :data:`SHAPES`."""
-    module, _, kind = SHAPES[name].partition(":")
-    return getattr(importlib.import_module(module), kind)
+    """Return the class of a shape by its name, or of your own shape by ``path/to/file.py:Class``.
+
+    Raises:
+        SceneError: there is no such shape, or the file raises an error.
+    """
+    return load_class(REGISTRY, name)
