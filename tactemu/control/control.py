@@ -64,7 +64,8 @@ class Control:
         """The motions of the bodies that you may move, by name."""
         self.clients: Counter[str] = Counter()
         """A server's counters of its clients and their requests."""
-        self._scene, self._skins = assembled.scene, assembled.skins
+        self._scene, self._skins, self._posed = assembled.scene, assembled.skins, assembled.posed
+        self._loaded = assembled.loaded
 
     # -- from any thread -------------------------------------------------------------------------------------------
 
@@ -212,6 +213,9 @@ class Control:
         return TaskResult(round(end_s * 1e9), until_sampled=True) if wait and not self._lockstep else TaskResult()
 
     def _body(self, name: str | None) -> str:
+        if name in self._posed or (self._posed and not self.steered):
+            moved = name or ", ".join(sorted(self._posed))
+            raise TactemuError(f"the source moves {moved}, and nothing else does; move bodies in your own simulation")
         if not self.steered:
             raise TactemuError("no body can be moved: none that is not fixed, carries no skin and follows no joint")
         if name is not None and name not in self.steered:
@@ -221,7 +225,11 @@ class Control:
 
     def _taxels(self, channel: Channel) -> PlacedSkin:
         if channel.name not in self._skins:
-            raise TactemuError(f"skin {channel.name!r} plays recorded readings; nothing can be pressed into it")
+            (skin,) = (skin for skin in self._loaded.tables.skin if skin.title == channel.name)
+            how = "plays recorded readings" if skin.readings else "has no taxels"
+            if skin.link is None and skin.readings is None:
+                how = "has the readings that your source gives"
+            raise TactemuError(f"skin {channel.name!r} {how}; nothing can be pressed into it")
         return self._skins[channel.name]
 
     # -- faults and imperfections

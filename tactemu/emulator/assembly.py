@@ -52,7 +52,7 @@ class Assembled:
     skins: Mapping[str, PlacedSkin]
     """The skins on bodies, by name."""
     posed: frozenset[str]
-    """The bodies that the user's source poses."""
+    """The bodies that the user's source moves."""
     reassemble: Callable[..., Assembled] = field(repr=False)
     """A function that assembles an equal emulator with its own port, clock and truth log."""
 

@@ -28,7 +28,7 @@ import numpy as np
 
 from firmware_protocols import Device
 from firmware_protocols.senses import CONTACT, VECTORS
-from tactemu.base.errors import SceneError, SourceError
+from tactemu.base.errors import SceneError, SourceError, nearest
 from tactemu.geometry import rotation
 from tactemu.geometry.motion import Pose
 from tactemu.scene.placement import AMBIENT, PlacedSensor, PlacedSkin
@@ -62,7 +62,9 @@ class SourceParts:
 
     @property
     def posed_bodies(self) -> set[str]:
-        """Bodies that the source moves instead of their motions."""
+        """Bodies that the source moves: those that it poses, or all of the user's scene."""
+        if self.simulation is not None:
+            return {body.name for body in self.simulation.bodies}
         return set(self.poses.names) if self.poses else set()
 
 
@@ -88,7 +90,7 @@ def resolve_source(
         return SourceParts(sensors=sensors, simulation=source)
     if not callable(source):
         raise SceneError(f"source: expected a tactemu.Scene, built or not, or a function of time, got {source!r}")
-    return _from_function(source, [body.name for body in loaded.tables.body if not body.fixed], devices)
+    return _from_function(source, {body.name: body.fixed for body in loaded.tables.body}, devices)
 
 
 def without_replaced(loaded: LoadedScene, given: SourceParts) -> LoadedScene:
@@ -101,19 +103,50 @@ def without_replaced(loaded: LoadedScene, given: SourceParts) -> LoadedScene:
     return replace(loaded, motions=motions, tables=loaded.tables.model_copy(update={"skin": skins}))
 
 
-def _from_function(function: Function, bodies: Sequence[str], devices: Mapping[str, Device]) -> SourceParts:
-    """Call a function for the first time, and return the parts of the scene that its result replaces."""
+def _from_function(function: Function, bodies: Mapping[str, bool], devices: Mapping[str, Device]) -> SourceParts:
+    """Call a function for the first time, and return the parts of the scene that its result replaces.
+
+    Args:
+        function: the user's function.
+        bodies: for each body of the scene, True if it is fixed.
+        devices: the device of each skin.
+
+    Raises:
+        SourceError: the function raised, or returned no poses of these bodies and no readings of these skins.
+    """
     first = _call(function, 0.0)
-    if isinstance(first, Mapping) and first and set(first) <= set(bodies):
+    moving = [name for name, is_fixed in bodies.items() if not is_fixed]
+    if isinstance(first, Mapping) and first and set(first) <= set(moving):
         return SourceParts(poses=FunctionPoses(function, first))
-    by_skin = isinstance(first, Mapping) and set(first) <= set(devices)
-    if not by_skin and len(devices) != 1:
-        raise SourceError(
-            f"source at 0 s: expected a table of poses by body ({', '.join(bodies) or 'none that moves'}) "
-            f"or of readings by skin ({', '.join(devices)}), got {_shown(first)}"
-        )
+    by_skin = isinstance(first, Mapping) and bool(first) and set(first) <= set(devices)
+    is_reading = len(devices) == 1 and (not isinstance(first, Mapping) or not _QUANTITIES.isdisjoint(first))
+    if not by_skin and not is_reading:
+        raise SourceError(f"source at 0 s: {_problem(first, bodies, devices)}")
     fed = {name: FunctionSkin(name, devices[name]) for name in (first if by_skin else devices)}
     return SourceParts(readings=FunctionReadings(function, fed, first, by_skin))
+
+
+_QUANTITIES = frozenset((*CONTACT, *AMBIENT, "wrench"))
+
+
+def _problem(first: Any, bodies: Mapping[str, bool], devices: Mapping[str, Device]) -> str:
+    """Return what is wrong with the first result of a function, and what was expected."""
+    moving = ", ".join(name for name, is_fixed in bodies.items() if not is_fixed) or "none that moves"
+    ways = [f"poses by body ({moving})", f"readings by skin ({', '.join(devices)})"]
+    names = {*bodies, *devices}
+    if len(devices) == 1:
+        quantities = (*next(iter(devices.values())).contact, *AMBIENT)
+        ways.append(f"readings by quantity ({', '.join(quantities)})")
+        names |= set(quantities)
+    if not isinstance(first, Mapping) or not first:
+        return f"expected a table of {' or of '.join(ways[:2])}, got {_shown(first)}"
+    wrong = next((name for name in first if bodies.get(name) or name not in names), None)
+    if wrong is None:
+        return f"expected a table of one kind: {', or '.join(ways)}; got {_shown(first)}"
+    hint = f"no body or skin is called {wrong!r}{nearest(wrong, sorted(names))}"
+    if bodies.get(wrong):
+        hint = f"body {wrong!r} is fixed, and cannot be posed"
+    return f"{hint}; expected a table of {', or of '.join(ways)}"
 
 
 def _call(function: Function, t_s: float) -> Any:
