@@ -41,7 +41,7 @@ class HandEnv:
         taxels = tt.KinematicTaxel(**about, track_link_idx=(model.body_of("object").index,))
         skins = [scene.add_sensor(taxels, link=model.body_of(tip)) for tip in fingers]
         self.sim = scene.build(num_envs, device=device)
-        self.touch = [torch.from_dlpack(skin.force_array) for skin in skins]  # the steps write into them
+        self.touch = [torch.from_dlpack(skin.arrays.force) for skin in skins]  # the steps write into them
         self.positions = torch.from_dlpack(self.engine.positions)
         columns = [model.column(joint) for joint in JOINTS]
         if engine == "newton":  # one row has the target of each position of all environments

@@ -42,9 +42,11 @@ from tactemu.scene.schema import Event as Event
 from tactemu.sensors.drawing import DrawOptions as DrawOptions
 from tactemu.sensors.elastomer.elastomer_taxel import ElastomerTaxel as ElastomerTaxel
 from tactemu.sensors.layer.elastic_layer_taxel import ElasticLayerTaxel as ElasticLayerTaxel
+from tactemu.sensors.layer.elastic_layer_taxel import LayerReading as LayerReading
 from tactemu.sensors.points.proximity_taxel import ProximityTaxel as ProximityTaxel
 from tactemu.sensors.probes.contact_depth_probe import ContactDepthProbe as ContactDepthProbe
 from tactemu.sensors.probes.contact_probe import ContactProbe as ContactProbe
+from tactemu.sensors.probes.kinematic_taxel import ForceTorque as ForceTorque
 from tactemu.sensors.probes.kinematic_taxel import KinematicTaxel as KinematicTaxel
 from tactemu.sensors.sensor import Sensor as Sensor
 from tactemu.sensors.simulation import Simulation as Simulation

@@ -36,7 +36,7 @@ from tactemu.sensors.probe_grid import Grid
 from tactemu.sensors.probe_layout import Probes
 from tactemu.sensors.probes.query import CHEAPER_QUERY, nearest_function, query_trials
 from tactemu.sensors.sensed import sensed_type
-from tactemu.sensors.sensor_model import Compiled, DepthQuery, Derive, SensorModel, Setting, Site
+from tactemu.sensors.sensor_model import Compiled, DepthQuery, Derive, SensorModel, Setting, Site, TouchPoints
 from tactemu.sensors.shape_table import ShapeTable, ShapeTables
 from tactemu.transducers.registry import transducer_class
 from tactemu.transducers.transducer import (
@@ -57,7 +57,8 @@ __all__ = [  # noqa: RUF022  (in groups)
     # the contract of a sensor model: it derives from SensorModel, and compiles a Site to a Compiled
     "Channels", "Compiled", "DepthQuery", "Derive", "DrawOptions", "Dtype", "ElectronicsOptions", "Grid",
     "ImperfectionOptions", "LinkView", "PointCloud", "Probes", "Quantity", "ReadingInfo", "SensorModel", "ShapeTable",
-    "ShapeTables", "Site", "Setting", "model_class",
+    "ShapeTables", "Site", "Setting",
+    "TouchPoints", "model_class",
     # the stages of a step, and the context that allocates their arrays and records their launches
     "Context", "Launch", "Launches", "Stage", "clear_rows", "in_turn", "record",
     # functions for kernels: the nearest surface, distances, lines through bodies, numbers that are not finite

@@ -20,7 +20,7 @@ from tactemu.scene.building import build_scene, make_devices
 from tactemu.scene.engine_tables import BatchTable
 from tactemu.scene.file import LoadedScene, load
 from tactemu.scene.placement import PlacedSkin
-from tactemu.sensors.sensor import Sensor
+from tactemu.sensors.sensor import Sensor, pick, reading_array
 
 UNITS = {"force": "N", "pressure": "Pa", "depth": "m", "displacement": "m", "torque": "N m", "touch": ""}
 IS_TRUTH = {"ideal": True, "measured": False}
@@ -90,7 +90,7 @@ class Partition:
     def rows(self) -> Iterator[tuple[str, np.ndarray]]:
         """Yield the name of each column and its present values in all environments."""
         for (sensor, truth), host in self._hosts.items():
-            wp.copy(host, sensor.array(truth))
+            wp.copy(host, reading_array(sensor, truth))
         if self.simulation.device.is_cuda:
             wp.synchronize_stream(wp.get_stream(self.simulation.device))
         for reader in self._readers:
@@ -162,7 +162,7 @@ class _QuantityReader:
         """Return the values in all environments, shape ``(n_envs, n_taxels[, 3])``."""
         found = []
         for part in self._skin.parts:
-            values = part.sensor.pick(self._quantity, hosts[part.sensor, self._truth].numpy())
+            values = pick(part.sensor, self._quantity, hosts[part.sensor, self._truth].numpy())
             found.append(part.to_device_frame(values) if self.column.shape[1:] else values)
         if len(found) == 1:
             return found[0]

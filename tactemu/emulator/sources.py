@@ -342,8 +342,8 @@ def _skins_of(sensors: Sequence[Sensor], devices: Mapping[str, Device]) -> dict[
 def _placed(name: str, sensor: Sensor, device: Device) -> PlacedSkin:
     model, n = sensor.model, len(device.layout)
     where = f"source: sensor {sensor.name!r}"
-    if sensor.probes.n != n:
-        raise SceneError(f"{where} has {sensor.probes.n} taxels, {device.name} has {n}")
+    if sensor.n_taxels != n:
+        raise SceneError(f"{where} has {sensor.n_taxels} taxels, {device.name} has {n}")
     for quantity in device.contact:
         if quantity not in model.layouts:
             raise SceneError(f"{where} gives {', '.join(model.layouts)} and not {quantity}, which {device.name} senses")

@@ -119,10 +119,10 @@ class Pad:
 
     def attach(self, sensor: Sensor) -> None:
         """Attach the skin that the frame carries, if it has forces that can be summed."""
-        if sensor.chain is None and "force" in sensor.layouts:
+        if not sensor.transducers and "force" in sensor.quantities:
             self.sensor = sensor
             self._friction = float(getattr(sensor.model, "friction", 0.0))
-            self._reach = REACH_RADII * float(np.max(sensor.probes.radii))
+            self._reach = REACH_RADII * float(np.max(sensor.radii))
 
     def clear(self) -> None:
         """Reset the pad: nothing touches the skin."""
@@ -148,7 +148,7 @@ class Pad:
             return
         measured, self._measured = self.skin_force(), None
         local = (contacts.positions[which] - position) @ turn
-        away = np.linalg.norm(local[:, None] - self.sensor.probes.positions[None], axis=-1).min(axis=1)
+        away = np.linalg.norm(local[:, None] - self.sensor.positions.reshape(1, -1, 3), axis=-1).min(axis=1)
         which = which[away < self._reach]
         self.force = float(contacts.forces[which].sum())
         if self.force < MIN_FORCE_N:
@@ -228,7 +228,7 @@ class Pad:
         if self.sensor is None or self.sensor.imperfections is None:  # the scene is not built yet
             return 0.0
         forces = self.sensor.quantity("force", ground_truth=True)
-        return float(np.maximum(-np.einsum("ij,ij->i", forces, self.sensor.probes.normals), 0.0).sum())
+        return float(np.maximum(-np.einsum("ij,ij->i", forces, self.sensor.normals.reshape(-1, 3)), 0.0).sum())
 
     def state(self) -> dict[str, Any]:
         """Return the state on which the next step depends."""

@@ -8,7 +8,7 @@
     sim = scene.build(4096, device="cuda:0")
     commands = torch.from_dlpack(engine.data.ctrl)  # (n_envs, actuators)
     while True:
-        commands[:] = policy(torch.from_dlpack(skin.force_array))
+        commands[:] = policy(torch.from_dlpack(skin.arrays.force))
         sim.step()
 
 It needs the extra ``tactemu[mujoco-warp]``.

@@ -252,8 +252,8 @@ def _probes(placed: PlacedSensor) -> DrawnProbes:
     part, sensor, draw = placed.part, placed.sensor, placed.sensor.model.draw
     back = rotation.conjugate(rotation.normalised(part.quaternion))
     return DrawnProbes(
-        probes=rotation.rotate(back, sensor.probes.positions - np.asarray(part.position)),
-        radii=sensor.probes.radii,
+        probes=rotation.rotate(back, sensor.positions.reshape(-1, 3) - np.asarray(part.position)),
+        radii=sensor.radii.reshape(-1),
         probe_color=list(draw.debug_probe_color),
         contact_color=list(draw.debug_contact_color),
         center_radius=draw.debug_probe_center_radius,

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tactemu.base.errors import SceneError
 from tactemu.base.options import choice, number
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
     from tactemu.geometry.motion import Motion
     from tactemu.plan.plan import Dtype
     from tactemu.sensors.sensor import Sensor
-    from tactemu.sensors.sensor_model import SensorModel
+    from tactemu.sensors.sensor_model import R, SensorModel
     from tactemu.sensors.simulation import Simulation
     from tactemu.sensors.split import SplitSimulation
     from tactemu.transducers.transducer import Transducer
@@ -43,7 +44,7 @@ class Scene:
         self.bodies: list[Body] = []
         self._names: set[str] = set()
         """Names of the bodies."""
-        self.sensors: list[Sensor] = []
+        self.sensors: list[Sensor[Any]] = []
         self.posers: list[Callable[[Simulation, float], None]] = []
         """Functions that pose bodies at each step of the built scene, given its time [s]: other simulators."""
         self.planners: list[Callable[[Simulation], None]] = []
@@ -99,18 +100,34 @@ class Scene:
         self._outdate(f"body {name!r} was added after the scene was built")
         return body
 
+    @overload
+    def add_sensor(
+        self, model: SensorModel[R], *, link: Body | str | int, name: str | None = None, transducers: tuple[()] = ()
+    ) -> Sensor[R]: ...
+
+    @overload
     def add_sensor(
         self,
-        model: SensorModel,
+        model: SensorModel[Any],
+        *,
+        link: Body | str | int,
+        name: str | None = None,
+        transducers: Sequence[Transducer],
+    ) -> Sensor[NDArray[np.floating]]: ...
+
+    def add_sensor(
+        self,
+        model: SensorModel[Any],
         *,
         link: Body | str | int,
         name: str | None = None,
         transducers: Sequence[Transducer] = (),
-    ) -> Sensor:
-        """Put a skin on a body, and return the handle by which you read it.
+    ) -> Sensor[Any]:
+        """Put a skin on a body, and return the handle by which you read it; the model sets the type of its reading.
 
         ``transducers`` (:mod:`tactemu.transducers`) act, in their order, between the model and the noise, resolution
-        and saturation of the options, which are then in the unit of the last transducer.
+        and saturation of the options, which are then in the unit of the last transducer. The reading is then one array,
+        the signal of the last; give none rather than an empty list, which a type checker takes for such a signal.
 
         Raises:
             SceneError: the body is not in this scene, or the name is taken.
@@ -124,12 +141,14 @@ class Scene:
         name = name or f"{kind}{len(self.sensors)}"
         if any(sensor.name == name for sensor in self.sensors):
             raise SceneError(f"sensor {name!r}: there is already a sensor of this name; choose another name")
-        sensor = Sensor(name, model, self.body(link), tuple(transducers), model.convention or self.convention)
+        sensor: Sensor[Any] = Sensor(
+            name, model, self.body(link), tuple(transducers), model.convention or self.convention
+        )
         for each in sensor.transducers:
             each.check_all(f"sensor {name!r}")
         if sensor.transducers:
             require_on_skin([sensor], f"sensor {name!r}: transducers sense")
-        _ = sensor.chain  # raises if the transducers do not fit
+        _ = sensor._chain  # raises if the transducers do not fit
         self.sensors.append(sensor)
         self._outdate(f"sensor {name!r} was added after the scene was built")
         return sensor

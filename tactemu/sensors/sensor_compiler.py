@@ -14,11 +14,12 @@ from tactemu.geometry.bodies import Body
 from tactemu.imperfections import ChainOptions, Imperfections, ReadingInfo
 from tactemu.imperfections.compile import Transduce
 from tactemu.plan.plan import Context, Stage
+from tactemu.sensors.contacts import contact_flags, probe_points
 from tactemu.sensors.drawing import check_drawing
 from tactemu.sensors.point_cloud import PointCloud
 from tactemu.sensors.poses import RelativePoses
-from tactemu.sensors.sensor import Built, Sensor, check_query, sensed_bodies
-from tactemu.sensors.sensor_model import Site, upload_probes
+from tactemu.sensors.sensor import Built, Outputs, Sensor, check_query, sensed_bodies
+from tactemu.sensors.sensor_model import Compiled, Site, upload_probes
 from tactemu.sensors.shape_table import ShapeTables
 from tactemu.transducers.transducer import SignalType, TransducerSite
 
@@ -29,7 +30,7 @@ MAX_LAUNCH_THREADS = 2**31
 def _reading_info(sensor: Sensor, kind: SignalType | None = None) -> ReadingInfo:
     """Return the facts that the imperfections need of a sensor's reading: that of its transducers if ``kind`` is given,
     else that of its model."""
-    model, probes = sensor.model, sensor.probes
+    model, probes = sensor.model, sensor._probes
     return ReadingInfo(
         name=sensor.name,
         layout=probes.layout,
@@ -45,7 +46,7 @@ def _reading_info(sensor: Sensor, kind: SignalType | None = None) -> ReadingInfo
 def _areas(sensor: Sensor) -> np.ndarray:
     """Return the area of each taxel [m²]: the model's ``taxel_area``, its cell of a grid, or the circle of its
     probe."""
-    probes, given = sensor.probes, getattr(sensor.model, "taxel_area", None)
+    probes, given = sensor._probes, getattr(sensor.model, "taxel_area", None)
     if given is None and probes.is_grid:
         given = abs(probes.spacing[0] * probes.spacing[1])
     if given is None or not np.all(np.asarray(given) > 0):  # a grid of one row or column has no spacing
@@ -80,33 +81,44 @@ class SensorCompiler:
         imperfections = Imperfections(options, _reading_info(sensor), self._context)
         gain, gain_stages = imperfections.compile_gain()
         radius, radius_stages = imperfections.compile_radius_noise()
-        compiled = model.compile(self._site(sensor, gain if model.gain_inside else None, radius))
+        site = self._site(sensor, gain if model.gain_inside else None, radius)
+        compiled = model.compile(site)
         finish = compiled.finish or (lambda array, _branch: (array, []))
         transduce: Transduce | None = None
-        if sensor.chain is None:
+        if sensor._chain is None:
             truth, truth_stages = finish(compiled.truth, "truth")
         else:  # transducers replace the model's own finish and presentation
             truth, truth_stages, info = self._transduce(sensor, compiled.truth)
             transduce = partial(self._transduced, sensor, compiled.truth, (truth, [], info))
         values, value_stages = imperfections.compile_values(compiled.raw, transduce)
-        untouched = values is (compiled.truth if sensor.chain is None else truth)
-        last = finish if sensor.chain is None else _unchanged
+        untouched = values is (compiled.truth if sensor._chain is None else truth)
+        last = finish if sensor._chain is None else _unchanged
         values, finish_stages = (truth, []) if untouched else last(values, "measured")
         measured, delivery_stages = imperfections.compile_delivery(values)
         remembered, history_stages = (measured, []) if truth is measured else imperfections.compile_history(truth)
         self.arrays += [compiled.truth, compiled.raw, truth, remembered, values, measured]
         self.stages += imperfections.compile_resets() + gain_stages + radius_stages + compiled.stages + truth_stages
         self.stages += value_stages + finish_stages + delivery_stages + history_stages
-        present = compiled.present if sensor.chain is None else None
-        own = {} if sensor.chain is not None else compiled.derived
-        status = self._poses.status(sensor.link.index)
-        return partial(sensor.attach, simulation, imperfections, remembered, measured, present, own, status)
+        outputs = Outputs(
+            truth=remembered,
+            measured=measured,
+            present=compiled.present if sensor._chain is None else None,
+            derived=compiled.derived if sensor._chain is None else {},
+            bad_poses=self._poses.status(sensor.link.index),
+            contacts=partial(self._contacts, site, compiled),
+            sensed=site.target_bodies,
+        )
+        return partial(sensor._attach, simulation, imperfections, outputs)
+
+    def _contacts(self, site: Site, compiled: Compiled) -> tuple[wp.array, Stage]:
+        """Return the contact flags of the bodies, and the stage that fills them."""
+        return contact_flags(site, len(self._bodies), compiled.touch_points or (lambda: [probe_points(site)]))
 
     def _check(self, sensor: Sensor) -> None:
-        n_taxels = self._context.n_envs * sensor.probes.n
+        n_taxels = self._context.n_envs * sensor._probes.n
         if n_taxels >= MAX_LAUNCH_THREADS:
             raise SceneError(
-                f"sensor {sensor.name!r}: {self._context.n_envs} environments of {sensor.probes.n} taxels are "
+                f"sensor {sensor.name!r}: {self._context.n_envs} environments of {sensor._probes.n} taxels are "
                 f"{n_taxels}, "
                 f"more than the {MAX_LAUNCH_THREADS - 1} of one launch; build fewer environments at a time"
             )
@@ -115,7 +127,7 @@ class SensorCompiler:
             check_declared(where, options)
         check_query(sensor)
         check_drawing(where, sensor.model.draw)
-        sensor.model.validate(sensor.probes)
+        sensor.model.validate(sensor._probes)
 
     def _site(self, sensor: Sensor, gain, radius) -> Site:
         sensed = sensed_bodies(sensor, self._bodies)
@@ -124,14 +136,14 @@ class SensorCompiler:
             model=sensor.model,
             context=self._context,
             link=sensor.link,
-            probes=sensor.probes,
+            probes=sensor._probes,
             n_channels=sensor.model.n_channels,
             view=self._poses.view(sensor.link.index),
             target_bodies=sensed,
             targets=wp.array([body.index for body in sensed], dtype=wp.int32, device=self._context.device),
             shapes=self._shapes,
             clouds=self.clouds,
-            **upload_probes(sensor.probes, self._context),
+            **upload_probes(sensor._probes, self._context),
             on_skin=sensor.on_skin,
             gain=gain,
             radius=radius,
@@ -146,8 +158,8 @@ class SensorCompiler:
 
     def _transduce(self, sensor: Sensor, array: wp.array) -> tuple[wp.array, list[Stage], ReadingInfo]:
         """Plan a sensor's transducers for one branch."""
-        assert sensor.chain is not None
-        probes, view = sensor.probes, self._poses.view(sensor.link.index)
+        assert sensor._chain is not None
+        probes, view = sensor._probes, self._poses.view(sensor.link.index)
         site = TransducerSite(
             name=sensor.name,
             context=self._context,
@@ -160,5 +172,5 @@ class SensorCompiler:
             pose=view.pose,
             bodies={body.name: body.index for body in self._bodies},
         )
-        out, stages = sensor.chain.compile(site, array)
-        return out, stages, _reading_info(sensor, sensor.chain.output)
+        out, stages = sensor._chain.compile(site, array)
+        return out, stages, _reading_info(sensor, sensor._chain.output)

@@ -3,7 +3,7 @@
 A model is a dataclass of options in one file, derived from :class:`SensorModel`::
 
     @dataclass(frozen=True, kw_only=True, eq=False)
-    class MyTaxel(SensorModel):
+    class MyTaxel(SensorModel[NDArray[np.floating]]):         # the type of its reading
         stiffness: float = 1.0
         level = 2
         channels = ("force",)                                 # three numbers per taxel
@@ -53,10 +53,11 @@ from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, Literal, cast
 
 import numpy as np
 import warp as wp
+from numpy.typing import NDArray
 
 from tactemu.base.option_groups import Options
 from tactemu.base.units import Length
@@ -72,6 +73,15 @@ from tactemu.sensors.probe_layout import Probes, make_probes
 from tactemu.sensors.sensed import sensed_type
 from tactemu.sensors.shape_table import ShapeTable, ShapeTables
 from tactemu.sensors.signs import Convention
+
+if TYPE_CHECKING:  # a model reads anything unless it says SensorModel[ForceTorque]
+    from typing_extensions import TypeVar
+
+    R = TypeVar("R", covariant=True, default=Any)
+else:
+    from typing import TypeVar
+
+    R = TypeVar("R", covariant=True)
 
 DepthQuery = Literal["sdf", "raycast", "band", "voxel", "ray"]
 Derive = Callable[[wp.array, str], tuple[wp.array, Stage]]
@@ -145,6 +155,21 @@ class Site:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class TouchPoints:
+    """The points of a skin at which bodies touch it, in the link's frame."""
+
+    positions: np.ndarray
+    """Positions [m], ``(n, 3)``."""
+    normals: np.ndarray
+    """Unit normals, ``(n, 3)``."""
+    radii: np.ndarray
+    """Distance below which a body touches each [m], ``(n,)``; negative for a point that is no skin."""
+    reach: np.ndarray | None
+    """Distance behind each point at which a ray along its normal begins [m], ``(n,)``; ``None``: the distance is that
+    to the nearest surface."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Compiled:
     """The result of a model's :meth:`SensorModel.compile`."""
 
@@ -159,7 +184,10 @@ class Compiled:
     present: Callable[[np.ndarray], Any] | None = None
     """A function used instead of :meth:`SensorModel.present` where presenting needs the compiled arrays."""
     derived: Mapping[str, Derive] = field(default_factory=dict)
-    """Quantities derived from a reading that users may view as arrays on the device (:meth:`Sensor.view`), by name."""
+    """Quantities derived from a reading, by name, of which users may ask for arrays on the device
+    (:attr:`Sensor.arrays`)."""
+    touch_points: Callable[[], Sequence[TouchPoints]] | None = None
+    """A function that returns the points where bodies touch the skin; ``None``: they touch its probes."""
 
 
 @dataclass(frozen=True)
@@ -174,8 +202,10 @@ class Setting:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class SensorModel(Options):
+class SensorModel(Options, Generic[R]):
     """Options that all tactile sensors share. Positions, normals and readings are in the frame of the link.
+
+    The type parameter is that of a reading: an array, or a named tuple of arrays if it has several fields.
 
     They are frozen: ``dataclasses.replace(model, stiffness=2.0)`` makes another model, and :meth:`Sensor.set` changes
     imperfections at run time. Scene files have the options of the three groups beside the model's own.
@@ -226,12 +256,17 @@ class SensorModel(Options):
     """The channels of a taxel, in order: ``scalar`` is one number, ``force``, ``torque``, ``displacement`` three
     each."""
     unit: ClassVar[str] = ""
+    """SI unit in which noise, resolution and the other imperfections are given."""
+    reading_unit: ClassVar[str | None] = None
+    """SI units of the reading's fields, where they are not ``unit``."""
     gain_inside: ClassVar[bool] = True
     """Does the model apply ``site.gain`` itself? If not, the gain multiplies the reading after hysteresis."""
     layouts: ClassVar[dict[str, slice]] = {}
     """Quantities that the model offers (see :data:`firmware_protocols.device.Quantity`), each with its channels."""
     has_genesis_signs: ClassVar[bool] = False
     """Does it reverse parts of its reading where ``site.on_skin`` is false? If not, all always acts on the skin."""
+    more_fields: ClassVar[dict[str, slice]] = {}
+    """Fields of the reading that are no quantity of a device, each with its channels."""
     senses_within_radius: ClassVar[bool] = False
     """Do its probes sense bodies nearer than their radius? Sunk by that radius, they measure from the first contact."""
     strengths: ClassVar[tuple[str, ...]] = ()
@@ -270,10 +305,9 @@ class SensorModel(Options):
     def validate(self, probes: Probes) -> None:
         """Check options against each other."""
 
-    def present(self, values: np.ndarray) -> Any:
-        """Turn an array ``(..., n_channels)`` into the result of ``read()``. The array is a copy already, so views
-        suffice."""
-        return values[..., 0] if self.n_channels == 1 else values
+    def present(self, values: NDArray[Any]) -> R:
+        """Turn a copy of the channels, ``(..., n_channels)``, into the result of ``read()``; views of it suffice."""
+        return cast(R, values[..., 0] if self.n_channels == 1 else values)
 
     @property
     def n_channels(self) -> int:

@@ -119,6 +119,8 @@ class Simulation(PoseInput):
         self.resets = Resets(self.plan, self.context, self.world, self._compiler.arrays)
         self._bound = None
         self._in_graph = False
+        self._added: list[Stage] = []
+        """The stages that users asked for after the build; their arrays are no state."""
         self.posers = list(posers)
         self.movers = [body.motion for body in self._moving] + [getattr(each, "__self__", None) for each in posers]
         """The objects that move the bodies, which may be parts with a state of their own."""
@@ -137,7 +139,7 @@ class Simulation(PoseInput):
         succeeded."""
         links = sorted({sensor.link.index for sensor in self.sensors})
         reasons = [f"{s.name} ({why})" for s in self.sensors if (why := s.model.velocity_reason())]
-        skins = {link: [s.probes.positions for s in self.sensors if s.link.index == link] for link in links}
+        skins = {link: [s._probes.positions for s in self.sensors if s.link.index == link] for link in links}
         middles = np.array([_middle(np.concatenate(each)) for each in skins.values()]).reshape(-1, 3)
         self._poses = RelativePoses(links, len(self.bodies), reasons, middles, self.context)
         self.plan = Plan(device=self.device, threads=self.context.threads, why_threads=why_threads)
@@ -163,6 +165,7 @@ class Simulation(PoseInput):
     def add_stage(self, stage: Stage) -> None:
         """Add a stage to the end of each step, and run it now."""
         self.plan.insert(stage)
+        self._added.append(stage)
         stage.launch()
 
     def step(self, n: int = 1, *, dt: float | None = None) -> None:
@@ -301,7 +304,7 @@ class Simulation(PoseInput):
         """Return a simulation of the same bodies at its start, with separate handles on the same sensors."""
         return Simulation(
             self.bodies,
-            [sensor.clone() for sensor in self.sensors],
+            [sensor._clone() for sensor in self.sensors],
             replace(self._options, device=self.device),
             dt=self.dt,
             posers=self.posers,
@@ -355,6 +358,8 @@ class Simulation(PoseInput):
                 else:
                     array.assign(values)
             self.world.after_restore()
+            for stage in self._added:
+                stage.launch()
 
         return take
 

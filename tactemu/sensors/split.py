@@ -21,7 +21,7 @@ class SplitSimulation:
 
     All devices step at the same time: a step does not wait, only a reading does. Arrays on a device belong to its part,
     a :class:`~tactemu.sensors.simulation.Simulation` of its own: ``split.parts[k].pose_array``, ``split.sensor(skin,
-    k).force_array``.
+    k).arrays.force``.
     """
 
     def __init__(
@@ -137,7 +137,7 @@ class SplitSimulation:
 
 
 def _handles(sensors: Sequence[Sensor]) -> list[Sensor]:
-    return [sensor.clone() for sensor in sensors]
+    return [sensor._clone() for sensor in sensors]
 
 
 def _rows(values: Any, n: int, mine: np.ndarray) -> np.ndarray:

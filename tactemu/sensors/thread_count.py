@@ -29,7 +29,7 @@ def thread_count(threads: int | None, device: wp.Device, n_envs: int, sensors: S
     if threads is not None:
         found = min(int(threads), n_envs)
         return found, f" (as asked for), {-(-n_envs // found)}{each} at most to each"
-    work = n_envs * sum(sensor.model.work * sensor.probes.n for sensor in sensors)
+    work = n_envs * sum(sensor.model.work * sensor.n_taxels for sensor in sensors)
     pays = max(1, int(work // WORK_PER_THREAD))
     found = min(cores(), n_envs, pays)
     if found == 1:

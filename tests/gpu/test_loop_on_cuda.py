@@ -9,6 +9,7 @@ import warp as wp
 
 import tactemu as tt
 from tactemu.base.errors import PoseError, SceneError
+from tactemu.sensors.sensor import pick, reading_array
 from tests.sensors.test_poses_on_the_device import N_ENVS, mujoco_warp, newton, one_array, scene, truth
 from tests.sensors.test_views import GRID
 
@@ -65,13 +66,13 @@ def test_torch_writes_poses_and_reads_forces_without_a_copy():
     torch = pytest.importorskip("torch", reason="torch is not installed")
     t = 0.02
     sim, skin = scene(device=DEVICE)
-    poses, force = torch.from_dlpack(sim.pose_array), torch.from_dlpack(skin.force_array)
+    poses, force = torch.from_dlpack(sim.pose_array), torch.from_dlpack(skin.arrays.force)
     given = torch.as_tensor(one_array(t)["poses"], device=DEVICE)
     for _ in range(4):
         poses[:, ::2] = given[:, ::2]
         sim.step()
     expected = truth(t)
-    assert force.data_ptr() == skin.array().ptr
+    assert force.data_ptr() == reading_array(skin).ptr
     assert np.abs(force.cpu().numpy() - expected[..., :3]).max() <= 1e-5 * np.abs(expected).max()
     mask = torch.zeros(N_ENVS, dtype=torch.bool, device=DEVICE)
     mask[2] = True
@@ -86,7 +87,8 @@ def test_jax_reads_forces():
     sim.step()
     wp.synchronize()
     assert np.array_equal(
-        np.asarray(jax.dlpack.from_dlpack(skin.array()))[..., :3].reshape(skin.read().force.shape), skin.read().force
+        np.asarray(jax.dlpack.from_dlpack(reading_array(skin)))[..., :3].reshape(skin.read().force.shape),
+        skin.read().force,
     )
 
 
@@ -119,16 +121,16 @@ def test_resets_by_a_mask_are_those_by_index():
                 mask = np.arange(N_ENVS) % 3 == k % 3
                 chosen = wp.array(mask, dtype=wp.bool, device=DEVICE) if by_mask else np.flatnonzero(mask)
                 sim.reset(chosen)
-                assert not skin.array().numpy()[mask].any()
+                assert not reading_array(skin).numpy()[mask].any()
                 slide(sim, ball, k)
-            found.append(skin.array().numpy())
+            found.append(reading_array(skin).numpy())
         readings.append(np.array(found))
     assert np.array_equal(*readings) and readings[0].any()
 
 
 def test_views_and_pinned_readings():
     sim, ball, skin = layer(DEVICE)
-    views = {name: skin.view(name) for name in ("force", "pressure", "traction", "displacement")}
+    views = {name: getattr(skin.arrays, name) for name in ("force", "pressure", "traction", "displacement")}
     out = skin.host_array()
     assert out.pinned
     for k in range(4):
@@ -152,7 +154,7 @@ def test_large_readings_are_copied_by_threads(monkeypatch):
     for k in range(3):
         slide(sim, ball, k)
         sim.step()
-        kept.append((skin.read(), skin.pick("force", skin.array().numpy())))
+        kept.append((skin.read(), pick(skin, "force", reading_array(skin).numpy())))
     for reading, force in kept:  # none of them lies in the memory of another
         assert np.array_equal(reading.force.reshape(N_ENVS, -1, 3), force) and force.any()
     sim.close()
@@ -171,12 +173,12 @@ def test_a_step_in_a_graph_of_ones_own():
         mask = wp.array([0, 1, 0, 0, 0], dtype=wp.bool, device=DEVICE)
         sim.step()
         sim.reset(mask)
-        total = wp.zeros_like(skin.array())
+        total = wp.zeros_like(reading_array(skin))
         if captured:
             with wp.ScopedCapture(DEVICE) as capture:
                 sim.reset(mask)
                 sim.step()
-                wp.copy(total, skin.array())
+                wp.copy(total, reading_array(skin))
             assert capture.graph is not None
             for _ in range(3):
                 wp.capture_launch(capture.graph)
@@ -184,7 +186,7 @@ def test_a_step_in_a_graph_of_ones_own():
             for _ in range(3):
                 sim.reset(mask)
                 sim.step()
-                wp.copy(total, skin.array())
+                wp.copy(total, reading_array(skin))
         found.append((total.numpy(), int(sim.context.step.numpy()[0])))
     assert np.array_equal(found[0][0], found[1][0]) and found[0][1] == found[1][1] == 4
 
@@ -207,7 +209,7 @@ def test_a_nan_is_seen_on_the_device():
     sim.bind_poses(wp.array(rows, dtype=wp.float64, device=DEVICE))
     for _ in range(3):
         sim.step()
-    assert np.argwhere(skin.status_array.numpy()).tolist() == [[3, 2]]
+    assert np.argwhere(skin.arrays.bad_poses.numpy()).tolist() == [[3, 2]]
     with pytest.raises(PoseError, match="body 'tool', environment 3, step 3"):
         sim.check()
     assert np.isnan(skin.read().force[3]).all() and np.isfinite(np.delete(skin.read().force, 3, 0)).all()

@@ -13,6 +13,7 @@ from tactemu.base.errors import SceneError
 from tactemu.base.option_groups import defaults, from_flat
 from tactemu.scene.file import parse
 from tactemu.sensors.models import MODELS, cheapest, model_class, models_for
+from tactemu.sensors.sensor import reading_array
 from tactemu.sensors.sensor_model import SensorModel
 
 EXAMPLES = [(name, words) for name in MODELS for words in model_class(name).examples]
@@ -36,7 +37,7 @@ def pressed(name, options, *, depth, speed=(0.05, 0.0, 0.0), seed=0):
         at = (5e-4 * step, 0, 0.02 - depth)
         sim.set_pose(ball, position=at, linear_velocity=speed, angular_velocity=(0, 0, 1.0))
         sim.step()
-    return skin.array().numpy().copy(), sim.plan
+    return reading_array(skin).numpy().copy(), sim.plan
 
 
 @pytest.mark.parametrize("name", MODELS)

@@ -9,6 +9,7 @@ import trimesh
 
 import tactemu as tt
 from tactemu.geometry.shapes import mesh_query
+from tactemu.sensors.sensor import reading_array
 from tests.sensors.rig import scene_with
 
 COUNT = """
@@ -83,7 +84,7 @@ def test_velocities_are_computed_only_for_who_asks():
 
 def test_without_imperfections_the_measured_branch_is_the_truth():
     sim, body, skin = scene_with(tt.Sphere(radius=0.01), tt.ContactDepthProbe(probe_radius=1e-3))
-    assert skin.array() is skin.array(ground_truth=True)
+    assert reading_array(skin) is reading_array(skin, ground_truth=True)
     biased = tt.ContactDepthProbe(probe_radius=1e-3, electronics=tt.ElectronicsOptions(bias=1e-3))
     sim, body, skin = scene_with(tt.Sphere(radius=0.01), biased)
     sim.set_pose(body, position=(0, 0, 0.009))

@@ -212,7 +212,7 @@ def test_a_pose_that_is_nan_is_seen_on_the_device_and_said():
     with pytest.raises(PoseError, match="body 'tool', environment 3, step 1"):
         sim.step()
         sim.check()
-    assert np.argwhere(skin.status_array.numpy()).tolist() == [[3, 2]]
+    assert np.argwhere(skin.arrays.bad_poses.numpy()).tolist() == [[3, 2]]
     assert np.isnan(skin.read().force[3]).all() and np.isfinite(np.delete(skin.read().force, 3, 0)).all()
 
 

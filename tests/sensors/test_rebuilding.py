@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import tactemu as tt
+from tactemu.sensors.sensor import reading_array
 
 
 @pytest.fixture
@@ -88,7 +89,7 @@ def test_two_identical_sensors_read_the_same(kind):
         for x in (0.0, 5e-4):
             sim.set_pose(ball, position=(x, 0, 0.0195))
             sim.step()
-        return [skin.array().numpy().copy() for skin in skins]
+        return [reading_array(skin).numpy().copy() for skin in skins]
 
     first, second = readings("one", "two")
     assert np.abs(first).max() > 0 and np.array_equal(first, second)

@@ -13,6 +13,7 @@ from tactemu.base.option_groups import from_flat
 from tactemu.plan.launches import Launches, in_turn
 from tactemu.plan.thread_pool import ThreadPool
 from tactemu.sensors.models import MODELS, model_class
+from tactemu.sensors.sensor import reading_array
 from tactemu.transducers.capacitive import Capacitive
 from tactemu.transducers.fluid import Fluid
 from tactemu.transducers.magnetic import Magnetic
@@ -71,7 +72,7 @@ def readings(threads: int, model: str, **options) -> bytes:
         for step in range(5):
             sim.set_pose("ball", **poses(step))
             sim.step()
-            found += [skin.array().numpy().tobytes(), skin.array(ground_truth=True).numpy().tobytes()]
+            found += [reading_array(skin).numpy().tobytes(), reading_array(skin, ground_truth=True).numpy().tobytes()]
             if step == 2:
                 sim.reset([1, 5])
         assert len(threads_alive()) == threads - 1
@@ -149,7 +150,7 @@ def test_a_large_reading_is_a_copy_made_by_all(monkeypatch):
     monkeypatch.setattr("tactemu.plan.plan.MIN_SHARED_COPY_BYTES", 1)
     sim, _ball, skin = built("KinematicTaxel", 3)
     sim.step()
-    reading, array = skin.read(), skin.array().numpy()
+    reading, array = skin.read(), reading_array(skin).numpy()
     assert np.array_equal(np.concatenate(reading, -1).reshape(array.shape), array) and array.any()
     assert not np.shares_memory(reading.force, array)
     sim.close()

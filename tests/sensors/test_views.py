@@ -7,6 +7,7 @@ import warp as wp
 import tactemu as tt
 from tactemu.base.errors import SceneError
 from tactemu.base.option_groups import from_flat
+from tactemu.sensors.sensor import reading_array
 from tests.sensors.rig import scene_with
 
 GRID = np.stack([*np.meshgrid(np.linspace(-8e-3, 8e-3, 6), np.linspace(-6e-3, 6e-3, 5)), np.full((5, 6), 0.01)], -1)
@@ -34,7 +35,7 @@ def pressed(model, n_envs=3, slide=2e-4, **options):
 )
 def test_a_view_is_the_reading_and_stays_it(model, names, n_envs):
     sim, body, skin = pressed(model, n_envs, noise=1e-6)
-    views = {name: np.from_dlpack(getattr(skin, f"{name}_array")) for name in names}
+    views = {name: np.from_dlpack(getattr(skin.arrays, name)) for name in names}
     for deeper in (0.0, 1e-4):
         sim.set_pose(body, position=(7e-4, 0, 0.0193 - deeper))
         sim.step()
@@ -42,35 +43,35 @@ def test_a_view_is_the_reading_and_stays_it(model, names, n_envs):
             reading = skin.read_ground_truth() if truth else skin.read()
             for name in names:
                 expected = getattr(reading, name) if isinstance(reading, tuple) else reading
-                seen = skin.view(name, ground_truth=True).numpy() if truth else views[name]
+                seen = getattr(skin.ground_truth_arrays, name).numpy() if truth else views[name]
                 assert seen.shape == expected.shape and np.abs(expected).max() > 0
                 if name == "traction":
                     assert np.abs(seen - expected).max() <= 1e-5 * np.abs(expected).max()
                 else:
                     assert np.array_equal(seen, expected)
     name = names[0]
-    assert skin.view(name) is getattr(skin, f"{name}_array")
-    assert np.shares_memory(np.from_dlpack(skin.view(name)), skin.array().numpy())
+    assert getattr(skin.arrays, name) is getattr(skin.arrays, name)
+    assert np.shares_memory(np.from_dlpack(getattr(skin.arrays, name)), reading_array(skin).numpy())
 
 
 def test_a_history_keeps_taxels_in_a_row():
     _sim, _body, skin = pressed(tt.KinematicTaxel, history_length=2)
-    assert skin.force_array.shape == (3, 2, 30, 3)
-    assert np.array_equal(skin.force_array.numpy().reshape(3, 2, 5, 6, 3), skin.read().force)
+    assert skin.arrays.force.shape == (3, 2, 30, 3)
+    assert np.array_equal(skin.arrays.force.numpy().reshape(3, 2, 5, 6, 3), skin.read().force)
 
 
 def test_what_is_not_there_is_said():
     _sim, _body, skin = pressed(tt.ContactDepthProbe)
-    with pytest.raises(SceneError, match="'skin' has no 'force' to view; it has: depth"):
-        _ = skin.force_array
+    with pytest.raises(SceneError, match="'skin' has no array 'force'; it has: depth, contacts, bad_poses"):
+        _ = skin.arrays.force
     with pytest.raises(SceneError, match="build the scene"):
         scene = tt.Scene()
-        _ = scene.add_sensor(tt.ContactDepthProbe(), link=scene.add_body(fixed=True)).status_array
+        _ = scene.add_sensor(tt.ContactDepthProbe(), link=scene.add_body(fixed=True)).arrays
 
 
 def test_reading_into_memory_of_ones_own():
     sim, body, skin = pressed(tt.ElasticLayerTaxel)
-    for out in (skin.host_array(), np.zeros(skin.array().shape, np.float32)):
+    for out in (skin.host_array(), np.zeros(reading_array(skin).shape, np.float32)):
         reading = skin.read(out=out)
         memory = out if isinstance(out, np.ndarray) else out.numpy()
         assert np.shares_memory(reading.force, memory)

@@ -6,6 +6,7 @@ from dataclasses import replace
 import pytest
 import warp as wp
 
+from tactemu.sensors.sensor import reading_array
 from tactemu.tune.speed import physics, physics_loops
 
 
@@ -13,7 +14,7 @@ from tactemu.tune.speed import physics, physics_loops
 def test_every_sensor_can_be_measured_in_contact(sensor):
     case = physics.Case(sensor=sensor, side=8, n_envs=2, aim_us=1.0, genesis_us=2.0)
     sim, _ball, skin = physics.build(case, "cpu")
-    assert sim.step_count == 3 and abs(skin.array().numpy()).max() > 0
+    assert sim.step_count == 3 and abs(reading_array(skin).numpy()).max() > 0
     figure = physics.measure(case, repeats=5)
     assert figure.step_us > 0 and figure.read_us > 0 and figure.bound_us > 0
     assert str(figure).startswith(f"{sensor}, 64 taxels, 2 envs")
@@ -37,7 +38,7 @@ def test_figures_of_genesis_are_of_its_own_scene():
         assert case.genesis_us is None or case.scene == "genesis", case.title
     case = next(case for case in physics.all_cases("cpu") if case.scene == "genesis")
     sim, _ball, skin = physics.build(replace(case, n_envs=2, side=16), "cpu", threads=1)
-    assert (skin.array().numpy() > 0).mean() > 0.85  # nearly every taxel touches
+    assert (reading_array(skin).numpy() > 0).mean() > 0.85  # nearly every taxel touches
     assert "Genesis's scene" in case.title and sim.plan.threads == 1
 
 

@@ -7,16 +7,25 @@ An expectation that does not hold is an error there, as is a mistake that it doe
 
 from typing import assert_type
 
+import numpy as np
+from numpy.typing import NDArray
+
 import firmware_protocols as fp
 import tactemu as tt
 from tactemu import devices, models
 from tactemu.integrations.pytest_plugin import TactileDevice
+from tactemu.transducers.piezoresistive import Piezoresistive
 
 scene = tt.Scene(dt=1e-3)
 assert_type(scene, tt.Scene)
 assert_type(scene.add_body(tt.Sphere(radius=0.01)), tt.Body)
 skin = scene.add_sensor(tt.ContactDepthProbe(probe_local_pos=[(0.0, 0.0, 0.0)]), link="pad")
-assert_type(skin, tt.Sensor)
+assert_type(skin, tt.Sensor[NDArray[np.floating]])
+assert_type(scene.add_sensor(tt.KinematicTaxel(), link="pad").read(), tt.ForceTorque)
+assert_type(scene.add_sensor(tt.ElasticLayerTaxel(), link="pad").read().slip, NDArray[np.int8])
+assert_type(scene.add_sensor(tt.ContactProbe(), link="pad").read(), NDArray[np.bool_])
+cells = [Piezoresistive()]
+assert_type(scene.add_sensor(tt.ElasticLayerTaxel(), link="pad", transducers=cells).read(), NDArray[np.floating])
 assert_type(scene.build(), tt.Simulation)
 
 with tt.serve("anyskin", faults=["flip 5%"]) as dev:

@@ -25,6 +25,7 @@ from typing import Annotated
 
 import numpy as np
 import warp as wp
+from numpy.typing import NDArray
 
 from firmware_protocols.bounds import Bounds
 from tactemu.base.errors import SceneError
@@ -46,7 +47,7 @@ FallOff = Annotated[float, Bounds(unit="1/m^2", low=0, high=1e24)]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class ElastomerTaxel(SensorModel):
+class ElastomerTaxel(SensorModel[NDArray[np.floating]]):
     """The reading is the motion of each marker [m], link frame, shape ``([n_envs,] layout, 3)``.
 
     ``probe_radius`` only marks fillers (0): depth is that of the marker itself.

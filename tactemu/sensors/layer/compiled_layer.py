@@ -38,7 +38,7 @@ from tactemu.sensors.layer.reading import reading_kernel, skin_type
 from tactemu.sensors.layer.shared_memory import fits, shared_numbers
 from tactemu.sensors.layer.surface import response_reach, surface_kernel, surface_type
 from tactemu.sensors.layer.tables import LayerMaterial, LayerTables, layer_type
-from tactemu.sensors.sensor_model import Site
+from tactemu.sensors.sensor_model import Site, TouchPoints
 
 MAX_BLOCKS = 1056
 """Maximum number of blocks on a GPU whose scratch lies in its global memory: eight for each of 132 multiprocessors;
@@ -203,6 +203,17 @@ class CompiledLayer:
         """Return a recorded launch with one block of threads per slot."""
         threads = kernel.options["launch_bounds"][0]
         return self.site.context.record_blocks(kernel, self.n_slots, [self._layer(), *inputs], [], threads)
+
+    def touch_points(self) -> TouchPoints:
+        """Return the cells, at which bodies touch the layer."""
+        grid = self.grid
+        normals = grid.cell_axes()[2] if grid.is_bent else np.broadcast_to(grid.normal, (*grid.shape, 3))
+        return TouchPoints(
+            positions=grid.cell_centres().reshape(-1, 3),
+            normals=normals.reshape(-1, 3),
+            radii=np.where(grid.covered().reshape(-1), 0.0, -1.0),
+            reach=self._cells_struct().reach.numpy().reshape(-1),
+        )
 
     def _reach(self, centres: wp.array, horizon: float) -> wp.array:
         """Return the depth below each cell to which bodies are sensed [m]."""

@@ -26,6 +26,7 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 import warp as wp
+from numpy.typing import NDArray
 
 from firmware_protocols.bounds import Bounds
 from tactemu.base.errors import SceneError
@@ -45,7 +46,7 @@ from tactemu.sensors.layer.reading import (
     traction_kernel,
 )
 from tactemu.sensors.probe_layout import Probes
-from tactemu.sensors.sensor_model import Compiled, SensorModel, Setting, Site
+from tactemu.sensors.sensor_model import Compiled, SensorModel, Setting, Site, TouchPoints
 
 MIN_BEND_RADIUS_THICKNESSES = 5.0
 """Smallest radius of a bent pad, in thicknesses; the theory of one layer in arc length fails below it."""
@@ -56,25 +57,26 @@ MAX_OVERSAMPLING = 64
 
 
 class LayerReading(NamedTuple):
-    """A reading of the layer. Shapes ``([n_envs,] layout)``, vectors ``([n_envs,] layout, 3)`` in the link's frame."""
+    """A reading of the layer: fields of shape ``([n_envs,] [history,] layout)``, vectors ``(..., 3)`` in the link's
+    frame."""
 
-    pressure: np.ndarray
+    pressure: NDArray[np.floating]
     """Pressure [Pa], positive where a body presses."""
-    traction: np.ndarray
+    traction: NDArray[np.floating]
     """Force per area on the skin along its surface [Pa]."""
-    force: np.ndarray
+    force: NDArray[np.floating]
     """Force on the taxel [N]; a push is negative along the normal."""
-    displacement: np.ndarray
+    displacement: NDArray[np.floating]
     """Displacement of the skin's surface [m]; zeros with ``displacement=False``."""
-    slip: np.ndarray
+    slip: NDArray[np.int8]
     """Slip state, 0: free, 1: sticks, 2: slips; int8."""
-    residual: np.ndarray
+    residual: NDArray[np.floating]
     """Remainder of the gaps that the solvers should close, relative to the overlap (pressure) or the displacement
     (traction), the larger one; the same for all taxels of a pad."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class ElasticLayerTaxel(SensorModel):
+class ElasticLayerTaxel(SensorModel[LayerReading]):
     """The reading is a :class:`LayerReading`: pressure [Pa], traction [Pa], force [N], displacement [m], slip state,
     residual; vectors in the link's frame, forces on the skin. The taxels lie on a flat rectangular grid, or on several
     such pads, each a layer of its own; or on a gently bent grid (a cylinder, a ball, a saddle), one layer in arc
@@ -111,6 +113,7 @@ class ElasticLayerTaxel(SensorModel):
     unit = "Pa, N, m"
     gain_inside = False
     layouts = {"pressure": PRESSURE, "force": FORCE, "displacement": DISPLACEMENT, "touch": PRESSURE}
+    more_fields = {"slip": slice(SLIP_STATE, SLIP_STATE + 1), "residual": slice(RESIDUAL, RESIDUAL + 1)}
     material = ("young_modulus", "poisson_ratio", "thickness", "friction")
     examples = {"": {"tolerance": 1e-4}}
     valid = (
@@ -187,9 +190,8 @@ class ElasticLayerTaxel(SensorModel):
         normals, areas = probes.normals.reshape(*probes.layout, 3), areas.reshape(*probes.layout, 1)
         present = partial(self._reading, normals=normals, areas=areas)
         names = [site.name if len(grids) == 1 else f"{site.name} pad {k + 1}" for k in range(len(grids))]
-        stages = [
-            stage for name, grid in zip(names, grids) for stage in CompiledLayer(self, grid, site, reading, name).stages
-        ]
+        layers = [CompiledLayer(self, grid, site, reading, name) for name, grid in zip(names, grids)]
+        stages = [stage for layer in layers for stage in layer.stages]
         finish_kernel = status_kernel(site.context.real)
 
         def finish(array: wp.array, branch: str):
@@ -199,12 +201,15 @@ class ElasticLayerTaxel(SensorModel):
             reason = "slip state and residual are no measurements"
             return array, [Stage(name=f"{site.name}: status", reason=reason, launch=launch)]
 
-        how = {"finish": finish, "present": present, "derived": derived}
+        def touch_points() -> list[TouchPoints]:
+            return [layer.touch_points() for layer in layers]
+
+        how = {"finish": finish, "present": present, "derived": derived, "touch_points": touch_points}
         return Compiled(truth=reading, raw=reading, stages=stages, **how)
 
     @staticmethod
     def _traction(site: Site, areas: np.ndarray, reading: wp.array, branch: str) -> tuple[wp.array, Stage]:
-        """Return the tractions on the device for :meth:`Sensor.view`, and the stage that fills them; with a history,
+        """Return the tractions on the device for :attr:`Sensor.arrays`, and the stage that fills them; with a history,
         those of all its entries."""
         context, flat = site.context, reading.reshape((-1, *reading.shape[-2:]))
         out = wp.zeros((*reading.shape[:-1], 3), dtype=context.real, device=context.device)

@@ -16,9 +16,11 @@ are reversed: they act on the body, as in Genesis.
 import functools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import warp as wp
+from numpy.typing import NDArray
 
 from tactemu.base.units import NonNegative
 from tactemu.plan.launches import in_turn
@@ -95,7 +97,7 @@ def proximity_kernel(real, moving: bool, has_gain: bool):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class ProximityTaxel(SensorModel):
+class ProximityTaxel(SensorModel[ForceTorque]):
     """The reading is a :class:`ForceTorque`: force [N], and torque about the link's origin [N m].
 
     ``track_link_idx`` names the bodies whose points it senses (default: all others).
@@ -120,6 +122,8 @@ class ProximityTaxel(SensorModel):
     unit = "N"
     layouts = {"force": slice(0, 3)}
     has_genesis_signs = True
+    more_fields = {"torque": slice(3, 6)}
+    reading_unit = "N, N m"
     strengths = ("stiffness", "shear_coupling", "twist_scalar")
     examples = {", 500 points": {"probe_radius": 0.004, "n_sample_points": 500}}
     valid = (
@@ -134,7 +138,7 @@ class ProximityTaxel(SensorModel):
         wanted = [name for name, value in terms.items() if value != 0.0]
         return "ProximityTaxel " + ", ".join(wanted) if wanted else None
 
-    def present(self, values: np.ndarray) -> ForceTorque:
+    def present(self, values: NDArray[Any]) -> ForceTorque:
         return ForceTorque(values[..., :3], values[..., 3:])
 
     def compile(self, site: Site) -> Compiled:

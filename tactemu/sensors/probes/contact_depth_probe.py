@@ -3,7 +3,9 @@
 import functools
 from dataclasses import dataclass
 
+import numpy as np
 import warp as wp
+from numpy.typing import NDArray
 
 from tactemu.plan.plan import Stage
 from tactemu.sensors.probes.query import CHEAPER_QUERY, probes_struct, query_trials, touch_type
@@ -33,7 +35,7 @@ def compile_depth(site: Site, why: str) -> Compiled:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class ContactDepthProbe(SensorModel):
+class ContactDepthProbe(SensorModel[NDArray[np.floating]]):
     """The reading is depth [m], shape ``([n_envs,] layout)``."""
 
     level = 1

@@ -9,9 +9,11 @@ measured branch on the depth after imperfections (metres until here), and the de
 
 import functools
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import warp as wp
+from numpy.typing import NDArray
 
 from tactemu.base.errors import SceneError
 from tactemu.base.units import Metres
@@ -53,7 +55,7 @@ def compile_latch(depth: wp.array, enter: float, leave: float, name: str, contex
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class ContactProbe(SensorModel):
+class ContactProbe(SensorModel[NDArray[np.bool_]]):
     """The reading is bool, shape ``([n_envs,] layout)``."""
 
     contact_threshold: Metres = 1e-4
@@ -63,6 +65,7 @@ class ContactProbe(SensorModel):
 
     level = 0
     unit = "m"
+    reading_unit = ""
     layouts = {"touch": slice(0, 1)}
     senses_within_radius = True
     valid = "Wherever depth is right; the threshold decides which taxels touch, since nothing yields."
@@ -80,7 +83,7 @@ class ContactProbe(SensorModel):
                 f"got {self.release_threshold!r} m"
             )
 
-    def present(self, values: np.ndarray) -> np.ndarray:
+    def present(self, values: NDArray[Any]) -> NDArray[np.bool_]:
         return values[..., 0] > 0
 
     def compile(self, site: Site) -> Compiled:

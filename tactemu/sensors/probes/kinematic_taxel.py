@@ -14,10 +14,11 @@ All of F and T acts on the skin. With ``convention="genesis"`` the shear and twi
 
 import functools
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import warp as wp
+from numpy.typing import NDArray
 
 from tactemu.base.units import NonNegative, Positive
 from tactemu.geometry.shapes.shape import FAR
@@ -28,11 +29,11 @@ from tactemu.sensors.sensor_model import Compiled, SensorModel, Site
 
 
 class ForceTorque(NamedTuple):
-    """A reading in the link frame; each part of shape ``([n_envs,] layout, 3)``."""
+    """A reading in the link's frame; each field of shape ``([n_envs,] [history,] layout, 3)``."""
 
-    force: np.ndarray
-    """Force [N]."""
-    torque: np.ndarray
+    force: NDArray[np.floating]
+    """Force on each taxel [N]."""
+    torque: NDArray[np.floating]
     """Torque about the link's origin [N m]."""
 
 
@@ -112,7 +113,7 @@ def springs_formula(real, moving: bool):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class KinematicTaxel(SensorModel):
+class KinematicTaxel(SensorModel[ForceTorque]):
     """The reading is a :class:`ForceTorque`: force [N], and torque about the link's origin [N m]."""
 
     normal_stiffness: NonNegative = 1000.0
@@ -134,6 +135,8 @@ class KinematicTaxel(SensorModel):
     unit = "N"
     layouts = {"force": slice(0, 3)}
     has_genesis_signs = True
+    more_fields = {"torque": slice(3, 6)}
+    reading_unit = "N, N m"
     senses_within_radius = True
     strengths = ("normal_stiffness", "normal_damping", "shear_scalar", "twist_scalar")
     valid = (
@@ -148,7 +151,7 @@ class KinematicTaxel(SensorModel):
         wanted = [name for name, value in terms.items() if value != 0.0]
         return "KinematicTaxel " + ", ".join(wanted) if wanted else None
 
-    def present(self, values: np.ndarray) -> ForceTorque:
+    def present(self, values: NDArray[Any]) -> ForceTorque:
         return ForceTorque(values[..., :3], values[..., 3:])
 
     def compile(self, site: Site) -> Compiled:

@@ -152,7 +152,7 @@ def probe_arrays(site: Site):
     probes.positions, probes.normals, probes.radii = site.positions, site.normals, site.radii
     probes.strip = PROBES_PER_STRIP if site.context.device.is_cpu else 1
     probes.strip_ball = _strip_balls(site, probes.strip)
-    probes.reach = _reach(site) if site.along_normal else wp.zeros(0, dtype=real, device=site.context.device)
+    probes.reach = ray_reach(site) if site.along_normal else wp.zeros(0, dtype=real, device=site.context.device)
     return probes
 
 
@@ -171,7 +171,7 @@ def _strip_balls(site: Site, length: int) -> wp.array:
     return wp.array(balls, dtype=wp.types.vector(4, site.context.real), device=site.context.device)
 
 
-def _reach(site: Site) -> wp.array:
+def ray_reach(site: Site) -> wp.array:
     """Return the distance behind each probe at which the ray query begins [m]: the option, or to the far side of the
     link."""
     context, given = site.context, site.model.ray_reach

@@ -24,6 +24,7 @@ import warp as wp
 
 from tactemu.base import kernels
 from tactemu.plan.thread_pool import cores
+from tactemu.sensors.sensor import reading_array
 from tactemu.tune.speed import transducers
 from tactemu.tune.speed.physics_cases import Case, Mover, all_cases, build, busy_kernel, sensors
 from tactemu.tune.timing import Report
@@ -87,7 +88,7 @@ def measure(case: Case, device: str = "cpu", repeats: int = 300, memory: bool = 
         steps, reads = _on_gpu(sim, sensor, move)
     kind = "cuda" if sim.device.is_cuda else "cpu"
     taken = memory_of(case, device) if memory and sim.device.is_cuda else {}
-    moved = sensor.array().size * 4 + 2 * case.n_envs * (13 * 8 + 13 * 4)
+    moved = reading_array(sensor).size * 4 + 2 * case.n_envs * (13 * 8 + 13 * 4)
     return Figure(
         title=case.title,
         step_us=median(steps) / 1e3,

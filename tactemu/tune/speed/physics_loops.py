@@ -20,6 +20,7 @@ from tactemu.geometry.shapes.capsule import Capsule
 from tactemu.geometry.shapes.sphere import Sphere
 from tactemu.scene.scene import Scene
 from tactemu.sensors.probes.kinematic_taxel import KinematicTaxel
+from tactemu.sensors.sensor import reading_array
 from tactemu.tune.speed.physics_cases import Case, Mover, build
 from tactemu.tune.timing import Report
 
@@ -97,7 +98,7 @@ def hand(n_envs: int, device: str):
 
 def ways(sim, bodies: list, skins: list, move: Turn) -> dict[str, Turn]:
     """Return the loops by their titles; the first is the step alone."""
-    arrays = [skin.array() for skin in skins]
+    arrays = [reading_array(skin) for skin in skins]
     pinned = [skin.host_array() for skin in skins]
     poses = sim.pose_array
     start = wp.clone(poses)
