@@ -217,7 +217,7 @@ def infer(
 
 @bench.command()
 def layer(
-    device: Annotated[str, typer.Option("--device", metavar="DEVICE", help="cpu, or cuda:0.")] = "cpu",
+    device: Annotated[str, typer.Option("--device", metavar="DEV", help="Where kernels run: cpu or cuda:0.")] = "cpu",
     envs: Annotated[int | None, typer.Option(metavar="N", help="Size of the batch; default: 4096 on a GPU.")] = None,
     only: Annotated[str, typer.Option(metavar="TEXT", help="Only figures whose title contains this.")] = "",
     out: Out = None,

@@ -27,7 +27,7 @@ A simulated tactile skin at the far end of a wire: the bytes and CAN frames of r
   tactemu see                          watch a running emulator on a live page
   tactemu tune hand.toml --rate 500    find the most accurate setting for a rate
   tactemu dataset hand.toml --steps 2000 --out presses   write readings as Parquet
-  tactemu fit rest.csv --device anyskin --out my.toml    fit parameters to a recording
+  tactemu fit rest.csv --sensor anyskin --out my.toml    fit parameters to a recording
   tactemu check my_sensor.py:MySensor  check a device file of your own
   tactemu infer presses.mcap -o my_sensor.py   draft a device file from a capture
 """,

@@ -34,7 +34,7 @@ def save(figures: object, out: Path | None) -> None:
 
 @bench.command()
 def physics(
-    device: Annotated[str, typer.Option("--device", metavar="DEVICE", help="cpu, or cuda:0.")] = "cpu",
+    device: Annotated[str, typer.Option("--device", metavar="DEV", help="Where kernels run: cpu or cuda:0.")] = "cpu",
     starts: Annotated[bool, typer.Option(help="Also measure starts with an empty and a filled kernel cache.")] = True,
     only: Annotated[str, typer.Option(metavar="TEXT", help="Measure only figures whose name contains this.")] = "",
     largest: Annotated[bool, typer.Option(help="Also find the largest batch that fits on a GPU.")] = False,
@@ -72,7 +72,7 @@ def trade(
         "trade"
     ),
     quick: Annotated[bool, typer.Option("--quick", help="Use a coarser truth and ten cases: a minute.")] = False,
-    device: Annotated[str, typer.Option("--device", metavar="DEVICE", help="cpu, or cuda:0.")] = "cpu",
+    device: Annotated[str, typer.Option("--device", metavar="DEV", help="Where kernels run: cpu or cuda:0.")] = "cpu",
     only: Annotated[str, typer.Option(metavar="TEXT", help="Measure only settings whose name contains this.")] = "",
     fresh: Annotated[bool, typer.Option("--fresh", help="Measure all again instead of continuing.")] = False,
 ) -> None:

@@ -65,7 +65,7 @@ def explain(
         return
     _print_schedule(loaded)
     start_quietly()
-    simulation = scene.build(device=device or world.device, seed=world.seed, dtype=world.dtype)
+    simulation = scene.build(device=device or world.compute, seed=world.seed, dtype=world.dtype)
     simulation.step()
     if cost:
         simulation.plan.time_stages(time.perf_counter_ns)

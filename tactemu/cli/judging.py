@@ -167,11 +167,12 @@ def proxy(
     port: Annotated[
         str, typer.Option("--port", metavar="PORT", help="Port for the driver: pty:PATH, rfc2217:HOST:PORT ...")
     ] = "pty:",
-    device: Annotated[
-        str | None, typer.Option("--device", metavar="NAME", help="Model of the sensor, to decode its frames.")
+    sensor: Annotated[
+        str | None,
+        typer.Option("--sensor", metavar="NAME", help="The sensor's name in `tactemu devices`, to decode it."),
     ] = None,
     option: Annotated[
-        list[str] | None, typer.Option("--option", metavar="NAME=VALUE", help="Option of the device; repeatable.")
+        list[str] | None, typer.Option("--option", metavar="NAME=VALUE", help="Option of the sensor; repeatable.")
     ] = None,
     baud: Annotated[int | None, typer.Option(metavar="N", min=1, help="Baud rate until the driver sets one.")] = None,
     fault: Faults = None,
@@ -187,8 +188,8 @@ def proxy(
     It passes bytes on, and can write a truth log and a recording.
 
     \b
-      tactemu proxy /dev/ttyACM0 --device anyskin --port pty:/tmp/skin
-      tactemu proxy /dev/ttyUSB0 --device optoforce --fault 'flip 1%' --truth truth.mcap --record real.mcap
+      tactemu proxy /dev/ttyACM0 --sensor anyskin --port pty:/tmp/skin
+      tactemu proxy /dev/ttyUSB0 --sensor optoforce --fault 'flip 1%' --truth truth.mcap --record real.mcap
       tactemu proxy can:socketcan:can0 --port can:socketcan:vcan0 --fault 'drop 1%'
 
     Baud rate, parity and modem lines that the driver sets are passed on, too. Ctrl-C ends it.
@@ -203,19 +204,19 @@ def proxy(
     from tactemu.truth import Truth
     from tactemu.truth.recorder import Recorder
 
-    model = make_device(device, options_of(option or ())) if device else None
+    model = make_device(sensor, options_of(option or ())) if sensor else None
     own = next((each.baud for each in model.ports if isinstance(each, Serial)), None) if model else None
     with ExitStack() as stack:
         side = RealBus(real) if real.startswith("can:") else RealSerial(real, baud or own or DEFAULT_BAUD)
         stack.callback(side.close)
         recorder = stack.enter_context(Recorder(record, line=line_note(real, baud))) if record is not None else None
         log = Truth(truth) if truth is not None else Truth()
-        passing = Proxy(model, side, port, fault or (), seed or 0, log, recorder, device or "sensor")
+        passing = Proxy(model, side, port, fault or (), seed or 0, log, recorder, sensor or "sensor")
         stack.enter_context(ended_by_signals(passing.stop))
 
         def opened(address: str) -> None:
             typer.echo(f"{real} is passed on to {address}")
-            typer.echo(f"  {passing.framing.about if device else 'undecoded: no --device'}")
+            typer.echo(f"  {passing.framing.about if sensor else 'undecoded: no --sensor'}")
 
         passing.run(seconds, opened)
     injected = ", ".join(f"{kind} {n}" for kind, n in log.injected.items()) or "nothing"

@@ -71,7 +71,12 @@ Seconds = Annotated[
     typer.Option("--seconds", metavar="S", parser=number_of("--seconds", "Seconds"), help="Stop after this long."),
 ]
 Seed = Annotated[int | None, typer.Option(metavar="N", help="Seed of all random numbers; same seed, same bytes.")]
-Compute = Annotated[str | None, typer.Option("--device", metavar="DEV", help="Where kernels run: cpu or cuda:0.")]
+Compute = Annotated[
+    str | None,
+    typer.Option(
+        "--device", metavar="DEV", help="Where kernels run: cpu or cuda:0; default: the scene's `compute`, else cpu."
+    ),
+]
 Faults = Annotated[
     list[str] | None,
     typer.Option("--fault", metavar="FAULT", help="A fault on the wire; repeatable. `tactemu faults` lists them."),

@@ -119,7 +119,7 @@ def run(
     page = _page(web_host, web_port) if web or web_port is not None or web_host else None
     run_options = RunOptions(
         port=ports_of(port or ()), rate_hz=rate_of(rate or ()), device_options=options_of(options or ()),
-        faults=fault or (), seed=seed, compute=device, measured=measured, adjustable=adjustable or (), by_hand=False,
+        faults=fault or (), seed=seed, device=device, measured=measured, adjustable=adjustable or (), by_hand=False,
         truth=truth, keep=truth_keep, clock=clock, preempt=preempt, name=name, default_name=True, again=again,
         seconds=seconds, restore=restore, save=save, save_at=save_at,
     )  # fmt: skip
@@ -267,7 +267,7 @@ def execute(
         status = before_start(target, command, way)
         if not status:
             run_options = RunOptions(
-                port=network_ports_of(port or ()), rate_hz=rate_of(rate or ()), seed=seed, compute=device,
+                port=network_ports_of(port or ()), rate_hz=rate_of(rate or ()), seed=seed, device=device,
                 device_options=options_of(options or ()), faults=fault or (), measured=measured, by_hand=False,
                 truth=truth, keep=truth_keep, name=name, default_name=True, fresh_ports=True, usual_network=True,
             )  # fmt: skip

@@ -50,7 +50,7 @@ def tune(
     start_quietly()
     say = (lambda _text: None) if json else typer.echo
     choices = run_tune(
-        target, rate, error=error, report=say, seconds=seconds, write=write, compute=device, progress=show_progress
+        target, rate, error=error, report=say, seconds=seconds, write=write, device=device, progress=show_progress
     )
     if json:
         import json as encoder
@@ -108,7 +108,7 @@ def dataset(
     world, (x, y, z) = load(target).tables.scene, shift
     spec = DatasetSpec(
         target=target, envs=envs, steps=steps, every=every, seed=world.seed if seed is None else seed,
-        device=device or world.device, strands=strands, bytes_envs=min(16, envs) if bytes_envs is None else bytes_envs,
+        device=device or world.compute, strands=strands, bytes_envs=min(16, envs) if bytes_envs is None else bytes_envs,
         shift_m=(1e-3 * x, 1e-3 * y, 1e-3 * z), turn_rad=math.radians(turn), compression=compression,
     )  # fmt: skip
     raise typer.Exit(_make_dataset(spec, out, cluster))
@@ -143,8 +143,8 @@ def fit_recordings(
     recordings: Annotated[
         list[Path], typer.Argument(metavar="RECORDING...", help=".csv, .csv.gz, .npz, .parquet, .mcap or .jsonl.")
     ],
-    device: Annotated[
-        str, typer.Option("--device", metavar="DEVICE", help="The recorded device, a name of `tactemu devices`.")
+    sensor: Annotated[
+        str, typer.Option("--sensor", metavar="NAME", help="The recorded sensor, a name of `tactemu devices`.")
     ],
     out: Annotated[Path, typer.Option("--out", metavar="FILE", help="The scene file to write.")],
     columns: Annotated[
@@ -174,8 +174,8 @@ def fit_recordings(
     It writes a scene file with the parameters, and a report.
 
     \b
-      tactemu fit rest.csv --device anyskin --columns t=t_s,field=b0x:b4z --unit field=uT --out my_skin.toml
-      tactemu fit a.csv b.csv --device anyskin --columns t=t_s,force=f,field=b0x:b4z --unit field=uT --out my_skin.toml
+      tactemu fit rest.csv --sensor anyskin --columns t=t_s,field=b0x:b4z --unit field=uT --out my_skin.toml
+      tactemu fit a.csv b.csv --sensor anyskin --columns t=t_s,force=f,field=b0x:b4z --unit field=uT --out my_skin.toml
 
     Roles are t, x, y, z, depth, force, mass, temperature, untouched, and one for the sensor's readings: field, counts,
     pressure, resistance, capacitance or reading. For each parameter that the recordings do not determine, the output
@@ -188,4 +188,4 @@ def fit_recordings(
     roles, units = pairs_of("--columns", columns), pairs_of("--unit", ",".join(unit) if unit else None)
     recorded = [read(path, roles, units, rate) for path in recordings]
     page = report or out.with_suffix(".html")
-    run_fit(recorded, device=device, out=out, report=page, say=typer.echo, progress=show_progress)
+    run_fit(recorded, device=sensor, out=out, report=page, say=typer.echo, progress=show_progress)

@@ -32,7 +32,7 @@ def write_wire_log(spec: DatasetSpec, env: int, folder: Path) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     begun = path.with_name(f".begun-{path.name}")
     options = RunOptions(
-        port="memory:", seed=spec.seed, compute=spec.device, env=env, fresh_ports=True, truth=begun, keep=0,
+        port="memory:", seed=spec.seed, device=spec.device, env=env, fresh_ports=True, truth=begun, keep=0,
         clock="virtual", seconds=spec.steps * loaded.tables.scene.dt,
     )  # fmt: skip
     with Session(loaded, options) as session:

@@ -160,7 +160,7 @@ def _reassemble(
 
 def _built(scene: Scene, options: AssemblyOptions, world: SceneTable, seed: int, like: Simulation | None) -> Simulation:
     simulation = scene.build(
-        device=options.compute or world.device, seed=seed, dtype=world.dtype, first_env=options.env, like=like
+        device=options.device or world.compute, seed=seed, dtype=world.dtype, first_env=options.env, like=like
     )
     if like is None:
         simulation.step()  # loads the kernels, so that the first frame is not late

@@ -33,8 +33,9 @@ class AssemblyOptions:
     """Events with their times (:class:`tactemu.Event`), beside the scene's own schedule."""
     adjustable: str | Sequence[str] = ()
     """Laws of imperfection (``noise``, ``dead``, ``bias`` ...) that you will switch on while it runs."""
-    compute: str | None = None
-    """The device that runs the kernels, ``cpu`` or ``cuda:0``; default: the scene's."""
+    device: str | None = None
+    """The device that runs the kernels, ``cpu`` or ``cuda:0``; default: the scene's ``compute``. The sensor is the
+    target."""
     measured: bool = False
     """Take noise, clock and so on from measurements of real devices (docs/transducers.md) where the scene does not set
     them."""

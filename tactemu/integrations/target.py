@@ -17,7 +17,7 @@ def _yes_or_no(text: str) -> bool:
 
 
 _OPTIONS: dict[str, Callable[[str], Any]] = {
-    "rate_hz": float, "seed": int, "truth": str, "compute": str, "by_hand": _yes_or_no,
+    "rate_hz": float, "seed": int, "truth": str, "device": str, "by_hand": _yes_or_no,
 }  # fmt: skip
 
 

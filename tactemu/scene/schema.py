@@ -21,6 +21,7 @@ from pydantic import (
     ValidationError,
     ValidationInfo,
     create_model,
+    model_validator,
 )
 
 from firmware_protocols.bounds import Bounds
@@ -347,12 +348,19 @@ class SceneTable(Table):
 
     dt: StepSeconds = Field(default=DEFAULT_STEP_S, description="simulation step [s]")
     seed: Whole = Field(default=0, description="seed of all random numbers")
-    device: str = Field(default="cpu", description="device that runs the kernels: cpu, cuda:0 ...")
+    compute: str = Field(default="cpu", description="device that runs the kernels: cpu, cuda:0 ...")
     dtype: Literal["float32", "float64"] = Field(default="float32", description="number type of the kernels")
     convention: Convention = Field(
         default="skin",
         description="signs of forces: all act on the skin, or those of Genesis, which no device can have",
     )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _computes(cls, data: Any) -> Any:
+        if isinstance(data, dict) and "device" in data:
+            raise ValueError("unknown key 'device': `compute` runs the kernels; `device` is a key of skins, the sensor")
+        return data
 
 
 class TruthTable(Table):

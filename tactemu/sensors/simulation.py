@@ -35,7 +35,7 @@ def _device(name) -> wp.Device:
         return wp.get_device(name)
     except Exception as error:
         known = ", ".join(str(device) for device in wp.get_devices())
-        raise SceneError(f"no device {name!r} on this machine ({error}); there are: {known}") from None
+        raise SceneError(f"no device {name!r} on this machine ({error}); kernels run on: {known}") from None
 
 
 def _middle(points: np.ndarray) -> np.ndarray:

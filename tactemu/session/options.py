@@ -82,7 +82,7 @@ class ServeOptions(TypedDict, total=False):
     adjustable: str | Sequence[str]
     truth: str | Path | None
     keep: str | int | None
-    compute: str | None
+    device: str | None
     device_options: Mapping[str, Any] | None
     measured: bool
     source: Scene | Simulation | Callable[[float], Any] | None

@@ -42,7 +42,8 @@ def serve(target: str | Path, port: str | Mapping[str, str] | None = None, **opt
         target: a device's name, ``path/to/device.py:Class`` or ``scene.toml``.
         port: as for ``tactemu run --port``; default: an unused one, so that tests can run in parallel. For several
             ports, a table by skin, by the device's connector, or by ``SKIN/CONNECTOR``.
-        options: the options of the run, which :class:`~tactemu.session.options.RunOptions` describes.
+        options: the options of the run, which :class:`~tactemu.session.options.RunOptions` describes. ``device`` runs
+            the kernels, ``cpu`` or ``cuda:0``; the sensor is the target.
 
     Raises:
         TypeError: there is no such option.

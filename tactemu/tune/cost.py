@@ -88,13 +88,13 @@ class ConstantSource:
         return self._values[sense.key]
 
 
-def measure_loop(loaded: LoadedScene, rate_hz: float, compute: str | None, moment: float) -> LoopCost:
+def measure_loop(loaded: LoadedScene, rate_hz: float, device: str | None, moment: float) -> LoopCost:
     """Time the devices and wires of a scene at a rate, fed with their readings at ``moment`` seconds.
 
     Raises:
         TactemuError: the scene is invalid.
     """
-    assembled = assemble(loaded, AssemblyOptions(port="memory:", rate_hz=rate_hz, compute=compute))
+    assembled = assemble(loaded, AssemblyOptions(port="memory:", rate_hz=rate_hz, device=device))
     channels = assembled.emulator.channels
     if assembled.simulation is not None:
         assembled.simulation.step(dt=moment)

@@ -36,7 +36,7 @@ def run_tune(
     report: Callable[[str], None] = print,
     seconds: float = 4.0,
     write: bool = True,
-    compute: str | None = None,
+    device: str | None = None,
     progress: Callable[[Iterable, str, int], Iterable] | None = None,
 ) -> list[Choice]:
     """Measure all settings of every skin of a scene, choose one each, and write the choices into the scene file.
@@ -48,7 +48,7 @@ def run_tune(
         report: receives lines of text.
         seconds: how much of the scene is simulated [s]; a body must touch each skin in it.
         write: change the scene file.
-        compute: ``cpu`` or ``cuda:0``; default: the scene's.
+        device: the device that runs the kernels, ``cpu`` or ``cuda:0``; default: the scene's.
         progress: ``progress(items, title, total)`` iterates over the items and shows progress.
 
     Raises:
@@ -62,7 +62,7 @@ def run_tune(
     loaded = load(target)
     choices = []
     for index, skin in enumerate(loaded.tables.skin):
-        tuner = Tuner(loaded, skin, rate_hz, error, seconds, compute)
+        tuner = Tuner(loaded, skin, rate_hz, error, seconds, device)
         choice = tuner.choose(progress)
         report_choice(choice, error, report)
         if write and target.endswith(".toml"):
@@ -84,15 +84,15 @@ class Tuner:
         rate_hz: samples per second of every skin.
         error: the measure of errors: a key of :data:`ERRORS`.
         seconds: how much of the scene is simulated [s].
-        compute: ``cpu`` or ``cuda:0``; default: the scene's.
+        device: the device that runs the kernels, ``cpu`` or ``cuda:0``; default: the scene's.
     """
 
     def __init__(
-        self, loaded: LoadedScene, skin: SkinTable, rate_hz: float, error: str, seconds: float, compute: str | None
+        self, loaded: LoadedScene, skin: SkinTable, rate_hz: float, error: str, seconds: float, device: str | None
     ):
         self.loaded, self.skin, self.error, self.seconds = loaded, skin, error, seconds
         self.pace = Pace(rate_hz, loaded.tables.scene.dt)
-        self.compute = compute or loaded.tables.scene.device
+        self.compute = device or loaded.tables.scene.compute
         self.device = make_devices(loaded)[skin.title]
 
     def choose(self, progress) -> Choice:

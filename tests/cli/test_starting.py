@@ -26,7 +26,7 @@ def test_what_its_comments_offer_is_right(tmp_path):
     tables = load(tmp_path / "hand.toml").tables
     (skin,) = tables.skin
     assert skin.port and skin.rate_hz and skin.faults and skin.clock.skew_ppm and skin.options["noise"]
-    assert tables.scene.device == "cuda:0" and len(tables.scenario) == 2
+    assert tables.scene.compute == "cuda:0" and len(tables.scenario) == 2
 
 
 def _is_toml(text: str) -> bool:

@@ -192,7 +192,7 @@ def test_an_hour_at_100_hz_takes_less_than_a_minute():
 def test_the_command_teaches_and_writes(tmp_path):
     path = table(tmp_path, t=np.arange(300) / 50, counts=np.rint(np.random.default_rng(0).normal(0, 5, 300)))
     out = tmp_path / "skin.toml"
-    shown = CliRunner().invoke(app, ["fit", str(path), "--device", "robotiq_tsf85", "--out", str(out)])
+    shown = CliRunner().invoke(app, ["fit", str(path), "--sensor", "robotiq_tsf85", "--out", str(out)])
     assert shown.exit_code == 0, shown.output
     assert "not determined: gains" in shown.output and out.is_file() and out.with_suffix(".html").is_file()
     assert tomllib.loads(out.read_text())["skin"][0]["options"]["noise"] > 0

@@ -149,7 +149,7 @@ def test_less_than_a_millisecond_is_added(tmp_path):
     """Check the time from the sensor's write to the driver's read, with the command in its own process."""
     sensor, real = os.openpty()
     tty.setraw(real)
-    command = [sys.executable, "-m", "tactemu", "proxy", os.ttyname(real), "--device", "optoforce"]
+    command = [sys.executable, "-m", "tactemu", "proxy", os.ttyname(real), "--sensor", "optoforce"]
     with subprocess.Popen([*command, "--port", f"pty:{tmp_path / 'skin'}"], stdout=subprocess.PIPE, text=True) as proxy:
         try:
             assert proxy.stdout is not None and "passed on" in proxy.stdout.readline()

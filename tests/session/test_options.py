@@ -22,7 +22,7 @@ OF_SERVE = {"steer", "by_hand", "scenario", "source"}
 """What Python alone can give."""
 WORDS = {
     # the word on the command line, where it differs
-    "device_options": "options", "rate_hz": "rate", "compute": "device", "faults": "fault", "keep": "truth_keep",
+    "device_options": "options", "rate_hz": "rate", "faults": "fault", "keep": "truth_keep",
 }  # fmt: skip
 OF_THE_PICTURE = {"rerun", "rerun_to", "web", "web_port", "web_host", "json", "plain", "virtual"}
 OF_THE_VIEW = {"node", "way", "expose", "quiet"}
