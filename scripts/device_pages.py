@@ -1,9 +1,13 @@
 #!/usr/bin/env python3
-"""Write docs/judges.md from the client recordings and docs/assumed.md from the device files.
+"""Write the pages of the devices: docs/judges.md from the client recordings, docs/assumed.md and docs/devices.md from
+the device files, and a picture of each layout in docs/pictures/devices.
 
 usage: scripts/device_pages.py [--check]      --check writes nothing; it fails where a page is stale
 """
 
+import colorsys
+import math
+import re
 import sys
 from pathlib import Path
 
@@ -11,6 +15,7 @@ ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT))
 
 import firmware_protocols as fp
+from tactemu.cli import listing
 from tests.clients.recording import Recording, recordings
 
 JUDGES = """# Which drivers have read each device
@@ -33,6 +38,31 @@ What a model states beside its byte tables, item by item: *stated* by a source (
 `tactemu devices NAME` shows the same for one device. Made from the device files by `scripts/device_pages.py`.
 
 """
+DEVICES = """# Devices
+
+Each device is a model of a sensor's firmware, in one file. `tactemu devices NAME` prints its datasheet: frames,
+commands, taxels, sources, assumptions. The pictures show the taxels along the axis of least extent, a colour for each
+patch.
+
+The column "evidence" has the kinds of sources of a device's byte tables, and leads to all its facts, each with its
+source, or as assumed. *Captured* is a recording of a real sensor, *vendor document* a manual or protocol sheet,
+*firmware* the code on the sensor, *driver* the code of a program that reads it. Sensitivities that vendors do not
+publish (counts per newton, field per newton) are round numbers, listed under "Assumed" in every datasheet.
+
+The column "read by" names the *judges* of a model: the unmodified drivers that have read it from open to close, as
+repository and commit or as package and version. The tests send the recorded bytes of each driver again.
+[judges.md](judges.md) lists the values that each driver read.
+
+To add a sensor that is missing, write one file: [adding a device](adding-a-device.md). The file can stay outside this
+repository (`tactemu run path/to/device.py:Class`), and `tactemu check` checks it. Made by `scripts/device_pages.py`.
+
+"""
+PICTURES = Path("pictures/devices")
+"""The folder of the pictures, in docs."""
+PICTURE_PX = 96
+MAX_DOTS = 2500
+"""Maximum number of dots in a picture; of more taxels, only every second or third row and column is drawn."""
+_CIRCLE = re.compile(r'<circle cx="([\d.]+)" cy="([\d.]+)" r="([\d.]+)" fill="hsl\((\d+) 45% 50%\)">')
 
 
 def _cell(text: str) -> str:
@@ -86,15 +116,75 @@ def assumed() -> str:
     return ASSUMED + "\n".join(lines) + "\n"
 
 
+def devices() -> str:
+    """Return the page of devices: a table for each kind."""
+    lines = []
+    for heading, found in listing.by_kind([listing.row_or_error(name) for name in sorted(fp.DEVICES)]):
+        lines += [f"## {heading}", "", "| taxels | name | sensor | ports | evidence | read by |", "| --- " * 6 + "|"]
+        for row in found:
+            name, module = row["name"], fp.DEVICES[row["name"]].partition(":")[0]
+            picture = f" ![{name}]({PICTURES}/{name}.svg)" if row["taxels"] else ""
+            cells = (
+                f"{row['taxels']}{picture}", f"[`{name}`](../{module.replace('.', '/')}.py)", row["title"],
+                ", ".join(row["ports"]), f"[{', '.join(row['evidence'])}](assumed.md#{name})", row["judge"],
+            )  # fmt: skip
+            lines.append(f"| {' | '.join(map(_cell, cells))} |")
+        lines.append("")
+    return DEVICES + "\n".join(lines)
+
+
+def pictures() -> dict[str, str]:
+    """Return the picture of each layout by its file's name."""
+    layouts = {name: fp.create(name).layout for name in sorted(fp.DEVICES)}
+    return {f"{name}.svg": small_picture(layout) for name, layout in layouts.items() if len(layout)}
+
+
+def small_picture(layout: fp.Layout) -> str:
+    """Return the drawing of a layout in few bytes: a path of dots for each colour, without background."""
+    drawn = layout.picture()
+    view = re.search(r'viewBox="0 0 ([\d.]+) ([\d.]+)"', drawn)
+    assert view is not None
+    width, height = map(float, view.groups())
+    circles = [(float(x), float(y), float(r), int(hue)) for x, y, r, hue in _CIRCLE.findall(drawn)]
+    step = math.ceil(math.sqrt(len(circles) / MAX_DOTS))
+    columns, rows = ({value: k for k, value in enumerate(sorted({c[axis] for c in circles}))} for axis in (0, 1))
+    paths: dict[int, str] = {}
+    for x, y, _, hue in circles:
+        if columns[x] % step == rows[y] % step == 0:
+            paths[hue] = f"{paths.get(hue, '')}M{x:g} {y:g}h0"
+    px = PICTURE_PX / max(width, height)
+    lines = [
+        f'<svg xmlns="http://www.w3.org/2000/svg" width="{width * px:.0f}" height="{height * px:.0f}" '
+        f'viewBox="0 0 {width:g} {height:g}" stroke-width="{2 * step * circles[0][2]:g}" stroke-linecap="round">'
+    ]
+    lines += [f'<path stroke="{_colour(hue)}" d="{path}"/>' for hue, path in paths.items()]
+    return "\n".join([*lines, "</svg>", ""])
+
+
+def _colour(hue: int) -> str:
+    """Return a colour of middle lightness, which shows on a light and on a dark page."""
+    return "#" + "".join(f"{round(255 * part):02x}" for part in colorsys.hls_to_rgb(hue / 360, 0.5, 0.45))
+
+
 def main() -> int:
     """Write the pages, or compare them, and return the exit status."""
-    stale = []
-    for name, text in (("judges.md", judges()), ("assumed.md", assumed())):
-        page = ROOT / "docs" / name
+    stale, docs = [], ROOT / "docs"
+    pages = {"judges.md": judges(), "assumed.md": assumed(), "devices.md": devices()}
+    pages |= {f"{PICTURES}/{name}": text for name, text in pictures().items()}
+    for name, text in pages.items():
+        page = docs / name
         if "--check" in sys.argv:
             stale += [name] if not page.exists() or page.read_text() != text else []
         else:
+            page.parent.mkdir(parents=True, exist_ok=True)
             page.write_text(text)
+    for page in (docs / PICTURES).glob("*"):
+        if f"{PICTURES}/{page.name}" in pages:
+            continue
+        if "--check" in sys.argv:
+            stale.append(f"{PICTURES}/{page.name} (of no device)")
+        else:
+            page.unlink()
     if stale:
         print(f"{', '.join(stale)}: not as the devices and recordings say; run scripts/device_pages.py")
     return 1 if stale else 0

@@ -1,4 +1,4 @@
-"""What is written from the code is true: the README's table, and the files behind `tactemu devices` and `--help`.
+"""What is written from the code is true: the README's devices, and the files behind `tactemu devices` and `--help`.
 
 ``python tests/test_readme.py --write`` writes all three.
 """
@@ -43,15 +43,12 @@ def help_text() -> str:
 
 
 def table() -> str:
-    """The devices as Markdown."""
-    lines = ["| name | sensor | ports | taxels | evidence | read by |", "| --- | --- | --- | --- | --- | --- |"]
+    """A line for each kind of device: how many, and their makers, by the first word of their titles."""
+    lines = ["| kind | devices | by |", "| --- | ---: | --- |"]
     for heading, found in listing.by_kind(rows()):
-        lines.append(f"| **{heading}** | | | | | |")
-        for row in found:
-            ports, evidence = ", ".join(row["ports"]), ", ".join(row["evidence"])
-            lines.append(
-                f"| `{row['name']}` | {row['title']} | {ports} | {row['taxels']} | {evidence} | {row['judge']} |"
-            )
+        anchor = re.sub(r"[^\w -]", "", heading.lower()).replace(" ", "-")
+        makers = sorted({row["title"].split()[0].strip(",") for row in found}, key=str.lower)
+        lines.append(f"| [{heading}](docs/devices.md#{anchor}) | {len(found)} | {', '.join(makers)} |")
     return "\n" + "\n".join(lines) + "\n\n"
 
 
@@ -70,8 +67,13 @@ def test_the_help_is_that_of_the_parser():
     assert Path(HELP).read_text() == help_text(), "run: python tests/test_readme.py --write"
 
 
-def test_the_simulation_in_the_readme_runs():
-    block = next(b.split("```")[0] for b in README.read_text().split("```python\n")[1:] if "tt.Scene(" in b)
+def test_the_readme_is_a_screen_or_two():
+    assert len(README.read_text().splitlines()) <= 120
+
+
+def test_the_simulation_of_a_batch_runs():
+    page = (README.parent / "docs" / "batches.md").read_text()
+    block = next(b.split("```")[0] for b in page.split("```python\n")[1:] if "tt.Scene(" in b)
     names: dict = {}
     exec(block.replace('n_envs=4096, device="cuda:0"', "n_envs=2"), names)
     force = names["force"]

@@ -17,7 +17,6 @@ from mkdocs.structure.files import File, Files  # noqa: E402
 import firmware_protocols as fp  # noqa: E402
 import tactemu  # noqa: E402
 from tactemu import models  # noqa: E402
-from tactemu.cli import listing  # noqa: E402
 from tactemu.cli.datasheet import datasheet  # noqa: E402
 from tactemu.scene.file import json_schema  # noqa: E402
 from tactemu.session.options import ServeOptions  # noqa: E402
@@ -26,6 +25,8 @@ from tactemu.wire.line_models import kinds_with, modelled_for  # noqa: E402
 
 _INHERITED = ("Sensor", "Simulation")
 """Classes whose methods are spread over base classes that have no entry of their own."""
+_DEVICE_LINK = re.compile(r"\[`(\w+)`\]\(\.\./firmware_protocols/devices/\w+\.py\)")
+"""The file of a device in the repository; the site has a page of it."""
 _ABOUT: dict[str, tuple[str, str]] = {}
 """Title and first sentence of each page, by its URL."""
 
@@ -38,7 +39,6 @@ def on_files(files: Files, config: Any) -> Files:
         "reference/scene-schema.md": _schema(),
         "reference/faults.md": _faults(),
         "reference/conventions.md": _conventions(),
-        "devices/index.md": _devices(),
         **{f"devices/{name}.md": _device(name) for name in fp.DEVICES},
     }
     for path, text in pages.items():
@@ -63,6 +63,8 @@ def on_post_page(output: str, page: Any, config: Any) -> str:
 
 def on_page_markdown(markdown: str, page: Any, config: Any, files: Files) -> str:
     """Links out of the pages become names; the place of the chart becomes the chart."""
+    if page.file.src_uri == "devices.md":
+        markdown = _DEVICE_LINK.sub(r"[`\1`](devices/\1.md)", markdown)
     if "/" not in page.file.src_uri:  # those above are in the repository, not on the site
         markdown = re.sub(r"\[([^\]]+)\]\(\.\./([^)]+)\)", r"`\2`", markdown)
     if "<!-- chart: trade -->" in markdown:
@@ -80,10 +82,14 @@ def on_post_build(config: Any) -> None:
 
 
 def _index() -> str:
-    """The README up to its table of devices, with links as the site has them."""
+    """The README up to its devices, with links as the site has them."""
     text = (ROOT / "README.md").read_text().split("## Devices")[0]
-    text = text.replace("](docs/", "](").replace("](examples)", "](coming-from.md)")
-    return text + "\nMore: [all devices](devices/index.md), [the tutorial](tutorial.md).\n"
+    text = (
+        text.replace("](docs/", "](")
+        .replace("](examples)", "](coming-from.md)")
+        .replace("[CONTRIBUTING](CONTRIBUTING.md)", "CONTRIBUTING")
+    )
+    return text + "\nMore: [all devices](devices.md), [the tutorial](tutorial.md).\n"
 
 
 def _api() -> str:
@@ -159,7 +165,7 @@ def _conventions() -> str:
         "",
         "In tactemu a taxel's z axis is its normal and points out of the skin; forces are those acting on the skin, so",
         "that a push has a negative component along z. A vendor's wire has signs of its own: what each device declares",
-        "of its numbers, by [its datasheet](../devices/index.md).",
+        "of its numbers, by [its datasheet](../devices.md).",
         "",
         "| device | number | axis | unit | counts per unit | at rest | when its taxel is pushed | so +z on this wire |",
         "| --- | --- | --- | --- | --- | --- | --- | --- |",
@@ -179,22 +185,6 @@ def _conventions() -> str:
         if not columns:
             lines.append(f"| [`{name}`](../devices/{name}.md) | not declared | | | | | | not declared |")
     return "\n".join(lines) + "\n"
-
-
-def _devices() -> str:
-    lines = ["# Devices", ""]
-    for heading, found in listing.by_kind([listing.row_or_error(name) for name in sorted(fp.DEVICES)]):
-        lines += [
-            f"## {heading}",
-            "",
-            "| name | sensor | taxels | evidence | read by |",
-            "| --- | --- | --- | --- | --- |",
-        ]
-        for row in found:
-            cells = (f"[`{row['name']}`]({row['name']}.md)", row["title"], row["taxels"], ", ".join(row["evidence"]))
-            lines.append(f"| {' | '.join(map(_cell, (*cells, row['judge'])))} |")
-        lines.append("")
-    return "\n".join(lines)
 
 
 def _device(name: str) -> str:

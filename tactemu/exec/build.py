@@ -14,8 +14,6 @@ from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
 
-from tactemu.base.folders import temporary_folder
-
 SOURCES = Path(__file__).parent / "preload"
 BUILT = "preload.so"
 """The name of the library, which is beside its sources in a wheel."""
@@ -82,6 +80,8 @@ def compile_to(target: Path, command: Sequence[str]) -> None:
 
 
 def _cache() -> Path:
+    from tactemu.base.folders import temporary_folder  # the build of a wheel runs this file without the package
+
     folder = Path(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")) / "tactemu" / "exec"
     with contextlib.suppress(OSError):
         folder.mkdir(parents=True, exist_ok=True)

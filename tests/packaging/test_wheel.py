@@ -101,11 +101,11 @@ def test_the_sdist_has_what_the_tests_need(dist):
 def test_the_wheel_has_scenes_examples_and_pages(files):
     for folder, inside in (("examples", "tactemu/examples"), ("docs", "tactemu/docs")):
         for path in (ROOT / folder).rglob("*.*"):
-            if "__pycache__" not in path.parts:
+            if not {"__pycache__", "pictures"} & set(path.parts):
                 assert f"{inside}/{path.relative_to(ROOT / folder)}" in files
     scenes = {f"{path.relative_to(ROOT)}" for path in (ROOT / "tactemu/scene").glob("*/*.toml")}
     assert scenes and scenes <= files.keys()
-    assert not [name for name in files if name.startswith(("tests/", "scripts/"))]
+    assert not [name for name in files if name.startswith(("tests/", "scripts/")) or "/pictures/" in name]
 
 
 POINTER = re.compile(r"(?<![\w./@-])(?:docs|examples|scripts|tests)/[\w./-]*\w")

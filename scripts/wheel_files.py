@@ -1,8 +1,9 @@
-"""A build hook for wheels of one kind of machine that contain the preload library of ``tactemu exec``.
+"""A build hook that adds to a wheel the pages without their pictures, and the preload library of ``tactemu exec``.
 
-``TACTEMU_WHEEL=x86_64`` or ``aarch64`` selects the machine; any machine can make both, because the compiler is that of
-the package ``ziglang``, with the C library of manylinux2014. Without the variable the wheel is for every machine and
-has no library: it is compiled on the user's machine, if that has a compiler.
+With the library a wheel is of one kind of machine, which ``TACTEMU_WHEEL=x86_64`` or ``aarch64`` selects; any machine
+can make both, because the compiler is that of the package ``ziglang``, with the C library of manylinux2014. Without the
+variable the wheel is for every machine and has no library: it is compiled on the user's machine, if that has a
+compiler.
 """
 
 from __future__ import annotations
@@ -16,14 +17,16 @@ from typing import Any
 
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
+PICTURES = "pictures"
+"""The folder of docs that no wheel contains."""
 VARIABLE = "TACTEMU_WHEEL"
 MACHINES = ("x86_64", "aarch64")
 GLIBC = (2, 17)
 """The version of glibc in manylinux2014."""
 
 
-class PreloadLibrary(BuildHookInterface):
-    """A hook that compiles the library into the wheel, and sets the wheel's tag."""
+class WheelFiles(BuildHookInterface):
+    """A hook that adds the pages, compiles the library into the wheel, and sets the wheel's tag."""
 
     PLUGIN_NAME = "custom"
 
@@ -32,7 +35,12 @@ class PreloadLibrary(BuildHookInterface):
         return ["ziglang>=0.13"] if _machine() else []
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
-        """Compile the library before the wheel is written."""
+        """Add the pages, and compile the library, before the wheel is written."""
+        docs = Path(self.root) / "docs"
+        for path in docs.rglob("*"):
+            inside = path.relative_to(docs)
+            if path.is_file() and not {PICTURES, "__pycache__"} & set(inside.parts):
+                build_data["force_include"][str(path)] = f"tactemu/docs/{inside}"
         machine = _machine()
         if not machine or version == "editable":
             return
