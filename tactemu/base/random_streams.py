@@ -1,7 +1,8 @@
 """The random streams: every stage draws from a stream of its own, named after the stage. Same seed, same bytes.
 
 The streams are counter-based. A draw is a function of (root seed, stage name, environment, index, step), so that
-switching one imperfection on changes no other, and an environment has the same readings alone or among 4096.
+switching one imperfection on changes no other, and an environment has the same readings alone or among 4096. Once an
+environment was reset with a seed, the seed takes the place of root seed and environment.
 """
 
 from __future__ import annotations
@@ -13,9 +14,11 @@ import numpy as np
 _MASK_64 = 2**64 - 1
 
 
-def stream_key(seed: int, name: str) -> int:
-    """Return a 31-bit key for the stream ``name`` under a root seed: the same on every machine and in every process."""
-    digest = hashlib.blake2b(f"{seed}/{name}".encode(), digest_size=8).digest()
+def stream_key(seed: int | None, name: str) -> int:
+    """Return a 31-bit key for the stream ``name`` under a root seed (``None``: under none): the same on every machine
+    and in every process."""
+    text = name if seed is None else f"{seed}/{name}"
+    digest = hashlib.blake2b(text.encode(), digest_size=8).digest()
     return int.from_bytes(digest, "little") & 0x7FFF_FFFF
 
 

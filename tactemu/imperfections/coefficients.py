@@ -1,6 +1,7 @@
-"""The laws' coefficients that depend on time, computed once a step per sensor: a few float64 numbers on the device."""
+"""The laws' coefficients that depend on time, computed once a step per sensor: a few float64 numbers on the device, and
+the temperature of each environment."""
 
-# pyright: reportIndexIssue=false
+# pyright: reportIndexIssue=false, reportGeneralTypeIssues=false
 
 import functools
 
@@ -9,6 +10,7 @@ import warp as wp
 
 from tactemu.imperfections.material import decay, grown, ramp_share
 from tactemu.imperfections.options import ChainOptions
+from tactemu.plan.clock import Clock
 from tactemu.plan.launches import record
 from tactemu.plan.plan import Context, Stage
 
@@ -27,9 +29,7 @@ WALK = wp.constant(5)
 """Share of a bounded walk that remains after the step."""
 WALK_STEP = wp.constant(6)
 """Standard deviation of the walk's increment per density [sqrt(s)]."""
-TEMPERATURE = wp.constant(7)
-"""Temperature above the reference [K]."""
-COUNT = 8
+COUNT = 7
 """Number of coefficients."""
 
 
@@ -39,32 +39,34 @@ def _kernel(material: bool, walk: bool, noise: bool, temperature: bool):
 
     @wp.kernel(module="unique", enable_backward=False)
     def imperfection_coefficients(
-        dt_array: wp.array(dtype=wp.float64),
-        time_ns: wp.array(dtype=wp.int64),
+        clock: Clock,
         taus: wp.vec4d,
         frames: wp.array2d(dtype=wp.float64),
         reference: wp.float64,
         out: wp.array(dtype=wp.float64),
+        warmth: wp.array(dtype=wp.float64),
     ):
-        dt = wp.max(dt_array[0], f64(0.0))
-        if wp.static(material):
-            out[OVERSHOOT] = decay(dt, taus[0])
-            out[UNDERSHOOT] = decay(dt, taus[1])
-            h = wp.where(dt > f64(0.0), dt / taus[2], f64(0.0))
-            out[CREEP] = grown(h)
-            out[CREEP_RAMP] = ramp_share(h)
-        if wp.static(noise):
-            out[NOISE] = wp.where(dt > f64(0.0), wp.sqrt(f64(0.5) / dt), f64(0.0))
-        if wp.static(walk):
-            tau = taus[3]
-            if tau > f64(0.0):
-                out[WALK] = decay(dt, tau)
-                out[WALK_STEP] = wp.sqrt(tau * f64(0.5) * grown(f64(2.0) * dt / tau))
-            else:
-                out[WALK] = f64(1.0)
-                out[WALK_STEP] = wp.sqrt(dt)
+        e = wp.tid()
+        if e == 0:
+            dt = wp.max(clock.dt[0], f64(0.0))
+            if wp.static(material):
+                out[OVERSHOOT] = decay(dt, taus[0])
+                out[UNDERSHOOT] = decay(dt, taus[1])
+                h = wp.where(dt > f64(0.0), dt / taus[2], f64(0.0))
+                out[CREEP] = grown(h)
+                out[CREEP_RAMP] = ramp_share(h)
+            if wp.static(noise):
+                out[NOISE] = wp.where(dt > f64(0.0), wp.sqrt(f64(0.5) / dt), f64(0.0))
+            if wp.static(walk):
+                tau = taus[3]
+                if tau > f64(0.0):
+                    out[WALK] = decay(dt, tau)
+                    out[WALK_STEP] = wp.sqrt(tau * f64(0.5) * grown(f64(2.0) * dt / tau))
+                else:
+                    out[WALK] = f64(1.0)
+                    out[WALK_STEP] = wp.sqrt(dt)
         if wp.static(temperature):
-            t = f64(time_ns[0]) * f64(1e-9)
+            t = f64(clock.time_ns[0] - clock.began_ns[e]) * f64(1e-9)
             last = frames.shape[0] - 1
             k = int(0)
             while k < last and frames[k + 1, 0] < t:
@@ -73,19 +75,23 @@ def _kernel(material: bool, walk: bool, noise: bool, temperature: bool):
             if k < last and t > frames[k, 0]:
                 share = (t - frames[k, 0]) / (frames[k + 1, 0] - frames[k, 0])
                 value = value + share * (frames[k + 1, 1] - value)
-            out[TEMPERATURE] = value - reference
+            warmth[e] = value - reference
 
     return imperfection_coefficients
 
 
 def compile_coefficients(
     options: ChainOptions, laws: frozenset[str], name: str, context: Context
-) -> tuple[wp.array | None, list[Stage]]:
-    """Return the array of coefficients and the stage that fills it; ``None`` and no stage if no law depends on time."""
+) -> tuple[tuple[wp.array | None, wp.array | None], list[Stage]]:
+    """Return two arrays and the stage that fills them: the coefficients, and temperatures above the reference [K].
+
+    Each environment has a temperature, of its own time; they share one that never changes. Where no law depends on
+    time there are no arrays and no stage, and no temperatures where no law depends on them.
+    """
     material = bool(laws & {"hysteresis", "creep"})
     walk, noise, temperature = "random_walk" in laws, "noise_density" in laws, "temperature" in laws
     if not (material or walk or noise or temperature):
-        return None, []
+        return (None, None), []
     out = context.zeros(COUNT, wp.float64)
     unloading = options.hysteresis_tau_unloading
     taus = wp.vec4d(
@@ -95,11 +101,12 @@ def compile_coefficients(
         options.random_walk_tau or 0.0,
     )
     frames = np.asarray(options.temperature_course if temperature else [(0.0, 0.0)], dtype=np.float64)
+    warmth = context.zeros(context.n_envs if len(frames) > 1 else 1, wp.float64) if temperature else None
     launch = record(
         _kernel(material, walk, noise, temperature),
-        1,
-        [context.dt, context.time_ns, taus, wp.array(frames, device=context.device), options.temperature_reference],
-        [out],
+        1 if warmth is None else warmth.shape,
+        [context.clock, taus, wp.array(frames, device=context.device), options.temperature_reference],
+        [out, warmth],
         context.device,
     )
-    return out, [Stage(name=f"{name}: coefficients", reason="laws that depend on time", launch=launch)]
+    return (out, warmth), [Stage(name=f"{name}: coefficients", reason="laws that depend on time", launch=launch)]

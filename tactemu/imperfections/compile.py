@@ -3,7 +3,6 @@
 ::
 
     chain = Imperfections(options, info, context)
-    stages = chain.compile_resets()                # before all others
     gain, stages = chain.compile_gain()            # for the sensor's kernel, or None
     radius, stages = chain.compile_radius_noise()  # likewise
     measured, stages = chain.compile_values(raw)   # material, scan, electronics
@@ -23,7 +22,6 @@ import numpy as np
 import warp as wp
 
 from tactemu.base.errors import SceneError
-from tactemu.base.random_streams import stream_key
 from tactemu.imperfections import resets
 from tactemu.imperfections.adjustments import Adjustments
 from tactemu.imperfections.coefficients import compile_coefficients
@@ -33,9 +31,10 @@ from tactemu.imperfections.dead import DeadTaxels
 from tactemu.imperfections.delivery import Delay, compile_history
 from tactemu.imperfections.elementwise import COLUMNS_PER_THREAD, electronics_kernel, material_kernel
 from tactemu.imperfections.info import ReadingInfo
-from tactemu.imperfections.laws import check, electronic_laws, gain_is_on, material_laws, needs_random_numbers
+from tactemu.imperfections.laws import check, electronic_laws, gain_is_on, material_laws
 from tactemu.imperfections.options import ChainOptions
 from tactemu.imperfections.radius import radius_kernel
+from tactemu.imperfections.random import stream_keys
 from tactemu.imperfections.scan import compile_scan
 from tactemu.plan.clearing import clear_rows
 from tactemu.plan.launches import Launches
@@ -72,9 +71,6 @@ class Imperfections(Adjustments):
         """The options that can change, by name."""
         self._gain: ParameterTable | None = None
         self._dead: DeadTaxels | None = None
-        numbers = np.zeros((context.n_envs, 2), np.int32)
-        numbers[:, 0] = context.first_env + np.arange(context.n_envs)
-        self._streams = context.array(numbers, wp.vec2i)
 
     # -- changing them
 
@@ -116,16 +112,6 @@ class Imperfections(Adjustments):
 
     # -- for the sensor's kernel
 
-    def compile_resets(self) -> list[Stage]:
-        """Return the stage that counts the resets of each environment, for the draws of all others; it comes first."""
-        if not needs_random_numbers(self.options):
-            return []
-
-        def count(mask: wp.array) -> None:
-            self._launch(resets.count_resets, mask.shape, [mask, self._streams])
-
-        return [Stage(name=f"{self.info.name}: resets", reason="each begins new draws", launch=NO_LAUNCH, reset=count)]
-
     def compile_gain(self) -> tuple[wp.array | None, list[Stage]]:
         """Return gains ``(n_envs, n_taxels)``, or ``None`` if all are 1, and a stage if they are drawn at resets."""
         if not gain_is_on(self.options):
@@ -142,10 +128,10 @@ class Imperfections(Adjustments):
         ]
 
     def _redraw_gain(self, gain: wp.array, low: float, high: float) -> Callable[[wp.array], None]:
-        kernel, key = resets.gain_kernel(self.context.real), self._key("gain")
+        kernel, keys = resets.gain_kernel(self.context.real), self._keys("gain")
 
         def redraw(mask: wp.array) -> None:
-            self._launch(kernel, gain.shape, [mask, self._streams, key, wp.vec2d(low, high), gain])
+            self._launch(kernel, gain.shape, [mask, self.context.clock, keys, wp.vec2d(low, high), gain])
 
         redraw(wp.full(self.context.n_envs, True, dtype=wp.bool, device=self.context.device))
         return redraw
@@ -165,7 +151,7 @@ class Imperfections(Adjustments):
         launch = context.record(
             radius_kernel(context.real),
             (context.n_envs, -(-n // 4)),
-            [nominal, context.step, self._key("radius_noise"), self._streams, table.array],
+            [nominal, context.clock, self._keys("radius_noise"), table.array],
             [radius],
         )
         name = f"{self.info.name}: radius_noise"
@@ -180,7 +166,9 @@ class Imperfections(Adjustments):
         of the material and the electronics.
         """
         material, electronic = material_laws(self.options), electronic_laws(self.options, self.info)
-        coefficient, stages = compile_coefficients(self.options, material | electronic, self.info.name, self.context)
+        (coefficient, warmth), stages = compile_coefficients(
+            self.options, material | electronic, self.info.name, self.context
+        )
         array, spread = compile_crosstalk(self.options, raw, self.info, self.context)
         stages += spread
         if material:
@@ -195,7 +183,7 @@ class Imperfections(Adjustments):
             array = flat.reshape(array.shape)
             stages.append(stage)
         if electronic:
-            array, stage = self._electronics(array, electronic, coefficient)
+            array, stage = self._electronics(array, electronic, coefficient, warmth)
             stages.append(stage)
         return array, stages
 
@@ -226,7 +214,7 @@ class Imperfections(Adjustments):
         reset = self._clear([*state.values(), self._flatten(out)])
         return out, Stage(name=f"{self.info.name}: material", reason=_reason(laws), launch=launch, reset=reset)
 
-    def _electronics(self, x: wp.array, laws: frozenset[str], coefficient) -> tuple[wp.array, Stage]:
+    def _electronics(self, x: wp.array, laws: frozenset[str], coefficient, warmth) -> tuple[wp.array, Stage]:
         context, options, real = self.context, self.options, self.context.real
 
         def table(option: str, law: str = "") -> wp.array | None:
@@ -241,16 +229,16 @@ class Imperfections(Adjustments):
         if walked is not None:
             self.state["random_walk"] = walked
         if "dead" in laws:
-            self._dead = DeadTaxels(options, self.info, context, self._streams)
+            self._dead = DeadTaxels(options, self.info, context)
         kernel, out = electronics_kernel(real, laws), self._zeros(x.shape, real)
         inputs = {
             "x": self._flatten(x),
             "n_channels": self.info.n_channels,
-            "step": context.step,
+            "clock": context.clock,
             "coefficient": coefficient,
-            "walk_key": self._key("random_walk"),
-            "noise_key": self._key("noise"),
-            "streams": self._streams,
+            "warmth": warmth,
+            "walk_keys": self._keys("random_walk"),
+            "noise_keys": self._keys("noise"),
             "gains": self._gain.array if self._gain is not None and "probe_gain" in laws else None,
             "sensitivity": table("temperature_sensitivity", "temperature"),
             "drift": table("temperature_offset", "temperature"),
@@ -282,7 +270,7 @@ class Imperfections(Adjustments):
         array = measured
         if self.options.delay > 0.0 or self.options.jitter > 0.0 or "jitter" in self.options.adjustable:
             self.shortest_step_s = self._dt_s
-            delay = Delay(self.options, self.info, self.context, self._streams)
+            delay = Delay(self.options, self.info, self.context)
             array, stages = delay.compile(measured)
             if delay.has_jitter:
                 self._built["jitter"] = delay
@@ -327,8 +315,8 @@ class Imperfections(Adjustments):
     def _flatten(self, array: wp.array) -> wp.array:
         return array.reshape(self._flat)
 
-    def _key(self, stage: str) -> int:
-        return stream_key(self.context.seed, f"{self.info.name}/{stage}")
+    def _keys(self, stage: str) -> wp.vec2ui:
+        return stream_keys(self.context.seed, f"{self.info.name}/{stage}")
 
     def _zeros(self, shape, dtype) -> wp.array:
         return self.context.zeros(shape, dtype)

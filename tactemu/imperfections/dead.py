@@ -6,11 +6,11 @@ import numpy as np
 import warp as wp
 
 from tactemu.base.errors import SceneError
-from tactemu.base.random_streams import stream_key
 from tactemu.imperfections.columns import environment_indices
 from tactemu.imperfections.elementwise import ALIVE, DIES
 from tactemu.imperfections.info import ReadingInfo
 from tactemu.imperfections.options import ChainOptions
+from tactemu.imperfections.random import stream_keys
 from tactemu.imperfections.resets import dead_kernel
 from tactemu.plan.plan import Context
 
@@ -18,8 +18,8 @@ from tactemu.plan.plan import Context
 class DeadTaxels:
     """The readings at which dead columns of each environment are stuck; the electronics' kernel outputs these."""
 
-    def __init__(self, options: ChainOptions, info: ReadingInfo, context: Context, streams: wp.array):
-        self._info, self._context, self._streams = info, context, streams
+    def __init__(self, options: ChainOptions, info: ReadingInfo, context: Context):
+        self._info, self._context = info, context
         self._options = options
         self.stuck = context.full((context.n_envs, info.n_columns), ALIVE, context.real)
         """Readings of dead columns, shape ``(n_envs, n_columns)``; infinite where alive."""
@@ -28,10 +28,10 @@ class DeadTaxels:
     def redraw(self, mask: wp.array) -> None:
         """Draw again which taxels are dead in the environments of the mask (bool, shape ``(n_envs,)``)."""
         options, context = self._options, self._context
-        key = stream_key(context.seed, f"{self._info.name}/dead")
+        keys = stream_keys(context.seed, f"{self._info.name}/dead")
         limits, at_first = wp.vec2d(*options.dead_taxel_value_range), options.dead_taxel_mode == "last"
         drawn = [options.dead_taxel_probability, limits, at_first]
-        inputs = [mask, self._streams, key, *drawn, self._info.n_channels, self.stuck]
+        inputs = [mask, context.clock, keys, *drawn, self._info.n_channels, self.stuck]
         wp.launch(dead_kernel(context.real), dim=self.stuck.shape, inputs=inputs, device=context.device)
 
     def set(self, taxels, dead: bool, value: float | None, envs_idx) -> None:

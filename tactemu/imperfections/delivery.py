@@ -9,11 +9,11 @@ import warp as wp
 
 from tactemu.base.errors import SceneError
 from tactemu.base.options import numbers
-from tactemu.base.random_streams import stream_key
 from tactemu.imperfections.columns import environment_indices
 from tactemu.imperfections.delivery_kernels import deliver_kernel, remember_kernel, select_kernel
 from tactemu.imperfections.info import ReadingInfo
 from tactemu.imperfections.options import ChainOptions
+from tactemu.imperfections.random import stream_keys
 from tactemu.imperfections.ring import Ring, ring_depth
 from tactemu.plan.clearing import clear_rows
 from tactemu.plan.launches import in_turn
@@ -23,8 +23,7 @@ from tactemu.plan.plan import Context, Stage
 class Delay:
     """The delay of a sensor's readings; made only for a sensor with a delay or jitter."""
 
-    def __init__(self, options: ChainOptions, info: ReadingInfo, context: Context, streams: wp.array):
-        self._streams = streams
+    def __init__(self, options: ChainOptions, info: ReadingInfo, context: Context):
         self._options, self._info, self._context = options, info, context
         dt = float(context.dt.numpy()[0])
         jitter = max(options.jitter, dt) if "jitter" in options.adjustable else options.jitter
@@ -42,12 +41,12 @@ class Delay:
         newest = context.zeros(context.n_envs, wp.int64)
         chosen = context.zeros(context.n_envs, wp.vec3i)
         share = context.zeros(context.n_envs, wp.float64)
-        key = stream_key(context.seed, f"{info.name}/jitter")
+        keys = stream_keys(context.seed, f"{info.name}/jitter")
         nearest = options.delay_interpolation == "nearest"
         select = context.record(
             select_kernel(self.has_jitter, nearest, linear, options.jitter_reorder),
             context.n_envs,
-            [context.step, context.time_ns, context.dt, key, self._streams, self._lags, ring.birth],
+            [context.clock, keys, self._lags, ring.birth],
             [ring.times, newest, chosen, share],
         )
         out = context.zeros(measured.shape, measured.dtype)

@@ -8,8 +8,9 @@ import functools
 import warp as wp
 
 from tactemu.imperfections.elementwise import threads
-from tactemu.imperfections.random import draw, unit_f64
+from tactemu.imperfections.random import draw, step_of, unit_f64
 from tactemu.imperfections.ring import entries, entry_before, share_of_newer, slot
+from tactemu.plan.clock import Clock
 from tactemu.plan.scalars import natural
 
 ROUNDING = wp.constant(wp.int64(1))
@@ -30,11 +31,8 @@ def select_kernel(jitter: bool, nearest: bool, linear: bool, reorder: bool):
     @wp.kernel(module="unique", enable_backward=False)
     def select_entry(
         first_env: int,
-        step: wp.array(dtype=wp.int64),
-        time_ns: wp.array(dtype=wp.int64),
-        dt: wp.array(dtype=wp.float64),
-        key: wp.uint32,
-        streams: wp.array(dtype=wp.vec2i),
+        clock: Clock,
+        keys: wp.vec2ui,
         lags: wp.array2d(dtype=wp.int64),
         birth: wp.array(dtype=wp.int64),
         times: wp.array(dtype=wp.int64),
@@ -44,12 +42,13 @@ def select_kernel(jitter: bool, nearest: bool, linear: bool, reorder: bool):
     ):
         e = wp.tid()
         e += first_env
-        now, number = time_ns[0], step[0]
-        dt_ns = wp.max(dt[0] * wp.float64(1.0e9), wp.float64(1.0))
+        now, number = clock.time_ns[0], clock.step[0]
+        dt_ns = wp.max(clock.dt[0] * wp.float64(1.0e9), wp.float64(1.0))
         lag = lags[e, 0]
         if wp.static(jitter):
             width = wp.float64(lags[e, 1] + wp.int64(1))
-            lag = lag + wp.int64(unit_f64(draw(key, streams, e, 0, number)[0]) * width)
+            stream = clock.streams[e]
+            lag = lag + wp.int64(unit_f64(draw(keys, stream, step_of(clock, stream, e), 0)[0]) * width)
         if wp.static(nearest):
             lag = wp.int64(wp.rint(wp.float64(lag) / dt_ns) * dt_ns + wp.float64(0.5))
         source = now - lag

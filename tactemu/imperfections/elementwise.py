@@ -14,7 +14,8 @@ import warp as wp
 
 from tactemu.imperfections import coefficients as co
 from tactemu.imperfections.material import play, rise
-from tactemu.imperfections.random import draw, normals
+from tactemu.imperfections.random import draw, normals, step_of
+from tactemu.plan.clock import Clock
 from tactemu.plan.scalars import is_finite, is_nan, natural
 
 COLUMNS_PER_THREAD = wp.constant(4)
@@ -116,11 +117,11 @@ def electronics_kernel(real: type, laws: frozenset[str]):
         first_env: int,
         x: wp.array2d(dtype=real),
         n_channels: int,
-        step: wp.array(dtype=wp.int64),
+        clock: Clock,
         coefficient: wp.array(dtype=wp.float64),
-        walk_key: wp.uint32,
-        noise_key: wp.uint32,
-        streams: wp.array(dtype=wp.vec2i),
+        warmth: wp.array(dtype=wp.float64),
+        walk_keys: wp.vec2ui,
+        noise_keys: wp.vec2ui,
         # parameters, (n_envs, 1 or n_columns); gain (n_envs, n_taxels), is_filler (n_taxels,)
         gains: wp.array2d(dtype=real),
         sensitivity: wp.array2d(dtype=real),
@@ -143,10 +144,13 @@ def electronics_kernel(real: type, laws: frozenset[str]):
         e = natural(e + first_env)
         group = natural(group)
         lane = int(-1)
+        if wp.static(walk or noise):
+            stream = clock.streams[e]
+            step = step_of(clock, stream, e)
         if wp.static(walk):
-            walk_normal = normals4(draw(walk_key, streams, e, group, step[0]))
+            walk_normal = normals4(draw(walk_keys, stream, step, group))
         if wp.static(noise):
-            noise_normal = normals4(draw(noise_key, streams, e, group, step[0]))
+            noise_normal = normals4(draw(noise_keys, stream, step, group))
         for c in range(group, x.shape[1], threads(x.shape[1])):
             lane += 1
             v = x[e, c]
@@ -154,7 +158,7 @@ def electronics_kernel(real: type, laws: frozenset[str]):
                 if wp.static(gain):
                     v = v * gains[e, c // n_channels]
                 if wp.static(temperature):
-                    warm = real(coefficient[co.TEMPERATURE])
+                    warm = real(warmth[wp.min(e, warmth.shape[0] - 1)])
                     v = v * (real(1.0) + sensitivity[e, wp.min(c, sensitivity.shape[1] - 1)] * warm)
                     v = v + drift[e, wp.min(c, drift.shape[1] - 1)] * warm
                 if wp.static(walk):

@@ -91,15 +91,6 @@ def _check_temperature(options: ChainOptions, info: ReadingInfo) -> None:
         )
 
 
-_DRAWN = ("probe_radius_noise", "random_walk", "random_walk_density", "noise", "noise_density", "jitter")
-
-
-def needs_random_numbers(options: ChainOptions) -> bool:
-    """Return True if any law draws random numbers."""
-    redrawn = options.probe_gain_resample_range is not None or options.dead_taxel_probability > 0.0
-    return redrawn or any(is_on(getattr(options, name)) or name in options.adjustable for name in _DRAWN)
-
-
 def gain_is_on(options: ChainOptions) -> bool:
     """Return True if the options set, draw or may change the gains of taxels."""
     fixed = np.any(np.asarray(options.probe_gain, dtype=np.float64) != 1.0)

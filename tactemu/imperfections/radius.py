@@ -7,7 +7,8 @@ import functools
 import warp as wp
 
 from tactemu.imperfections.elementwise import threads
-from tactemu.imperfections.random import draw, unit_f64
+from tactemu.imperfections.random import draw, step_of, unit_f64
+from tactemu.plan.clock import Clock
 
 
 @functools.cache
@@ -21,15 +22,15 @@ def radius_kernel(real: type):
     def noisy_radius(
         first_env: int,
         nominal: wp.array(dtype=real),
-        step: wp.array(dtype=wp.int64),
-        key: wp.uint32,
-        streams: wp.array(dtype=wp.vec2i),
+        clock: Clock,
+        keys: wp.vec2ui,
         half_width: wp.array2d(dtype=real),
         out: wp.array2d(dtype=real),
     ):
         e, group = wp.tid()
         e += first_env
-        words = draw(key, streams, e, group, step[0])
+        stream = clock.streams[e]
+        words = draw(keys, stream, step_of(clock, stream, e), group)
         lane = int(-1)
         for i in range(group, nominal.shape[0], threads(nominal.shape[0])):
             lane += 1

@@ -1,17 +1,25 @@
-"""Random numbers on the device as a function of (stream, environment, index, step).
+"""Random numbers on the device as a function of (stream, environment or its seed, index, step).
 
 Nothing is stored and the order of draws does not matter. The generator is Philox4x32-10 (Salmon, Moraes, Dror and Shaw,
 "Parallel random numbers: as easy as 1, 2, 3", SC 2011). One call returns four independent words. The counter is (step
 low, step high, index, environment); the key is that of the stream (:mod:`tactemu.base.random_streams`) and the number
-of resets. Both float widths use the same words.
+of resets: a new episode has other draws, also where its steps are counted from 0 again. Both float widths use the same
+words.
+
+An environment that was reset with a seed has the low half of the seed in place of its number, and another key of the
+stream, which does not depend on the root seed, with the high half in it; its steps count from its own reset.
 """
 
 # pyright: reportIndexIssue=false, reportArgumentType=false, reportOperatorIssue=false
+# pyright: reportGeneralTypeIssues=false
 
 import functools
 import math
 
 import warp as wp
+
+from tactemu.base.random_streams import stream_key
+from tactemu.plan.clock import Clock
 
 _M0, _M1 = wp.constant(wp.uint64(0xD2511F53)), wp.constant(wp.uint64(0xCD9E8D57))
 _W0, _W1 = wp.constant(wp.uint32(0x9E3779B9)), wp.constant(wp.uint32(0xBB67AE85))
@@ -35,16 +43,31 @@ def philox(counter: wp.vec4ui, key0: wp.uint32, key1: wp.uint32) -> wp.vec4ui:
     return wp.vec4ui(c0, c1, c2, c3)
 
 
-@wp.func
-def draw(key: wp.uint32, streams: wp.array(dtype=wp.vec2i), row: int, index: int, step: wp.int64) -> wp.vec4ui:
-    """Return four random words of the stream ``key`` for the environment of a row, an index and a step.
+def stream_keys(seed: int, name: str) -> wp.vec2ui:
+    """Return the keys of the stream ``name``: under a root seed, and for environments that have a seed of their own."""
+    return wp.vec2ui(stream_key(seed, name), stream_key(None, name))
 
-    ``streams`` holds the number of each environment, counted over all devices, and the number of its resets, which is
-    the second half of the key: a new episode has other draws, also where its steps are counted from 0 again.
+
+@wp.func
+def draw(keys: wp.vec2ui, stream: wp.vec3i, step: wp.int64, index: int) -> wp.vec4ui:
+    """Return four random words of the stream ``keys`` for an environment, a step and an index.
+
+    ``stream`` is that of the environment, :attr:`tactemu.plan.plan.Context.streams`, and ``step`` the result of
+    :func:`step_of`, or 0 for a draw at a reset.
     """
-    words, stream = wp.uint64(step), streams[row]
+    key = wp.where(stream[2] < 0, keys[0], keys[1] ^ wp.uint32(stream[2]))
+    words = wp.uint64(step)
     counter = wp.vec4ui(wp.uint32(words & _LOW), wp.uint32(words >> _SHIFT), wp.uint32(index), wp.uint32(stream[0]))
     return philox(counter, key, wp.uint32(stream[1]))
+
+
+@wp.func
+def step_of(clock: Clock, stream: wp.vec3i, row: int) -> wp.int64:
+    """Return the step by which the environment of a row draws: of all, or its own after a reset with a seed."""
+    step = clock.step[0]
+    if stream[2] >= 0:
+        step = step - clock.began_step[row]
+    return step
 
 
 @wp.func

@@ -1,4 +1,4 @@
-"""Kernels that count the resets of environments and draw gains and dead taxels at each."""
+"""Kernels that draw gains and dead taxels at resets."""
 
 # pyright: reportIndexIssue=false, reportAssignmentType=false, reportGeneralTypeIssues=false
 
@@ -8,14 +8,7 @@ import warp as wp
 
 from tactemu.imperfections.elementwise import ALIVE, DIES_AT_FIRST
 from tactemu.imperfections.random import draw, unit_f64
-
-
-@wp.kernel(module="unique", enable_backward=False)
-def count_resets(mask: wp.array(dtype=wp.bool), streams: wp.array(dtype=wp.vec2i)):
-    """Count the resets of each environment: the draws after a reset have numbers of their own."""
-    e = wp.tid()
-    if mask[e]:
-        streams[e] = streams[e] + wp.vec2i(0, 1)
+from tactemu.plan.clock import Clock
 
 
 @wp.func
@@ -30,12 +23,10 @@ def gain_kernel(real: type):
     gains = wp.array2d(dtype=real)
 
     @wp.kernel(module="unique", enable_backward=False)
-    def resample_gain(
-        mask: wp.array(dtype=wp.bool), streams: wp.array(dtype=wp.vec2i), key: wp.uint32, limits: wp.vec2d, gain: gains
-    ):
+    def resample_gain(mask: wp.array(dtype=wp.bool), clock: Clock, keys: wp.vec2ui, limits: wp.vec2d, gain: gains):
         e, i = wp.tid()
         if mask[e]:
-            gain[e, i] = real(between(limits, draw(key, streams, e, i, wp.int64(0))[0]))
+            gain[e, i] = real(between(limits, draw(keys, clock.streams[e], wp.int64(0), i)[0]))
 
     return resample_gain
 
@@ -50,8 +41,8 @@ def dead_kernel(real: type):
     @wp.kernel(module="unique", enable_backward=False)
     def redraw_dead(
         mask: wp.array(dtype=wp.bool),
-        streams: wp.array(dtype=wp.vec2i),
-        key: wp.uint32,
+        clock: Clock,
+        keys: wp.vec2ui,
         probability: wp.float64,
         limits: wp.vec2d,
         at_first: wp.bool,
@@ -60,7 +51,7 @@ def dead_kernel(real: type):
     ):
         e, c = wp.tid()
         if mask[e]:
-            words = draw(key, streams, e, c // n_channels, wp.int64(0))
+            words = draw(keys, clock.streams[e], wp.int64(0), c // n_channels)
             value = real(wp.static(ALIVE))
             if unit_f64(words[0]) < probability:
                 value = real(between(limits, words[1]))

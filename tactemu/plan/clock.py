@@ -4,6 +4,10 @@
 
 import warp as wp
 
+_HALF = wp.constant(wp.int64(32))
+_LOW = wp.constant(wp.int64(0xFFFFFFFF))
+_POSITIVE = wp.constant(wp.int64(0x7FFFFFFF))
+
 
 @wp.struct
 class Clock:
@@ -15,6 +19,7 @@ class Clock:
     time_ns: wp.array(dtype=wp.int64)  # simulated time at its end [ns]
     began_step: wp.array(dtype=wp.int64)  # the step after which each environment was last reset
     began_ns: wp.array(dtype=wp.int64)  # the simulated time at which it was [ns]
+    streams: wp.array(dtype=wp.vec3i)  # the random streams of each environment, see Context.streams
 
 
 def clock_of(**arrays: wp.array) -> Clock:
@@ -26,12 +31,18 @@ def clock_of(**arrays: wp.array) -> Clock:
 
 
 @wp.kernel(module="unique", enable_backward=False)
-def begin(mask: wp.array(dtype=wp.bool), clock: Clock):
-    """Begin an episode where the mask is true: steps and time of these environments count from here."""
+def begin(mask: wp.array(dtype=wp.bool), seeds: wp.array(dtype=wp.int64), clock: Clock):
+    """Begin an episode where the mask is true: steps and time of these environments count from here, and random numbers
+    are drawn from their ``seeds``, or anew if there are none."""
     e = wp.tid()
     if mask[e]:
         clock.began_step[e] = clock.step[0]
         clock.began_ns[e] = clock.time_ns[0]
+        stream = clock.streams[e] + wp.vec3i(0, 1, 0)
+        if seeds.shape[0] > 0:
+            seed = seeds[e]
+            stream = wp.vec3i(int(seed & _LOW), 0, int((seed >> _HALF) & _POSITIVE))
+        clock.streams[e] = stream
 
 
 @wp.func

@@ -64,25 +64,37 @@ class Context:
     began_ns: wp.array = field(init=False)
     """Simulated time at which each environment was last reset [ns], int64, shape ``(n_envs,)``: its own time is
     ``time_ns[0] - began_ns[e]``."""
+    streams: wp.array = field(init=False)
+    """The random streams of each environment, vec3i, shape ``(n_envs,)``: its number, counted over all devices, the
+    number of its resets, and -1. From a reset with a seed on: the low half of the seed, the number of resets since, and
+    the high half (:mod:`tactemu.imperfections.random`)."""
 
     def __post_init__(self):
         for name, dtype in (("dt", wp.float64), ("step", wp.int64), ("time_ns", wp.int64)):
             object.__setattr__(self, name, self.zeros(1, dtype))
         for name in ("began_step", "began_ns"):
             object.__setattr__(self, name, self.zeros(self.n_envs, wp.int64))
+        streams = np.tile(np.array([0, 0, -1], np.int32), (self.n_envs, 1))
+        streams[:, 0] = self.first_env + np.arange(self.n_envs)
+        object.__setattr__(self, "streams", self.array(streams, wp.vec3i))
 
     @cached_property
     def clock(self) -> Any:
         """The step being taken, as kernels read it."""
-        names = ("dt", "step", "time_ns", "began_step", "began_ns")
+        names = ("dt", "step", "time_ns", "began_step", "began_ns", "streams")
         return clock_of(**{name: getattr(self, name) for name in names})
 
-    def begin(self, mask: wp.array) -> None:
+    def begin(self, mask: wp.array, seeds: wp.array | None = None) -> None:
         """Begin an episode where the mask (bool, shape ``(n_envs,)``) is true.
 
         On a GPU the call does not wait for the device and can be captured in a graph.
+
+        Args:
+            mask: the environments to reset.
+            seeds: a number for each environment, int64, shape ``(n_envs,)``, from which those of the mask draw from now
+                on; ``None``: they continue as before, and draw anew.
         """
-        wp.launch(begin, dim=self.n_envs, inputs=[mask, self.clock], device=self.device)
+        wp.launch(begin, dim=self.n_envs, inputs=[mask, seeds, self.clock], device=self.device)
 
     # These methods make every array that a stage writes or that may be set while it runs. Scratch, which a step fills
     # before it reads it, and constants are plain arrays.

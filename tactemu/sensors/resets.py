@@ -11,6 +11,7 @@ from tactemu.base.errors import SceneError
 from tactemu.geometry.device_arrays import MASK_TYPES, as_warp_array, environment_mask
 from tactemu.plan.clearing import clear_rows
 from tactemu.plan.plan import Context, Plan
+from tactemu.sensors.seeds import Seeds
 from tactemu.sensors.world import World, on_host
 
 
@@ -28,48 +29,52 @@ class Resets:
         self._plan, self._context, self._world, self._arrays = plan, context, world, arrays
         self._device = device = context.device
         self._mask = wp.zeros(world.n_envs, dtype=wp.bool, device=device)
-        self._graph: wp.Graph | None = None
+        self._seeds = Seeds(world, device)
+        self._graphs: dict[bool, wp.Graph] = {}
         self._warm = False
 
-    def reset(self, envs: Any) -> None:
+    def reset(self, envs: Any, seed: Any) -> None:
         """Reset environments; see :meth:`tactemu.sensors.simulation.Simulation.reset`."""
-        self._choose(envs)
+        envs = self._choose(envs)
+        seeds = None if seed is None else self._seeds.fill(seed, envs, self._mask)
         if envs is None:
             self._context.step.fill_(0)
             self._context.time_ns.fill_(0)
         if self._device.is_cpu:
-            self._clear()
+            self._clear(seeds)
             self._world.reset(self._mask.numpy())
         elif envs is None:  # the host writes the poses, so its copy stays valid
-            self._clear()
+            self._clear(seeds)
             self._world.reset(None)
         else:
-            self._on_gpu()
+            self._on_gpu(seeds)
 
-    def _choose(self, envs: Any) -> None:
-        """Fill the mask with the environments to reset."""
+    def _choose(self, envs: Any) -> Any:
+        """Fill the mask with the environments to reset, and return them: on the host, or as a mask on the device."""
         n_envs = self._world.n_envs
         if envs is not None and not on_host(envs):
             array = as_warp_array(envs, "envs")
             if array.dtype in MASK_TYPES or not self._device.is_cpu:
                 wp.copy(self._mask, environment_mask(array, n_envs, self._device))
-                return
+                return array
             envs = array.numpy()
         mask = np.zeros(n_envs, bool)
         mask[self._world.env_indices(envs)] = True
         self._mask.assign(mask)
+        return envs
 
-    def _clear(self) -> None:
-        self._context.begin(self._mask)
+    def _clear(self, seeds: wp.array | None) -> None:
+        self._context.begin(self._mask, seeds)
         self._plan.reset(self._mask)
         for array in self._arrays:
             clear_rows(array, self._mask)
 
-    def _all(self) -> None:
-        self._clear()
+    def _all(self, seeds: wp.array | None) -> None:
+        self._clear(seeds)
         self._world.reset_rows(self._mask)
 
-    def _on_gpu(self) -> None:
+    def _on_gpu(self, seeds: wp.array | None) -> None:
+        is_seeded = seeds is not None
         capturing = wp.get_stream(self._device).is_capturing
         if capturing and (self._world.has_unsent or not self._warm):
             raise SceneError(
@@ -77,16 +82,16 @@ class Resets:
             )
         self._world.upload()
         if capturing:
-            self._all()
-        elif self._graph is not None:
-            wp.capture_launch(self._graph)
+            self._all(seeds)
+        elif is_seeded in self._graphs:
+            wp.capture_launch(self._graphs[is_seeded])
         elif self._warm:
             with wp.ScopedCapture(self._device, force_module_load=False) as capture:
-                self._all()
-            self._graph = capture.graph
-            assert self._graph is not None
-            wp.capture_launch(self._graph)
+                self._all(seeds)
+            assert capture.graph is not None
+            self._graphs[is_seeded] = capture.graph
+            wp.capture_launch(capture.graph)
         else:  # the first reset loads the modules, which a capture must not do
-            self._all()
+            self._all(seeds)
             self._warm = True
         self._world.changed_on_device()

@@ -97,7 +97,7 @@ class SensorCompiler:
         measured, delivery_stages = imperfections.compile_delivery(values)
         remembered, history_stages = (measured, []) if truth is measured else imperfections.compile_history(truth)
         self.arrays += [compiled.truth, compiled.raw, truth, remembered, values, measured]
-        self.stages += imperfections.compile_resets() + gain_stages + radius_stages + compiled.stages + truth_stages
+        self.stages += gain_stages + radius_stages + compiled.stages + truth_stages
         self.stages += value_stages + finish_stages + delivery_stages + history_stages
         outputs = Outputs(
             truth=remembered,

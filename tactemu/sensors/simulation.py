@@ -363,7 +363,7 @@ class Simulation(PoseInput):
 
         return take
 
-    def reset(self, envs: Any = None) -> None:
+    def reset(self, envs: Any = None, *, seed: Any = None) -> None:
         """Clear all state, put bodies back where they started, and set readings to 0 until the next step. Bodies with
         bound poses stay where the other simulator has them.
 
@@ -371,11 +371,20 @@ class Simulation(PoseInput):
             envs: the environments to reset: indices, a mask, or a mask (bool or uint8) in an array on the simulation's
                 device (Warp, torch, anything with ``__dlpack__``), which is not waited for; their :attr:`env_time` is 0
                 then. ``None``: all; the time and the step count then start at 0 again, too.
+            seed: a whole number s from 0 to 2**63 - 1, of which the first environment that is reset takes s, the next
+                s + 1, in the order of the list or the mask; or a list or array of them, one for each that is reset
+                (with a mask in an array on the device: one for each environment). From then on an environment counts
+                its steps, its time and its resets from here, and its imperfections draw gains, dead taxels, jitter,
+                walks and noise from its number alone: it reads the same bytes alone and among thousands, whatever was
+                before and whatever seed the scene was built with. Options that you have set since (``set_noise`` ...)
+                stay. ``None``: draws continue, and are other ones than before. Points that were sampled on bodies, and
+                the wire, the clock and the firmware of devices depend on the seed of the scene only.
 
         Raises:
-            SceneError: an index is out of range; a mask has the wrong length, type or device.
+            SceneError: an index is out of range; a mask has the wrong length, type or device; a seed is not a whole
+                number in range, or there are not as many as environments.
         """
-        self.resets.reset(envs)
+        self.resets.reset(envs, seed)
         if envs is None:
             self.time_ns = self.step_count = self._checked_step = 0
             self._move(0.0)

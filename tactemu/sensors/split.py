@@ -10,6 +10,7 @@ import numpy as np
 
 from tactemu.base.errors import SceneError
 from tactemu.geometry.bodies import Body
+from tactemu.sensors.seeds import seeds_of
 from tactemu.sensors.sensor import Sensor
 from tactemu.sensors.simulation import BuildOptions, Simulation
 
@@ -87,16 +88,17 @@ class SplitSimulation:
             rows = {name: _rows(values, len(chosen), mine) for name, values in pose.items() if values is not None}
             part.set_pose(body, envs=None if envs is None else chosen[mine] - a, **rows)
 
-    def reset(self, envs: Sequence[int] | np.ndarray | None = None) -> None:
+    def reset(
+        self, envs: Sequence[int] | np.ndarray | None = None, *, seed: int | Sequence[int] | np.ndarray | None = None
+    ) -> None:
         """Reset all environments, or those given by indices or a mask (:meth:`Simulation.reset`)."""
-        if envs is None:
-            for part in self.parts:
-                part.reset()
-            return
         chosen = self._chosen(envs)
+        seeds = None if seed is None else seeds_of(seed, len(chosen))
         for part, a, b in self._shares():
-            if len(mine := chosen[(chosen >= a) & (chosen < b)]):
-                part.reset(mine - a)
+            mine = np.flatnonzero((chosen >= a) & (chosen < b))
+            if len(mine):
+                own = None if seeds is None else seeds[mine]
+                part.reset(None if envs is None else chosen[mine] - a, seed=own)
 
     def read(self, skin: Sensor | str, ground_truth: bool = False) -> Any:
         """Return the reading of a skin in all environments (:meth:`Sensor.read`)."""

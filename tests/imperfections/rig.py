@@ -47,7 +47,7 @@ class Rig:
         self.radius, radius = self.chain.compile_radius_noise()
         self.measured, values = self.chain.compile_values(self.raw)
         self.reading, delivery = self.chain.compile_delivery(self.measured)
-        self.stages = self.chain.compile_resets() + before + radius + values + delivery
+        self.stages = before + radius + values + delivery
 
     def step(self, raw=None, dt_ns: int | None = None) -> np.ndarray:
         """One step with raw readings that broadcast to ``(n_envs, n_taxels, n_channels)``."""
@@ -75,6 +75,7 @@ class Rig:
         mask = np.zeros(self.context.n_envs, dtype=bool)
         mask[slice(None) if envs is None else envs] = True
         array = wp.array(mask, dtype=wp.bool, device=self.device)
+        self.context.begin(array)
         for stage in self.stages:
             if stage.reset is not None:
                 stage.reset(array)

@@ -32,26 +32,26 @@ def _normal_kernel(real):
 
     @wp.kernel(module="unique", enable_backward=False)
     def _draws(
-        key: wp.uint32,
-        streams: wp.array(dtype=wp.vec2i),
+        keys: wp.vec2ui,
+        stream: wp.vec3i,
         step: wp.int64,
         out: wp.array(dtype=four),
         unit: wp.array(dtype=wp.float64),
     ):
         i = wp.tid()
-        words = draw(key, streams, 0, i, step)
+        words = draw(keys, stream, step, i)
         out[i] = normals4(words)
         unit[i] = unit_f64(words[0])
 
     return _draws, four
 
 
-def draws(n: int, key: int = 1, resets: int = 0, step: int = 1, real=wp.float64):
+def draws(n: int, key: int = 1, resets: int = 0, step: int = 1, high: int = -1, real=wp.float64):
     """Normals ``(n, 4)`` and uniforms ``(n,)``."""
     kernel, four = _normal_kernel(real)
     out, unit = wp.zeros(n, dtype=four, device="cpu"), wp.zeros(n, dtype=wp.float64, device="cpu")
-    streams = wp.array([(0, resets)], dtype=wp.vec2i, device="cpu")
-    wp.launch(kernel, dim=n, inputs=[key, streams, step, out, unit], device="cpu")
+    inputs = [wp.vec2ui(key, 7), wp.vec3i(0, resets, high), step, out, unit]
+    wp.launch(kernel, dim=n, inputs=inputs, device="cpu")
     return out.numpy(), unit.numpy()
 
 
@@ -74,7 +74,7 @@ def test_normals_are_standard_and_independent():
     assert np.abs(correlation - np.eye(8)).max() < 4.5 / np.sqrt(100_000)
 
 
-@pytest.mark.parametrize("other", [{"key": 2}, {"resets": 1}, {"step": 2}, {"step": 1 + 2**32}])
+@pytest.mark.parametrize("other", [{"key": 2}, {"resets": 1}, {"step": 2}, {"step": 1 + 2**32}, {"high": 0}])
 def test_streams_and_steps_are_independent(other):
     a, b = draws(100_000)[0], draws(100_000, **other)[0]
     assert abs(np.corrcoef(a.ravel(), b.ravel())[0, 1]) < 4.5 / np.sqrt(a.size)
