@@ -1,5 +1,6 @@
 """The public names of ``tactemu``, which editors, type checkers and ``__init__.py`` read."""
 
+from tactemu import envs as envs
 from tactemu.base.errors import DeviceError as DeviceError
 from tactemu.base.errors import MeshError as MeshError
 from tactemu.base.errors import PoseError as PoseError

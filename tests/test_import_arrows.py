@@ -20,9 +20,9 @@ from tactemu.transducers.registry import TRANSDUCERS
 ROOT = Path(__file__).parents[1]
 ROOMS = set(
     "base plan geometry imperfections transducers sensors scene engines transports wire truth emulator control session "
-    "tune datasets fit view judge exec integrations cli".split()
+    "tune datasets fit view judge exec integrations envs cli".split()
 )
-FACES = {"tactemu", "tactemu.models", "tactemu.devices"}
+FACES = {"tactemu", "tactemu.envs", "tactemu.models", "tactemu.devices"}
 FILES = {"__init__.py", "__init__.pyi", "__main__.py", "version.py", "models.py", "devices.py", "py.typed"}
 """Every file beside the folders; three of them are faces."""
 

@@ -16,7 +16,7 @@ from mkdocs.structure.files import File, Files  # noqa: E402
 
 import firmware_protocols as fp  # noqa: E402
 import tactemu  # noqa: E402
-from tactemu import models  # noqa: E402
+from tactemu import envs, models  # noqa: E402
 from tactemu.cli.datasheet import datasheet  # noqa: E402
 from tactemu.scene.file import json_schema  # noqa: E402
 from tactemu.session.options import ServeOptions  # noqa: E402
@@ -97,7 +97,7 @@ def _api() -> str:
     lines = ["# API", "", "Public are the names below, with their documented arguments.", ""]
     lines += ["`tactemu.devices` has the names of `firmware_protocols`.", ""]
     shown: set[str] = set()
-    for face in (tactemu, fp, *filter(inspect.ismodule, (getattr(fp, name) for name in fp.__all__)), models):
+    for face in (tactemu, envs, fp, *filter(inspect.ismodule, (getattr(fp, name) for name in fp.__all__)), models):
         lines += [f"## `{face.__name__}`", ""]
         for name in face.__all__:
             found = getattr(face, name)

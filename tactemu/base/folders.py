@@ -1,4 +1,5 @@
-"""Private folders of one user: code and sockets are never taken from where other users can write."""
+"""Private folders of one user, and the folder of the examples: code and sockets are never taken from where other users
+can write."""
 
 from __future__ import annotations
 
@@ -9,6 +10,9 @@ import tempfile
 from pathlib import Path
 
 from tactemu.base.files import remove_at_end
+
+EXAMPLES = (Path(__file__).parents[1] / "examples", Path(__file__).parents[2] / "examples")
+"""The folder of the examples in the installed package, and in a source tree."""
 
 
 def is_private_folder(folder: Path) -> bool:
@@ -39,3 +43,15 @@ def temporary_folder(kind: str) -> tuple[Path, str]:
     own = tempfile.mkdtemp(prefix=f"tactemu-{kind}-")
     remove_at_end(lambda: shutil.rmtree(own, ignore_errors=True))
     return Path(own), f"and {folder} is not ours alone, {kind} are compiled anew in each run"
+
+
+def example_file(name: str) -> Path:
+    """Return a file of the examples.
+
+    Raises:
+        FileNotFoundError: the installation lacks it.
+    """
+    for folder in EXAMPLES:
+        if (folder / name).is_file():
+            return folder / name
+    raise FileNotFoundError(f"{name} is in neither of {', '.join(map(str, EXAMPLES))}")

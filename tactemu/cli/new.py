@@ -10,10 +10,9 @@ import typer
 
 from tactemu.base.errors import TactemuError
 from tactemu.base.files import writing
+from tactemu.base.folders import EXAMPLES
 
 START = Path(__file__).parents[1] / "scene" / "start.toml"
-EXAMPLES = (Path(__file__).parents[1] / "examples", Path(__file__).parents[2] / "examples")
-"""The folder of the examples in the installed package, and in a source tree."""
 
 
 commands = typer.Typer(rich_markup_mode=None)

@@ -33,7 +33,7 @@ def in_layout(array: wp.array, columns: slice, layout: tuple[int, ...], batched:
     return view(array, [n for n, _ in axes], [step for _, step in axes], array.dtype, first * size)
 
 
-def _fields(sensor: Any) -> dict[str, slice]:
+def fields_of(sensor: Any) -> dict[str, slice]:
     """Return the fields of a sensor's reading that are channels of their own, by name."""
     if sensor._chain is not None:
         return dict(sensor._layouts)
@@ -61,7 +61,7 @@ def _makers(sensor: Any, is_truth: bool) -> dict[str, Callable[[], WarpArray]]:
         return flags if batched else cast(WarpArray, flags[0])
 
     return {
-        **{name: partial(shaped, reading, columns) for name, columns in _fields(sensor).items()},
+        **{name: partial(shaped, reading, columns) for name, columns in fields_of(sensor).items()},
         **{name: partial(derived, name) for name in outputs.derived},
         "contacts": lambda: by_body(sensor._contact_flags()),
         "bad_poses": lambda: by_body(outputs.bad_poses),

@@ -13,7 +13,8 @@ EXPECTED = {
     "own_simulator.py": ["poses: 100 frames", "readings: 100 frames", "largest force on the skin was 1.00 N"],
     "genesis_skin.py": ["100 frames", "the largest force on the skin was"],
     "mujoco_skin.py": ["t = 0.80 s, ball at x =", "force on the skin"],
-    "hand_env.py": ["step alone", "step and policy", "memory:", "force: 6."],
+    "hand_env.py": ["return:", "force:", "steps/s"],
+    "press_env.py": ["return: 18", "steps/s"],
     "two_drivers.py": [
         "read by the anyskin package",
         "read by the linkerbot SDK",
@@ -22,7 +23,12 @@ EXPECTED = {
 }
 ON_THE_CPU = ["--device", "cpu", "--envs", "2", "--steps", "5"]
 ARGUMENTS = {"hand_env.py": [[*ON_THE_CPU, "--engine", engine] for engine in ("mujoco-warp", "newton")]}
-NEEDS = {"mujoco_skin.py": ("mujoco",), "genesis_skin.py": ("genesis",), "hand_env.py": ("torch", "newton")}
+NEEDS = {
+    "mujoco_skin.py": ("mujoco",),
+    "genesis_skin.py": ("genesis",),
+    "hand_env.py": ("gymnasium", "newton"),
+    "press_env.py": ("gymnasium",),
+}
 RUNS = [
     pytest.param(
         name, arguments, marks=[pytest.mark.nightly] * (name == "two_drivers.py"), id=" ".join([name, *arguments])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from firmware_protocols.layouts import Layout, Patch
 from tactemu.base.frame_text import text
 from tactemu.scene.description import PartDescription
 from tactemu.truth.entries import BodyPose, Entry, Injection, Passage, PortEvent, Sample
@@ -15,11 +16,31 @@ MAX_COLOUR = np.array([1.0, 0.55, 0.1])
 NAN_COLOUR = np.array([0.9, 0.0, 0.9])
 """The colour of a taxel that reads NaN."""
 
+MAX_COLUMNS = 24
+"""Maximum number of columns, and of rows, of the picture of a patch that is no grid."""
+
 
 def colours(share: np.ndarray) -> np.ndarray:
     """Return the colour of each share of the largest reading (0 to 1): RGB from 0 to 1, shape ``(..., 3)``."""
     mixed = ZERO_COLOUR + np.nan_to_num(share)[..., None] * (MAX_COLOUR - ZERO_COLOUR)
     return np.where(np.isnan(share)[..., None], NAN_COLOUR, mixed)
+
+
+def cells(layout: Layout, patch: Patch) -> np.ndarray:
+    """Return row and column of each taxel of a patch in its picture, shape ``(n, 2)``."""
+    if patch.rows:
+        return np.stack(np.divmod(np.arange(patch.rows * patch.cols), patch.cols), axis=1)
+    positions, normals = layout.positions[patch.taxels], layout.normals[patch.taxels]
+    normal = normals.mean(axis=0)
+    normal = normal / np.linalg.norm(normal) if np.linalg.norm(normal) > 1e-6 else np.array([0.0, 0.0, 1.0])
+    seed = np.array([0.0, 1.0, 0.0]) if abs(normal[0]) > 0.9 else np.array([1.0, 0.0, 0.0])
+    right = seed - normal * (seed @ normal)
+    right /= np.linalg.norm(right)
+    flat = positions @ np.stack([right, np.cross(normal, right)], axis=1)
+    flat -= flat.min(axis=0)
+    step = max(patch.pitch, float(flat.max(initial=0.0)) / (MAX_COLUMNS - 1), 1e-9)
+    columns, rows = np.rint(flat / step).astype(int).T
+    return np.stack([rows.max() - rows, columns], axis=1)
 
 
 def in_contact(sample: Sample) -> np.ndarray:

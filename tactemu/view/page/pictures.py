@@ -9,14 +9,13 @@ from html import escape
 import numpy as np
 from PIL import Image
 
-from firmware_protocols.layouts import Layout, Patch
+from firmware_protocols.layouts import Patch
 from tactemu.truth.entries import Sample
-from tactemu.view.conversions.display import colours
+from tactemu.view.conversions.display import MAX_COLUMNS, cells, colours
 from tactemu.view.page.feed import PageSkin, magnitudes
 
 _MAX_NUMBERED_TAXELS = 64
 """Maximum number of taxels of a patch whose counts are written below its picture."""
-_MAX_COLUMNS = 24
 _MAX_PATCHES = 24
 """Maximum number of patches of one skin that are drawn."""
 _COLUMNS: tuple[str, ...] = ("ideal", "measured", "sent")
@@ -87,12 +86,7 @@ def _numbers(patch: Patch, places: np.ndarray, sample: Sample) -> str:
     """Return a table of the counts, each at its taxel's place in the picture."""
     counts = np.asarray(sample.counts)
     rows, cols = (int(extent) for extent in places.max(axis=0) + 1)
-    if (
-        counts.ndim == 0
-        or len(counts) != len(sample.ideal)
-        or len(places) > _MAX_NUMBERED_TAXELS
-        or cols > _MAX_COLUMNS
-    ):
+    if counts.ndim == 0 or len(counts) != len(sample.ideal) or len(places) > _MAX_NUMBERED_TAXELS or cols > MAX_COLUMNS:
         return ""
     grid = [["<td></td>"] * cols for _ in range(rows)]
     for taxel, (row, col) in zip(range(patch.start, patch.start + len(patch)), places.tolist()):
@@ -100,23 +94,6 @@ def _numbers(patch: Patch, places: np.ndarray, sample: Sample) -> str:
         grid[row][col] = f'<td title="taxel {taxel}">{words}</td>'
     body = "".join(f"<tr>{''.join(row)}</tr>" for row in grid)
     return f'<tr><td colspan="3"><div class="wide"><table class="counts">{body}</table></div></td></tr>'
-
-
-def cells(layout: Layout, patch: Patch) -> np.ndarray:
-    """Return row and column of each taxel of a patch in its picture, shape ``(n, 2)``."""
-    if patch.rows:
-        return np.stack(np.divmod(np.arange(patch.rows * patch.cols), patch.cols), axis=1)
-    positions, normals = layout.positions[patch.taxels], layout.normals[patch.taxels]
-    normal = normals.mean(axis=0)
-    normal = normal / np.linalg.norm(normal) if np.linalg.norm(normal) > 1e-6 else np.array([0.0, 0.0, 1.0])
-    seed = np.array([0.0, 1.0, 0.0]) if abs(normal[0]) > 0.9 else np.array([1.0, 0.0, 0.0])
-    right = seed - normal * (seed @ normal)
-    right /= np.linalg.norm(right)
-    flat = positions @ np.stack([right, np.cross(normal, right)], axis=1)
-    flat -= flat.min(axis=0)
-    step = max(patch.pitch, float(flat.max(initial=0.0)) / (_MAX_COLUMNS - 1), 1e-9)
-    columns, rows = np.rint(flat / step).astype(int).T
-    return np.stack([rows.max() - rows, columns], axis=1)
 
 
 _STYLE = """<style>
