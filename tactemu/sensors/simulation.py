@@ -263,7 +263,7 @@ class Simulation(PoseInput):
             True if a step was stretched.
         """
         dt_ns = self.dt_ns
-        steps = (t_ns - self.time_ns) // dt_ns if dt_ns else 0
+        steps = max((t_ns - self.time_ns) // dt_ns, 0) if dt_ns else 0
         if max_steps is None or steps <= max_steps:
             self.step(steps)
             return False

@@ -32,6 +32,15 @@ def test_a_length_in_place_of_a_number_is_refused_in_words(wrong):
     assert sim.step_count == 0
 
 
+def test_a_time_that_has_passed_takes_no_step():
+    """A late loop stretches a step, and may then ask for an earlier time than the simulation has."""
+    sim = built()
+    sim.advance_to(20_000_000)
+    assert sim.step_count == 10
+    assert not sim.advance_to(10_000_000) and not sim.advance_to(10_000_000, max_steps=3)
+    assert sim.step_count == 10 and sim.time_ns == 20_000_000
+
+
 def test_each_environment_counts_its_own_time():
     sim = built(3)
     assert np.array_equal(sim.env_time, np.zeros(3))
