@@ -14,6 +14,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, Self, TypeVar
 
 from tactemu.base.errors import SceneError, nearest
+from tactemu.base.options import check_declared
 
 Model = TypeVar("Model")
 
@@ -34,7 +35,8 @@ class OptionsClass(ABCMeta):
 
 
 class Options(metaclass=OptionsClass):
-    """A base of dataclasses of options: an unknown keyword is an error that names the valid one."""
+    """A base of dataclasses of options: an unknown keyword is an error that names the valid one, and so is a value that
+    is not of the option's declared type."""
 
     def __new__(cls, *args: Any, **given: Any) -> Self:
         """Return a new object, once all keywords are known.
@@ -47,6 +49,9 @@ class Options(metaclass=OptionsClass):
             if name not in known:
                 raise TypeError(f"{cls.__name__} has no option {name!r}{_hint(cls, name)}")
         return super().__new__(cls)
+
+    def __post_init__(self) -> None:
+        check_declared(type(self).__name__, self)
 
 
 class OptionGroup(Options):

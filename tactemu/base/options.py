@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import types
 import typing
+from collections.abc import Mapping, Sequence
 from functools import cache
 from typing import Any
 
@@ -82,15 +83,15 @@ def choice(where: str, name: str, value: Any, choices: Any) -> Any:
 
 
 def check_declared(where: str, options: Any) -> None:
-    """Check the options of a dataclass by their declared types: numbers, their bounds, switches, tuples.
+    """Check the options of a dataclass by their declared types: numbers and their bounds, switches, choices, texts,
+    tuples, sequences, and unions of these. Options of other types are not checked.
 
     Args:
         where: the sensor, the model or the transducer, for the message.
         options: an instance of the dataclass.
 
     Raises:
-        SceneError: an option is not of its type: a number within its bounds, a switch, or a tuple of the declared
-            length.
+        SceneError: an option is not of its type.
     """
     for name, hint in _types(type(options)).items():
         _check_type(where, name, getattr(options, name), hint)
@@ -99,8 +100,7 @@ def check_declared(where: str, options: Any) -> None:
 def _check_type(where: str, name: str, value: Any, hint: Any) -> None:
     origin, parts = typing.get_origin(hint), typing.get_args(hint)
     if origin in (typing.Union, types.UnionType):
-        if value is not None and len(parts) == 2 and type(None) in parts:
-            _check_type(where, name, value, next(part for part in parts if part is not type(None)))
+        _check_union(where, name, value, parts)
     elif hint is bool:
         if not isinstance(value, bool | np.bool_):
             raise SceneError(f"{where}: {name} must be true or false, got {shown(value)}")
@@ -116,6 +116,79 @@ def _check_type(where: str, name: str, value: Any, hint: Any) -> None:
             raise SceneError(f"{where}: {name} must be {len(parts)} numbers, got {shown(value)}")
         for k, (each, part) in enumerate(zip(array.tolist(), parts)):
             _check_type(where, f"{name}[{k}]", each, part)
+    elif origin is Sequence or hint in (Sequence, np.ndarray):
+        _check_several(where, name, value, parts[0] if parts else None)
+    elif hint is not Any and isinstance(hint, type) and not isinstance(value, hint):
+        raise SceneError(f"{where}: {name} must be {_words(hint)}, got {shown(value)}")
+
+
+def _check_union(where: str, name: str, value: Any, parts: Sequence[Any]) -> None:
+    """Check a value against the part of a union that takes one of its kind: ``None``, several values, or one."""
+    if any(value is None if part is type(None) else part is Any for part in parts):
+        return
+    several = _is_several(value)
+    possible = [part for part in parts if part is not type(None)]
+    fitting = possible if len(possible) == 1 else [part for part in possible if _takes_several(part) == several]
+    if len(fitting) == 1 or (several and fitting):
+        _check_type(where, name, value, fitting[0])
+    elif not any(_is_of(value, part) for part in fitting):
+        *most, last = dict.fromkeys(map(_words, possible))
+        expected = f"{', '.join(most)} or {last}" if most else last
+        raise SceneError(f"{where}: {name} must be {expected}, got {shown(value)}")
+
+
+def _check_several(where: str, name: str, value: Any, each: Any) -> None:
+    """Check a sequence or an array: every element is ``each``; ``None``: all are numbers, in any shape."""
+    if not _is_several(value):
+        raise SceneError(f"{where}: {name} must be {_words(Sequence)}, got {shown(value)}")
+    if each in (None, int, float):
+        if not _has_numbers_only(value):
+            raise SceneError(f"{where}: {name} must be numbers, got {shown(value)}")
+    else:
+        for k, element in enumerate(value):
+            _check_type(where, f"{name}[{k}]", element, each)
+
+
+def _is_several(value: Any) -> bool:
+    """Is the value a sequence or an array that is no single number?"""
+    return hasattr(value, "__iter__") and not isinstance(value, str | bytes | Mapping) and getattr(value, "ndim", 1) > 0
+
+
+def _takes_several(hint: Any) -> bool:
+    origin = typing.get_origin(hint)
+    if origin is typing.Annotated:
+        return _takes_several(typing.get_args(hint)[0])
+    return hint in (Sequence, np.ndarray) or origin in (Sequence, tuple)
+
+
+def _is_of(value: Any, hint: Any) -> bool:
+    try:
+        _check_type("", "", value, hint)
+    except SceneError:
+        return False
+    return True
+
+
+def _has_numbers_only(value: Any) -> bool:
+    """Are all elements numbers? Parts may have different lengths."""
+    try:
+        array = np.asarray(value)
+    except ValueError:  # parts of different lengths
+        return all(_is_several(part) and _has_numbers_only(part) for part in value)
+    return array.dtype.kind in "iuf" or array.size == 0
+
+
+def _words(hint: Any) -> str:
+    """Return a type in the words of a message."""
+    origin, parts = typing.get_origin(hint), typing.get_args(hint)
+    if origin is typing.Annotated:
+        return _words(parts[0])
+    if origin is typing.Literal:
+        return f"one of {', '.join(map(str, parts))}"
+    if _takes_several(hint):
+        return "a list"
+    names = {int: "a whole number", float: "a number", bool: "true or false", str: "a text"}
+    return names.get(hint, f"of type {getattr(hint, '__name__', hint)}")
 
 
 @cache

@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import fields
-from typing import get_args
 
 import numpy as np
 
 from tactemu.base.errors import SceneError
 from tactemu.base.options import numbers
 from tactemu.imperfections.info import ReadingInfo
-from tactemu.imperfections.options import ChainOptions, Law
+from tactemu.imperfections.options import ChainOptions
 
 _TYPES = {field.name: str(field.type) for field in fields(ChainOptions)}
 _SINGLE = tuple(name for name, kind in _TYPES.items() if kind in ("float", "float | None", "int"))
 _PER_COLUMN = tuple(name for name, kind in _TYPES.items() if kind == "Numbers")
 _SIGNED = {"probe_gain", "temperature_reference", "temperature_sensitivity", "temperature_offset", "bias"}
 _RANGES = ("probe_gain_resample_range", "saturation_range", "dead_taxel_value_range")
-_CHOICES = {"dead_taxel_mode": ("value", "last"), "delay_interpolation": ("hold", "linear", "nearest")}
 
 
 _TIMES = ("scan_time", "delay", "jitter")
@@ -59,16 +56,10 @@ def check(options: ChainOptions, info: ReadingInfo) -> None:
         limits = np.zeros(2) if value is None else numbers(where, option, value)
         if limits.shape != (2,) or limits[0] > limits[1]:
             refuse(option, "(low, high) with low <= high")
-    for option, choices in _CHOICES.items():
-        if getattr(options, option) not in choices:
-            refuse(option, f"one of {choices}")
     if options.dead_taxel_probability > 1.0:
         refuse("dead_taxel_probability", "at most 1")
-    if not (options.history_length <= MAX_HISTORY_LENGTH and int(options.history_length) == options.history_length):
+    if options.history_length > MAX_HISTORY_LENGTH:
         refuse("history_length", f"a whole number up to {MAX_HISTORY_LENGTH}")
-    listed = options.adjustable
-    if isinstance(listed, str) or not isinstance(listed, Sequence) or not set(listed) <= set(get_args(Law)):
-        refuse("adjustable", f"a list out of {', '.join(get_args(Law))}")
     _check_temperature(options, info)
 
 

@@ -78,7 +78,7 @@ def slots(options: ChainOptions, info: ReadingInfo) -> np.ndarray:
         return given.astype(np.int64)
     if order == "taxel":
         return index
-    if order not in ("row", "column") or len(info.layout) != 2:
+    if len(info.layout) != 2:
         raise SceneError(
             f"sensor {info.name!r}: scan_order {order!r} on layout {info.layout}; expected 'taxel', slots, or on a"
             f" (rows, cols) layout 'row' or 'column'"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, Generic, Protocol, get_args
+from typing import Any, Generic, Protocol
 
 import numpy as np
 import warp as wp
@@ -19,7 +19,7 @@ from tactemu.imperfections import Adjustments, Imperfections
 from tactemu.plan.plan import Plan, Stage
 from tactemu.sensors.arrays import SensorArrays
 from tactemu.sensors.probe_layout import Probes
-from tactemu.sensors.sensor_model import DepthQuery, Derive, R, SensorModel
+from tactemu.sensors.sensor_model import Derive, R, SensorModel
 from tactemu.sensors.signs import Convention
 from tactemu.transducers.chain import Chain
 from tactemu.transducers.transducer import Transducer
@@ -359,20 +359,6 @@ def pick(sensor: Sensor, name: str, values: np.ndarray) -> np.ndarray:
 
 def _plain(values: np.ndarray) -> np.ndarray:
     return values[..., 0] if values.shape[-1] == 1 else values
-
-
-def check_query(sensor: Sensor) -> None:
-    """Check the option that selects the depth query.
-
-    Raises:
-        SceneError: an option has a wrong value.
-    """
-    model, known = sensor.model, get_args(DepthQuery)
-    if model.contact_depth_query is not None and model.contact_depth_query not in known:
-        given = model.contact_depth_query
-        raise SceneError(
-            f"sensor {sensor.name!r}: contact_depth_query must be one of {', '.join(known)}, got {given!r}"
-        )
 
 
 def sensed_bodies(sensor: Sensor, bodies: Sequence[Body]) -> tuple[Body, ...]:

@@ -9,7 +9,6 @@ import numpy as np
 import warp as wp
 
 from tactemu.base.errors import SceneError
-from tactemu.base.options import check_declared
 from tactemu.geometry.bodies import Body
 from tactemu.imperfections import ChainOptions, Imperfections, ReadingInfo
 from tactemu.imperfections.compile import Transduce
@@ -18,7 +17,7 @@ from tactemu.sensors.contacts import contact_flags, probe_points
 from tactemu.sensors.drawing import check_drawing
 from tactemu.sensors.point_cloud import PointCloud
 from tactemu.sensors.poses import RelativePoses
-from tactemu.sensors.sensor import Built, Outputs, Sensor, check_query, sensed_bodies
+from tactemu.sensors.sensor import Built, Outputs, Sensor, sensed_bodies
 from tactemu.sensors.sensor_model import Compiled, Site, upload_probes
 from tactemu.sensors.shape_table import ShapeTables
 from tactemu.transducers.transducer import SignalType, TransducerSite
@@ -122,11 +121,7 @@ class SensorCompiler:
                 f"{n_taxels}, "
                 f"more than the {MAX_LAUNCH_THREADS - 1} of one launch; build fewer environments at a time"
             )
-        where = f"sensor {sensor.name!r}"
-        for options in (sensor.model, sensor.model.imperfections, sensor.model.electronics, sensor.model.draw):
-            check_declared(where, options)
-        check_query(sensor)
-        check_drawing(where, sensor.model.draw)
+        check_drawing(f"sensor {sensor.name!r}", sensor.model.draw)
         sensor.model.validate(sensor._probes)
 
     def _site(self, sensor: Sensor, gain, radius) -> Site:

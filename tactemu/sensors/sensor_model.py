@@ -84,6 +84,7 @@ else:
     R = TypeVar("R", covariant=True)
 
 DepthQuery = Literal["sdf", "raycast", "band", "voxel", "ray"]
+WhichBody = Body | str | int
 Derive = Callable[[wp.array, str], tuple[wp.array, Stage]]
 """A function of a reading and its branch, ``truth`` or ``measured``, that returns a derived array and the stage that
 fills it."""
@@ -221,9 +222,9 @@ class SensorModel(Options, Generic[R]):
     """Shift of the probes in the link's frame [m]."""
     euler_offset: Sequence[float] = (0.0, 0.0, 0.0)
     """Rotation of the probes about the link's fixed axes x, y, z [degrees], before the shift."""
-    track_link_idx: int | Sequence[int] | None = None
+    track_link_idx: WhichBody | Sequence[WhichBody] | None = None
     """The bodies to sense, by index, name or body; ``None``: all but the sensor's own."""
-    filter_link_idx: int | Sequence[int] = ()
+    filter_link_idx: WhichBody | Sequence[WhichBody] = ()
     """Bodies to ignore."""
     contact_depth_query: DepthQuery | None = None
     """The query that finds depth. ``sdf`` (default) and ``raycast``: exact distance to the nearest surface. ``band``:

@@ -18,7 +18,7 @@ with those; the earth's field turns in the link's frame as the link does.
 import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 import warp as wp
@@ -151,7 +151,7 @@ class Magnetic(Transducer):
     """Standard deviation of the Gaussian by which a taxel's displacement moves the magnets around it [m]."""
     earth: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Field of the earth in the world [T]; its magnitude is about 50e-6."""
-    neighbours: Sequence = ()
+    neighbours: Sequence[Any] = ()
     """Magnets on other bodies: ``(body, (x, y, z), (mx, my, mz))``, in that body's frame [m, A m²]."""
 
     takes = ("displacement", "force")
@@ -166,8 +166,6 @@ class Magnetic(Transducer):
             given = numbers(where, name, getattr(self, name))
             if given.shape != (0,) and (given.ndim != 2 or given.shape[1] != 3):
                 raise SceneError(f"{where}: {name} must be a list of three numbers each, got shape {given.shape}")
-        if isinstance(self.neighbours, str) or not isinstance(self.neighbours, Sequence):
-            raise SceneError(f"{where}: neighbours must be a list, got {shown(self.neighbours)}")
         for each in self.neighbours:
             if not isinstance(each, Sequence) or len(each) != 3 or not isinstance(each[0], str):
                 raise SceneError(f"{where}: neighbours must be (body, place, moment) each, got {shown(each)}")

@@ -194,13 +194,13 @@ def test_fillers_read_zero_whatever_is_switched_on(real):
         ({"probe_gain": [1.0, 2.0]}, "probe_gain"),
         ({"delay": 1e5}, "readings"),
         ({"delay": 1e9}, "at most 1e+06 s"),
-        ({"noise": "loud"}, "noise must be numbers"),
-        ({"creep_tau": (1.0, 2.0)}, "creep_tau must be one number"),
+        ({"noise": "loud"}, "noise must be a finite number"),
+        ({"creep_tau": (1.0, 2.0)}, "creep_tau must be a finite number"),
         ({"adjustable": 3}, "adjustable must be a list"),
     ],
 )
 def test_options_without_meaning_are_refused_by_name(given, words):
-    with pytest.raises(SceneError, match="skin") as error:
+    with pytest.raises(SceneError, match=r"(skin.*|ChainOptions): ") as error:
         Rig(options(**given))
     assert words in str(error.value)
 

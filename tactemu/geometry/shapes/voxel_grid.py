@@ -37,9 +37,8 @@ class VoxelGrid(Shape):
     """Gradients at the nodes, shape ``(nx, ny, nz, 3)``; ``None``: the gradient of the interpolated distance."""
 
     def __post_init__(self):
+        super().__post_init__()
         shape = np.shape(self.values)
-        if np.asarray(self.values).dtype.kind not in "iuf":
-            raise SceneError(f"VoxelGrid: values must be numbers, got an array of {np.asarray(self.values).dtype}")
         if len(shape) != 3 or min(shape) < 2:
             raise SceneError(f"VoxelGrid: values must have shape (nx, ny, nz), each >= 2, got {shape}")
         if not np.isfinite(self.values).all():
