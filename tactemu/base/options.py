@@ -150,7 +150,7 @@ def _check_several(where: str, name: str, value: Any, each: Any) -> None:
 
 
 def _is_several(value: Any) -> bool:
-    """Is the value a sequence or an array that is no single number?"""
+    """Return True for a sequence or an array that is no single number."""
     return hasattr(value, "__iter__") and not isinstance(value, str | bytes | Mapping) and getattr(value, "ndim", 1) > 0
 
 
@@ -170,7 +170,7 @@ def _is_of(value: Any, hint: Any) -> bool:
 
 
 def _has_numbers_only(value: Any) -> bool:
-    """Are all elements numbers? Parts may have different lengths."""
+    """Return True if all elements are numbers; parts may have different lengths."""
     try:
         array = np.asarray(value)
     except ValueError:  # parts of different lengths
