@@ -15,6 +15,7 @@ ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT))
 
 import firmware_protocols as fp
+from scripts.contents import with_contents
 from tactemu.cli import listing
 from tests.clients.recording import Recording, recordings
 
@@ -130,7 +131,7 @@ def devices() -> str:
             )  # fmt: skip
             lines.append(f"| {' | '.join(map(_cell, cells))} |")
         lines.append("")
-    return DEVICES + "\n".join(lines)
+    return with_contents(DEVICES + "\n".join(lines))
 
 
 def pictures() -> dict[str, str]:

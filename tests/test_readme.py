@@ -87,6 +87,18 @@ def test_every_file_that_is_linked_to_is_there():
             assert (page.parent / target).exists(), f"{page.name}: {target}"
 
 
+def test_long_pages_have_contents():
+    from scripts.contents import with_contents
+
+    for page in (README.parent / "docs").glob("*.md"):
+        assert page.read_text() == with_contents(page.read_text()), f"{page.name}; run: scripts/contents.py"
+
+
+def test_the_pages_with_their_pictures_are_small():
+    files = [path for path in (README.parent / "docs").rglob("*") if path.is_file()]
+    assert sum(path.stat().st_size for path in files) <= 8_000_000
+
+
 def test_every_page_is_linked():
     text = README.read_text()
     for page in (README.parent / "docs").glob("*.md"):

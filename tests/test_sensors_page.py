@@ -13,6 +13,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
+from scripts.contents import with_contents
 from tactemu.imperfections import ElectronicsOptions, ImperfectionOptions
 from tactemu.sensors.drawing import DrawOptions
 from tactemu.sensors.models import MODELS, cheapest, model_class
@@ -167,7 +168,8 @@ def page() -> str:
             (IMPERFECTIONS, ImperfectionOptions), (ELECTRONICS, ElectronicsOptions), (DRAWING, DrawOptions),
         )
     ]  # fmt: skip
-    return "\n".join([HEAD, "\n".join(overview) + "\n", shared, *(section(name) for name in MODELS), *groups])
+    parts = [HEAD, "\n".join(overview) + "\n", shared, *(section(name) for name in MODELS), *groups]
+    return with_contents("\n".join(parts))
 
 
 def test_the_page_is_what_the_models_say():

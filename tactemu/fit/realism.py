@@ -163,6 +163,12 @@ recordings of real sensors: eFlesh (MIT), Weiss DSA on an SDH-2 hand (GPL-3.0: m
 channel (CC BY 4.0). Each figure is the error of predictions of left-out recordings: the law was fitted on the others.
 The line of a law names the parts of a predicted recording that it uses.
 
+<!-- contents -->
+On this page: [Aims that are not reached, and why](#aims-that-are-not-reached-and-why),
+[What the recordings do not determine](#what-the-recordings-do-not-determine),
+[Predictions with these parameters](#predictions-with-these-parameters),
+[Parameters, fitted on all recordings](#parameters-fitted-on-all-recordings).
+
 | recordings | law | aim | error | worst | predictions | result |
 | --- | --- | --- | --- | --- | --- | --- |
 """
