@@ -214,6 +214,7 @@ def test_processes_of_single_ones(context):
         envs.close()
 
 
+@pytest.mark.filterwarnings("ignore:.*Worker-0|.*Traceback|.*Raising the last")
 def test_a_fork_on_a_gpu_is_refused_in_words():
     envs = AsyncVectorEnv([lambda: single(device="cuda:0")], context="fork")
     try:

@@ -13,6 +13,7 @@ from tactemu.base.errors import SceneError  # noqa: E402
 from tests.pages import ROOT, files_of  # noqa: E402
 
 
+@pytest.mark.filterwarnings("ignore:.*value is -?infinity|.*alternative render modes")
 def test_the_task_of_the_page():
     names = {}
     exec(files_of(ROOT / "docs" / "gymnasium.md")["find.py"], names)
