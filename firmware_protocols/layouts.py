@@ -9,6 +9,7 @@ from functools import cached_property
 from html import escape
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -190,7 +191,7 @@ def _default_x_axes(normals: np.ndarray) -> np.ndarray:
 
 
 def grid_layout(
-    rows: int, cols: int, pitch: float, *, name: str = "pad", origin=(0.0, 0.0, 0.0), link: str = ""
+    rows: int, cols: int, pitch: float, *, name: str = "pad", origin: ArrayLike = (0.0, 0.0, 0.0), link: str = ""
 ) -> Layout:
     """Return a flat grid centred on ``origin`` [m], normal +z; row 0 at the largest y, column 0 at the smallest x."""
     x = (np.arange(cols) - (cols - 1) / 2) * pitch
@@ -211,9 +212,12 @@ def points(places: Mapping[str, Sequence[float]], *, pitch: float = 0.02, link: 
     return Layout(positions=positions, normals=np.array([0.0, 0.0, 1.0]), patches=patches)
 
 
-def place(layout: Layout, origin: Sequence[float], *, x_axis=(1.0, 0.0, 0.0), normal=(0.0, 0.0, 1.0)) -> Layout:
+def place(
+    layout: Layout, origin: ArrayLike, *, x_axis: ArrayLike = (1.0, 0.0, 0.0), normal: ArrayLike = (0.0, 0.0, 1.0)
+) -> Layout:
     """Return ``layout`` moved rigidly: origin to ``origin`` [m], x and z axes to ``x_axis`` and ``normal`` (unit)."""
-    turn = np.stack([x_axis, np.cross(normal, x_axis), normal], axis=-1)
+    x, z = np.asarray(x_axis, float), np.asarray(normal, float)
+    turn = np.stack([x, np.cross(z, x), z], axis=-1)
     return replace(
         layout,
         positions=layout.positions @ turn.T + np.asarray(origin, float),

@@ -16,6 +16,7 @@ import numpy as np
 from tactemu.base.errors import TactemuError, TransportError
 from tactemu.control.control_commands import DEFAULT_WATCH_RATE_HZ, ControlCommands
 from tactemu.control.endpoints import PROTOCOL, chosen, uid_of_peer
+from tactemu.truth.entries import Sample
 
 _ARRAY = {"dtype", "shape", "base64"}
 """The keys of an array that is sent as bytes."""
@@ -28,7 +29,7 @@ def connect(name: str | None = None) -> Connection:
 
         with tactemu.connect() as skin:
             skin.press(depth=1e-3, seconds=0.5)
-            print(skin.sample()["measured"])
+            print(skin.sample().measured)
 
     Raises:
         TactemuError: none runs, or several run and no name is given; the message lists them.
@@ -37,10 +38,7 @@ def connect(name: str | None = None) -> Connection:
 
 
 class Connection(ControlCommands):
-    """A connection to a running emulator, from :func:`connect`. Use it in one thread at a time.
-
-    Samples are tables with the keys of a line of the truth log (``ideal``, ``measured``, ``counts`` as lists).
-    """
+    """A connection to a running emulator, from :func:`connect`. Use it in one thread at a time."""
 
     def __init__(self, path: str):
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
@@ -74,6 +72,16 @@ class Connection(ControlCommands):
 
     def __exit__(self, *_) -> None:
         self.close()
+
+    def sample(self, skin: str | None = None) -> Sample:
+        """Return the latest sample of a skin (default: the only one): ideal and measured reading, and counts.
+
+        Raises:
+            TactemuError: it has not been sampled yet.
+        """
+        table = self._do("sample", {"skin": skin} if skin is not None else {})
+        arrays = {name: np.asarray(table[name]) for name in ("ideal", "measured", "counts")}
+        return Sample(table["t_ns"], table["device"], number=table["number"], sense=table["sense"], **arrays)
 
     def watch(
         self, rate: float = DEFAULT_WATCH_RATE_HZ, *, arrays: bool = False, wire: int = 0, skin: str | None = None

@@ -30,7 +30,7 @@ from tactemu.scene.placement import PlacedSkin
 from tactemu.scene.schema import Event
 from tactemu.scene.steering import Steered, Waypoint, nearest_body, press_path
 from tactemu.transports.pty import PtyTransport
-from tactemu.truth import COMMAND
+from tactemu.truth import COMMAND, Sample
 from tactemu.truth.tap import Tap
 from tactemu.wire.wire import Wire
 
@@ -310,8 +310,19 @@ class Control:
 
     # -- readings and statistics
 
+    def sample(self, skin: str | None = None) -> Sample:
+        """Return the latest sample of a skin (default: the only one).
+
+        Raises:
+            TactemuError: it has not been sampled yet.
+        """
+        name = self.channel(skin).name
+        if (latest := self.emulator.truth.latest(name)) is None:
+            raise TactemuError(f"skin {name!r} has not been sampled yet; wait, or step the time")
+        return latest
+
     def _sample(self, skin: str | None = None) -> TaskResult:
-        return TaskResult(result=self.emulator.truth.latest(self.channel(skin).name))
+        return TaskResult(result=self.sample(skin))
 
     def _stats(self, skin: str | None = None) -> TaskResult:
         channels = self.emulator.channels if skin is None else [self.channel(skin)]

@@ -29,6 +29,7 @@ from tactemu.control.argument_types import (
     Velocity,
 )
 from tactemu.control.command_registry import CONTROL_COMMANDS, control_command
+from tactemu.truth.entries import Sample
 
 DEFAULT_SPEED_M_S = 0.05
 """Speed of bodies that are moved [m/s], unless the caller gives another."""
@@ -293,11 +294,14 @@ class ControlCommands(ABC):
     # -- looks -----------------------------------------------------------------------------------------------------
 
     @control_command("skin", changes=False)
-    def sample(self, skin: Name | None = None) -> Any:
+    def sample(self, skin: Name | None = None) -> Sample:
         """Return the latest sample of a skin: ideal and measured reading, and counts.
 
         Args:
             skin: which; default: the only one
+
+        Raises:
+            TactemuError: it has not been sampled yet.
         """
         ...
 

@@ -205,9 +205,13 @@ class Served(ControlCommands):
         """Return the firmware model of a skin (default: the only one)."""
         return self.control.channel(skin).device
 
-    def sample(self, skin: str | None = None) -> Sample | None:
-        """Return the latest sample of a skin: ideal and measured reading, and counts."""
-        return self.truth.latest(self.control.channel(skin).name)
+    def sample(self, skin: str | None = None) -> Sample:
+        """Return the latest sample of a skin: ideal and measured reading, and counts.
+
+        Raises:
+            TactemuError: it has not been sampled yet.
+        """
+        return self.control.sample(skin)
 
     # -- commands ------------------------------------------------------------------------------------------------------
 

@@ -69,10 +69,10 @@ def test_what_a_test_may_do_another_process_may(dev):
     with tt.connect("skin") as skin:
         assert skin.about["skins"] == {"anyskin": "anyskin"} and skin.about["clock"] == "real"
         skin.press(1e-3, taxel=2)
-        assert skin.sample()["ideal"][2][2] == pytest.approx(-1.0, abs=1e-4)
+        assert skin.sample().ideal[2][2] == pytest.approx(-1.0, abs=1e-4)
         assert skin.state()["bodies"]["ball"]["in_hand"]
         skin.release()
-        assert not any(map(any, skin.sample()["ideal"]))
+        assert not skin.sample().ideal.any()
         skin.fault("drop 100% for 50ms")
         skin.wait(0.1)
         stats = skin.stats()
@@ -113,7 +113,7 @@ def test_who_watches_gets_arrays_and_what_happens_on_the_wire(dev):
         assert not dev.truth._has_sinks
     sample = second["skins"]["anyskin"]["sample"]
     assert sample["measured"].shape == (5, 3) and sample["counts"].dtype == np.float32
-    assert latest["number"] >= sample["number"]
+    assert latest.number >= sample["number"]
     assert first["t_s"] < second["t_s"] and {"tx", "drop", "inject", "event"} >= {row["kind"] for row in rows}
     assert any(row["kind"] == "inject" and row["what"] == "unplug" for row in rows)
     assert any(row["kind"] == "event" and '"verb": "unplug"' in row["what"] for row in rows), "and of what was asked"
@@ -268,7 +268,7 @@ def test_whatever_a_client_says_the_others_are_served(dev, runtime_folder, lines
                 pass
             assert said is not None and said["ok"]
     with tt.connect("skin") as skin:
-        assert skin.sample()["number"] > 0
+        assert skin.sample().number > 0
     assert dev.running
 
 
