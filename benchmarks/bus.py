@@ -59,7 +59,7 @@ link = "part {bus}"
 port = "can:socketcan:can{bus}"
 rate_hz = {RATE_HZ}
 model = "kinematic_taxel"
-options = {{ probe_radius = 0.002, normal_stiffness = 300.0, noise = 0.002 }}
+options = {{ radius = 0.002, normal_stiffness = 300.0, noise = 0.002 }}
 """)
     return "".join(parts)
 

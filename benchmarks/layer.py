@@ -101,7 +101,7 @@ def measure(case: Case, device: str) -> Figure:
     pad = scene.add_body(None, name="pad", fixed=True)
     ball = scene.add_body(tt.Sphere(radius=case.radius), position=(0, 0, 1))
     options = {"iterations": 16, "tolerance": 1e-4, "friction": case.friction, "displacement": case.displacement}
-    skin = scene.add_sensor(tt.ElasticLayerTaxel(probe_local_pos=positions, **options), link=pad)
+    skin = scene.add_sensor(tt.ElasticLayerTaxel(positions=positions, **options), link=pad)
     sim = scene.build(n_envs=case.n_envs, device=device)
     depths = 5e-4 * (1 + np.linspace(-0.2, 0.2, case.n_envs)) if case.n_envs > 1 else np.array([5e-4])
     moving, still = [], []

@@ -30,16 +30,16 @@ from tactemu.transducers.laws import conditioning
 
 SIDE, PITCH, FACE, DEEPEST = 16, 1.5e-3, 0.02, 0.012
 STEPS = 25
-RAY = {"contact_depth_query": "ray", "ray_reach": 0.03}
+RAY = {"depth_query": "ray", "ray_reach": 0.03}
 LEVELS: dict[str, tuple[str, dict[str, Any]]] = {
-    "L1 depth, ray": ("ContactDepthProbe", {"probe_radius": 1e-3, **RAY}),
-    "L2 springs": ("KinematicTaxel", {"probe_radius": 1e-3, "normal_damping": 0.0}),
-    "L2 springs, ray": ("KinematicTaxel", {"probe_radius": 1e-3, "normal_damping": 0.0, **RAY}),
+    "L1 depth, ray": ("ContactDepthProbe", {"radius": 1e-3, **RAY}),
+    "L2 springs": ("KinematicTaxel", {"radius": 1e-3, "normal_damping": 0.0}),
+    "L2 springs, ray": ("KinematicTaxel", {"radius": 1e-3, "normal_damping": 0.0, **RAY}),
     "L2 springs, ray, exponent 1.3": (
         "KinematicTaxel",
-        {"probe_radius": 1e-3, "normal_damping": 0.0, "normal_exponent": 1.3, **RAY},
+        {"radius": 1e-3, "normal_damping": 0.0, "normal_exponent": 1.3, **RAY},
     ),
-    "L3 markers": ("ElastomerTaxel", {"probe_radius": 1e-3, "shear_scale": 0.0}),
+    "L3 markers": ("ElastomerTaxel", {"radius": 1e-3, "shear_scale": 0.0}),
     "L4 layer": ("ElasticLayerTaxel", {"thickness": 0.03, "poisson_ratio": 0.3, "friction": 0.0}),
 }
 
@@ -52,7 +52,7 @@ def level_curve(name: str) -> tuple[np.ndarray, np.ndarray, float]:
     scene = tt.Scene(dt=1e-3)
     pad = scene.add_body(None, name="pad", fixed=True)
     face = scene.add_body(tt.Box(size=(FACE, FACE, 0.04)), name="face", position=(0, 0, 1))
-    sensor = scene.add_sensor(getattr(tt, kind)(probe_local_pos=probes, **options), link=pad)
+    sensor = scene.add_sensor(getattr(tt, kind)(positions=probes, **options), link=pad)
     sim = scene.build()
     depths, readings, times = np.linspace(0.0, DEEPEST, STEPS), [], []
     quantity = next(each for each in ("force", "depth", "displacement") if each in sensor.quantities)

@@ -41,7 +41,7 @@ def shape_of(kind: str, options: Mapping[str, Any], pitch_m: float) -> tuple[np.
     pad = scene.add_body(None, name="pad", fixed=True)
     size = (0.04, pitch_m / 2, 0.02)
     bars = [scene.add_body(tt.Box(size=size), name=f"bar {k}", position=(0, 0, 1 + k)) for k in range(BARS)]
-    sensor = scene.add_sensor(getattr(tt, kind)(probe_local_pos=probes, **options), link=pad)
+    sensor = scene.add_sensor(getattr(tt, kind)(positions=probes, **options), link=pad)
     sim = scene.build()
     quantity = next(each for each in ("force", "depth", "displacement") if each in sensor.quantities)
     felt, times = [], []

@@ -38,8 +38,9 @@ from tactemu.cli.app import app
 
 try:
     from tactemu.base.option_groups import from_flat as make
-except ImportError:  # the base, whose models take all options side by side
-    make = lambda model, options: model(**options)
+except ImportError:  # the base, whose models take all options side by side, in other words
+    WAS = {"positions": "probe_local_pos", "radius": "probe_radius"}
+    make = lambda model, options: model(**{WAS.get(name, name): value for name, value in options.items()})
 
 def run(name, words, folder):
     log = Path(folder) / f"{name}.jsonl"
@@ -60,7 +61,7 @@ def read(model, options):
     shapes = tt.Sphere(radius=0.01), tt.Box(size=(0.008,) * 3), tt.Capsule(radius=0.004, length=0.01)
     bodies = [scene.add_body(shape, name=type(shape).__name__) for shape in shapes]
     # Bodies that come from the side at different depths, turning.
-    sensor = scene.add_sensor(make(getattr(tt, model), {"probe_local_pos": grid, **options}), link=pad)
+    sensor = scene.add_sensor(make(getattr(tt, model), {"positions": grid, **options}), link=pad)
     sim = scene.build(n_envs=2, seed=3)
     seen = hashlib.sha256()
     for step in range(60):
@@ -84,9 +85,9 @@ for line in sys.stdin:
 """
 MODELS = {
     "ContactProbe": {},
-    "ContactDepthProbe": {"probe_radius": 0.001, "noise": 1e-5},
+    "ContactDepthProbe": {"radius": 0.001, "noise": 1e-5},
     "KinematicTaxel": {
-        "probe_radius": 0.001,
+        "radius": 0.001,
         "normal_stiffness": 400.0,
         "shear_scalar": 1.0,
         "noise": 0.002,

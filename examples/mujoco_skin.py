@@ -39,7 +39,7 @@ def main() -> None:
     source = tt.MujocoSource(scene, model)
     x, y = np.linspace(-0.028, 0.028, 29), np.linspace(-0.018, 0.018, 19)
     grid = np.stack([*np.meshgrid(x, y), np.full((19, 29), 0.01)], -1)
-    taxels = tt.KinematicTaxel(probe_local_pos=grid, probe_radius=5e-4, normal_stiffness=300.0)
+    taxels = tt.KinematicTaxel(positions=grid, radius=5e-4, normal_stiffness=300.0)
     skin = scene.add_sensor(taxels, link=source.geom("pad"))
     sim = scene.build()
     for step in range(400):

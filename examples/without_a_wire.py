@@ -22,8 +22,8 @@ def build():
     ball = scene.add_body(tt.Sphere(radius=RADIUS), name="ball")
     skin = scene.add_sensor(
         tt.KinematicTaxel(
-            probe_local_pos=grid,
-            probe_radius=0.001,
+            positions=grid,
+            radius=0.001,
             normal_stiffness=400.0,
             imperfections=tt.ImperfectionOptions(hysteresis_strength=0.1, dead_taxel_probability=0.02),
             electronics=tt.ElectronicsOptions(noise=0.002),

@@ -39,7 +39,7 @@ def test_what_is_written_from_the_code():
     table = hooks._conventions()
     assert re.search(r"\[`optoforce`\].*\| Fz \| z \|", table), "its z is declared"
     assert table.count("](../devices/") >= len(hooks.fp.DEVICES)
-    assert "`probe_radius`" not in hooks._schema() and "| `rate_hz` |" in hooks._schema()
+    assert "`normal_stiffness`" not in hooks._schema() and "| `rate_hz` |" in hooks._schema()
     assert all(f"| `{name}` |" in hooks._faults() for name in hooks.FAULTS)
     api = hooks._api()
     assert (

@@ -13,8 +13,9 @@ from abc import ABCMeta
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, Self, TypeVar
 
-from tactemu.base.errors import SceneError, nearest
+from tactemu.base.errors import SceneError
 from tactemu.base.options import check_declared
+from tactemu.base.words import GENESIS, Names, hint, in_our_words
 
 Model = TypeVar("Model")
 
@@ -84,23 +85,25 @@ def defaults(model: type | Any) -> dict[str, Any]:
     return found
 
 
-def from_flat(model: type[Model], given: Mapping[str, Any], called: str = "") -> Model:
+def from_flat(model: type[Model], given: Mapping[str, Any], called: str = "", names: Names = "tactemu") -> Model:
     """Return a model, given its class and its options side by side.
 
     Args:
         model: the class.
         given: options of the model and of its groups.
         called: the name of the model for messages, if not that of the class.
+        names: ``genesis`` takes Genesis's words, too.
 
     Raises:
         SceneError: the model has no such option; the message names the nearest, and lists all.
     """
     known = defaults(model)
+    if names == "genesis":
+        given = in_our_words(given, known)
     for name in given:
         if name not in known:
-            hint = nearest(name, known)
             listed = ", ".join(known)
-            raise SceneError(f"{called or model.__name__} has no {name!r}{hint} (options: {listed})")
+            raise SceneError(f"{called or model.__name__} has no {name!r}{hint(name, known)} (options: {listed})")
     own, grouped = dict(given), groups(model)
     for group, default in grouped.items():
         within = {each.name: own.pop(each.name) for each in _fields(default) if each.name in own}
@@ -125,8 +128,9 @@ def _fields(options: Any) -> Iterator[dataclasses.Field]:
 def _hint(cls: type, name: str) -> str:
     """Return the end of the message of an unknown keyword: the group that it belongs to, or the nearest keyword."""
     known = defaults(cls)
-    hint = nearest(name, known) if name not in known else ""
+    ours = GENESIS.get(name, name)
+    told = "" if name in known else hint(name, known)
     for group, default in groups(cls).items():
-        if name in {each.name for each in _fields(default)}:
-            return f"; it is one of {group}: {group}={type(default).__name__}({name}=...)"
-    return hint
+        if ours in {each.name for each in _fields(default)}:
+            return f"{told}; it is one of {group}: {group}={type(default).__name__}({ours}=...)"
+    return told

@@ -193,7 +193,7 @@ class ControlCommands(ABC):
         seconds: Seconds | None = None,
         skin: Name | None = None,
     ) -> None:
-        """Change imperfections, such as probe_gain=0.9; those that were off at the start must be `adjustable`.
+        """Change imperfections, such as gain=0.9; those that were off at the start must be `adjustable`.
 
         Args:
             options: sensor options and their values

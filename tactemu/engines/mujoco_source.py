@@ -141,7 +141,7 @@ class MujocoSource:
     def link(self, which: str | int) -> Body:
         """Return a frame that follows a MuJoCo body, to put a skin on. Call it before the scene is built.
 
-        Such a skin also touches the geoms of its own body, unless ``filter_link_idx`` names them: see :meth:`geoms_of`.
+        Such a skin also touches the geoms of its own body, unless ``ignore`` names them: see :meth:`geoms_of`.
         """
         found = self._id("body", which)
         if found not in self._links:

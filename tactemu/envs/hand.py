@@ -75,10 +75,10 @@ class HandTask(SkinTask):
             self._engine = ENGINES[self._kind](scene, example_file(HAND))
         bodies = self._engine.source
         taxels = KinematicTaxel(
-            probe_local_pos=PAD_M,
-            probe_radius=1.5e-3,
+            positions=PAD_M,
+            radius=1.5e-3,
             normal_stiffness=200.0,
-            track_link_idx=(bodies.body_of("object").index,),
+            sense=(bodies.body_of("object").index,),
             electronics=ElectronicsOptions(noise=self._noise, saturation_range=(-MAX_TAXEL_FORCE_N, MAX_TAXEL_FORCE_N)),
         )
         for tip in FINGERTIPS:

@@ -66,10 +66,10 @@ class PressTask(SkinTask):
         line = np.linspace(-half, half, self._rows)
         x, y = np.meshgrid(line, line)
         taxels = KinematicTaxel(
-            probe_local_pos=np.stack([x, y, np.full_like(x, 0.5 * PAD_SIZE_M[2])], axis=-1),
-            probe_radius=1e-3,
+            positions=np.stack([x, y, np.full_like(x, 0.5 * PAD_SIZE_M[2])], axis=-1),
+            radius=1e-3,
             normal_stiffness=400.0,
-            imperfections=ImperfectionOptions(probe_gain_resample_range=self._gain_range),
+            imperfections=ImperfectionOptions(gain_range=self._gain_range),
             electronics=ElectronicsOptions(noise=self._noise, saturation_range=(-MAX_TAXEL_FORCE_N, MAX_TAXEL_FORCE_N)),
         )
         pad = scene.add_body(BoxShape(size=PAD_SIZE_M), name="pad", fixed=True, position=(0, 0, -0.5 * PAD_SIZE_M[2]))

@@ -30,7 +30,7 @@ class Body:
     """A body of a scene, as :meth:`tactemu.Scene.add_body` returns it. A 'link' of Genesis is a body here."""
 
     index: int
-    """The index in the scene, as ``track_link_idx`` and ``filter_link_idx`` take it."""
+    """The index in the scene, as ``sense`` and ``ignore`` take it."""
     name: str
     shape: Shape | None
     """The geometry; ``None``: a frame without geometry, such as the link of a skin."""

@@ -4,54 +4,68 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 
+from tactemu.base.keywords import takes_words
+from tactemu.base.words import Names
+
 
 class Adjustments(ABC):
-    """The setters of a sensor's handle, and of its ``imperfections``, under Genesis's names.
+    """The setters of a sensor's handle, and of its ``imperfections``.
 
-    ``envs_idx`` is ``None`` (all environments), a list of numbers or a mask. A value is one number, one per column, or
+    ``envs`` is ``None`` (all environments), a list of numbers or a mask. A value is one number, one per column, or
     one of these for each chosen environment. Each setter raises :class:`~tactemu.base.errors.SceneError` if the option
     was off when the scene was built and is not in ``adjustable``, or if the value does not fit.
     """
 
+    names: Names = "tactemu"
+    """The words that they take."""
+
     @abstractmethod
-    def set(self, option: str, value, envs_idx=None, taxels=None) -> None:
+    def set(self, option: str, value, envs=None, taxels=None) -> None:
         """Change an option by its name: ``noise_density``, ``temperature_offset``, ``saturation_range`` ...
 
         With ``taxels`` only these change, to one number or one for each, if the option has a number per column.
         """
 
     @abstractmethod
-    def set_dead(self, taxels, dead: bool = True, value: float | None = None, envs_idx=None) -> None:
+    def set_dead(self, taxels, dead: bool = True, value: float | None = None, envs=None) -> None:
         """Make taxels dead, or revive them; without a value they are stuck at their last reading."""
 
-    def set_bias(self, bias, envs_idx=None) -> None:
+    @takes_words
+    def set_bias(self, bias, envs=None) -> None:
         """Set the constant offset [unit]."""
-        self.set("bias", bias, envs_idx)
+        self.set("bias", bias, envs)
 
-    def set_noise(self, noise, envs_idx=None) -> None:
+    @takes_words
+    def set_noise(self, noise, envs=None) -> None:
         """Set the standard deviation of white noise in each sample [unit]."""
-        self.set("noise", noise, envs_idx)
+        self.set("noise", noise, envs)
 
-    def set_random_walk(self, random_walk, envs_idx=None) -> None:
+    @takes_words
+    def set_random_walk(self, random_walk, envs=None) -> None:
         """Set the standard deviation of the walk's increment at each step [unit]; its present value stays."""
-        self.set("random_walk", random_walk, envs_idx)
+        self.set("random_walk", random_walk, envs)
 
-    def set_resolution(self, resolution, envs_idx=None) -> None:
+    @takes_words
+    def set_resolution(self, resolution, envs=None) -> None:
         """Set the step of the quantiser [unit]; 0 switches it off."""
-        self.set("resolution", resolution, envs_idx)
+        self.set("resolution", resolution, envs)
 
-    def set_probe_radius_noise(self, half_width, envs_idx=None) -> None:
+    @takes_words
+    def set_radius_noise(self, half_width, envs=None) -> None:
         """Set the half-width of the noise on the probe radius [m]."""
-        self.set("probe_radius_noise", half_width, envs_idx)
+        self.set("radius_noise", half_width, envs)
 
-    def set_saturation_range(self, low, high, envs_idx=None) -> None:
+    @takes_words
+    def set_saturation_range(self, low, high, envs=None) -> None:
         """Set the range that readings are clipped to [unit]."""
-        self.set("saturation_range", (low, high), envs_idx)
+        self.set("saturation_range", (low, high), envs)
 
-    def set_jitter(self, jitter, envs_idx=None) -> None:
+    @takes_words
+    def set_jitter(self, jitter, envs=None) -> None:
         """Set the further delay, uniform between 0 and ``jitter`` [s]: one number, or one per chosen environment."""
-        self.set("jitter", jitter, envs_idx)
+        self.set("jitter", jitter, envs)
 
-    def set_probe_gain(self, gain, envs_idx=None) -> None:
-        """Set the gains of the taxels: one number, ``(n_taxels,)``, or ``(len(envs_idx), n_taxels)``."""
-        self.set("probe_gain", gain, envs_idx)
+    @takes_words
+    def set_gain(self, gain, envs=None) -> None:
+        """Set the gains of the taxels: one number, ``(n_taxels,)``, or ``(len(envs), n_taxels)``."""
+        self.set("gain", gain, envs)

@@ -43,15 +43,15 @@ def _blocks_to_taxels(flat: np.ndarray, info: ReadingInfo) -> np.ndarray:
     return np.concatenate(blocks, axis=1).reshape(-1)
 
 
-def environment_indices(envs_idx, n_envs: int) -> np.ndarray:
+def environment_indices(envs, n_envs: int) -> np.ndarray:
     """Return the indices of environments given as ``None`` (all of them), a mask or a list of indices.
 
     Raises:
         SceneError: an index is outside ``0 .. n_envs - 1``.
     """
-    if envs_idx is None:
+    if envs is None:
         return np.arange(n_envs)
-    chosen = np.atleast_1d(np.asarray(envs_idx))
+    chosen = np.atleast_1d(np.asarray(envs))
     if chosen.dtype == bool and chosen.shape == (n_envs,):
         return np.flatnonzero(chosen)
     chosen = chosen.astype(np.int64)
@@ -60,7 +60,7 @@ def environment_indices(envs_idx, n_envs: int) -> np.ndarray:
     return chosen
 
 
-SIGNED = {"bias", "temperature_offset", "temperature_sensitivity", "saturation_range", "probe_gain"}
+SIGNED = {"bias", "temperature_offset", "temperature_sensitivity", "saturation_range", "gain"}
 """Options that may be negative."""
 
 
@@ -74,20 +74,20 @@ class ParameterTable:
         self.option, self._info = option, info
         self.array = context.array(np.tile(row, (context.n_envs, 1)), context.real)
 
-    def set(self, value, envs_idx: Sequence[int] | None = None, taxels: Sequence[int] | None = None) -> None:
+    def set(self, value, envs: Sequence[int] | None = None, taxels: Sequence[int] | None = None) -> None:
         """Set a new value in the chosen environments; a value with a leading axis has one entry for each of them.
 
         Args:
             value: the new value.
-            envs_idx: the environments; ``None``: all.
+            envs: the environments; ``None``: all.
             taxels: the taxels that change, to one number or one for each; ``None``: all.
 
         Raises:
             SceneError: the value does not fit, or is negative where the option has no sign.
         """
-        envs = environment_indices(envs_idx, self.array.shape[0])
-        columns = value if taxels is None else self._all_columns(value, envs, np.asarray(taxels, np.int64))
-        rows = self._rows(columns, len(envs))
+        chosen = environment_indices(envs, self.array.shape[0])
+        columns = value if taxels is None else self._all_columns(value, chosen, np.asarray(taxels, np.int64))
+        rows = self._rows(columns, len(chosen))
         if self.option not in SIGNED and (rows < 0.0).any():
             raise SceneError(f"sensor {self._info.name!r}: {self.option} must be zero or positive, got {shown(value)}")
         if rows.shape[-1] > self.array.shape[1]:
@@ -96,7 +96,7 @@ class ParameterTable:
                 f" `adjustable` to set one per column while running"
             )
         now = self.array.numpy()
-        now[envs] = rows
+        now[chosen] = rows
         self.array.assign(now)
 
     def _all_columns(self, value, envs: np.ndarray, taxels: np.ndarray) -> np.ndarray:
@@ -136,15 +136,15 @@ class ParameterRange:
         self._info, self._option = info, option
         self.low, self.high = (ParameterTable(bound, info, option, context, wide=wide) for bound in self._bounds(value))
 
-    def set(self, value, envs_idx: Sequence[int] | None = None, taxels: Sequence[int] | None = None) -> None:
+    def set(self, value, envs: Sequence[int] | None = None, taxels: Sequence[int] | None = None) -> None:
         """Set new bounds in the chosen environments, one pair for all, or one for each if the bounds are arrays.
 
         Raises:
             SceneError: the bounds are no range.
         """
         low, high = self._bounds(value)
-        self.low.set(low, envs_idx, taxels)
-        self.high.set(high, envs_idx, taxels)
+        self.low.set(low, envs, taxels)
+        self.high.set(high, envs, taxels)
 
     def _bounds(self, value) -> tuple:
         where = f"sensor {self._info.name!r}"

@@ -16,12 +16,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from inspect import signature
-from typing import Any, Protocol
+from typing import Any, Protocol, get_args
 
 import numpy as np
 import warp as wp
 
 from tactemu.base.errors import SceneError
+from tactemu.base.words import hint
 from tactemu.imperfections import resets
 from tactemu.imperfections.adjustments import Adjustments
 from tactemu.imperfections.coefficients import compile_coefficients
@@ -32,7 +33,7 @@ from tactemu.imperfections.delivery import Delay, compile_history
 from tactemu.imperfections.elementwise import COLUMNS_PER_THREAD, electronics_kernel, material_kernel
 from tactemu.imperfections.info import ReadingInfo
 from tactemu.imperfections.laws import check, electronic_laws, gain_is_on, material_laws
-from tactemu.imperfections.options import ChainOptions
+from tactemu.imperfections.options import ChainOptions, Law
 from tactemu.imperfections.radius import radius_kernel
 from tactemu.imperfections.random import stream_keys
 from tactemu.imperfections.scan import compile_scan
@@ -52,7 +53,7 @@ class Adjustable(Protocol):
     It is a :class:`ParameterTable`, a :class:`ParameterRange` or a :class:`Delay`.
     """
 
-    def set(self, value, envs_idx=None, taxels=None) -> None:
+    def set(self, value, envs=None, taxels=None) -> None:
         """Change the option in the chosen environments, for the chosen taxels."""
         ...
 
@@ -74,15 +75,15 @@ class Imperfections(Adjustments):
 
     # -- changing them
 
-    def set(self, option: str, value, envs_idx=None, taxels=None) -> None:
+    def set(self, option: str, value, envs=None, taxels=None) -> None:
         """Change an option by its name (see :class:`Adjustments`)."""
         if option not in self._built:
             raise self._off(option)
-        self._built[option].set(value, envs_idx, taxels)
+        self._built[option].set(value, envs, taxels)
 
-    def set_dead(self, taxels, dead: bool = True, value: float | None = None, envs_idx=None) -> None:
+    def set_dead(self, taxels, dead: bool = True, value: float | None = None, envs=None) -> None:
         """Make taxels dead, or revive them; without a value they are stuck at their last reading."""
-        self._killable.set(taxels, dead, value, envs_idx)
+        self._killable.set(taxels, dead, value, envs)
 
     @property
     def adjustable(self) -> tuple[str, ...]:
@@ -106,8 +107,11 @@ class Imperfections(Adjustments):
         return self._dead
 
     def _off(self, option: str) -> SceneError:
+        known = get_args(Law)
+        told = hint(option, known) if option not in known else ""
         return SceneError(
-            f"sensor {self.info.name!r} was built without {option}: set it when you build, or list it in `adjustable`"
+            f"sensor {self.info.name!r} was built without {option}{told}: set it when you build, or list it in "
+            "`adjustable`"
         )
 
     # -- for the sensor's kernel
@@ -117,9 +121,9 @@ class Imperfections(Adjustments):
         if not gain_is_on(self.options):
             return None, []
         per_taxel = replace(self.info, channels=("scalar",))
-        self._gain = ParameterTable(self.options.probe_gain, per_taxel, "probe_gain", self.context, wide=True)
-        self._built["probe_gain"] = self._gain
-        gain, limits = self._gain.array, self.options.probe_gain_resample_range
+        self._gain = ParameterTable(self.options.gain, per_taxel, "gain", self.context, wide=True)
+        self._built["gain"] = self._gain
+        gain, limits = self._gain.array, self.options.gain_range
         if limits is None:
             return gain, []
         redraw = self._redraw_gain(gain, *limits)
@@ -141,12 +145,12 @@ class Imperfections(Adjustments):
 
         Without noise on the radii they are ``None``.
         """
-        if not self.options.probe_radius_noise and "probe_radius_noise" not in self.options.adjustable:
+        if not self.options.radius_noise and "radius_noise" not in self.options.adjustable:
             return None, []
         context, n = self.context, self.info.n_taxels
-        table = ParameterTable(self.options.probe_radius_noise, self.info, "probe_radius_noise", context)
-        self._built["probe_radius_noise"] = table
-        nominal = wp.array(np.asarray(self.info.probe_radius).reshape(n), dtype=context.real, device=context.device)
+        table = ParameterTable(self.options.radius_noise, self.info, "radius_noise", context)
+        self._built["radius_noise"] = table
+        nominal = wp.array(np.asarray(self.info.radius).reshape(n), dtype=context.real, device=context.device)
         radius = self._zeros((context.n_envs, n), context.real)
         launch = context.record(
             radius_kernel(context.real),
@@ -155,7 +159,7 @@ class Imperfections(Adjustments):
             [radius],
         )
         name = f"{self.info.name}: radius_noise"
-        return radius, [Stage(name=name, reason="probe_radius_noise", launch=launch, reset=self._clear([radius]))]
+        return radius, [Stage(name=name, reason="radius_noise", launch=launch, reset=self._clear([radius]))]
 
     # -- on the sensor's readings
 
@@ -239,7 +243,7 @@ class Imperfections(Adjustments):
             "warmth": warmth,
             "walk_keys": self._keys("random_walk"),
             "noise_keys": self._keys("noise"),
-            "gains": self._gain.array if self._gain is not None and "probe_gain" in laws else None,
+            "gains": self._gain.array if self._gain is not None and "gain" in laws else None,
             "sensitivity": table("temperature_sensitivity", "temperature"),
             "drift": table("temperature_offset", "temperature"),
             "walk_each": table("random_walk"),

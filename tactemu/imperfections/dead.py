@@ -34,7 +34,7 @@ class DeadTaxels:
         inputs = [mask, context.clock, keys, *drawn, self._info.n_channels, self.stuck]
         wp.launch(dead_kernel(context.real), dim=self.stuck.shape, inputs=inputs, device=context.device)
 
-    def set(self, taxels, dead: bool, value: float | None, envs_idx) -> None:
+    def set(self, taxels, dead: bool, value: float | None, envs) -> None:
         """Make taxels dead, stuck at a value or (``None``) at their last reading, or revive them.
 
         Raises:
@@ -49,7 +49,7 @@ class DeadTaxels:
             raise SceneError(f"sensor {info.name!r}: a dead taxel reads a finite {flat.dtype} number, got {value!r}")
         stuck = flat.reshape(len(flat), info.n_taxels, info.n_channels)
         new = (DIES if value is None else float(value)) if dead else ALIVE
-        stuck[np.ix_(environment_indices(envs_idx, len(stuck)), taxels)] = new
+        stuck[np.ix_(environment_indices(envs, len(stuck)), taxels)] = new
         self.stuck.assign(flat)
 
     @property

@@ -69,7 +69,7 @@ class Delay:
         """True if a further delay is drawn."""
         return self._options.jitter > 0.0 or "jitter" in self._options.adjustable
 
-    def set(self, value, envs_idx=None, taxels=None) -> None:
+    def set(self, value, envs=None, taxels=None) -> None:
         """Change the jitter [s] of the chosen environments, to one number or one for each.
 
         Raises:
@@ -77,9 +77,9 @@ class Delay:
         """
         if taxels is not None:
             raise SceneError(f"sensor {self._info.name!r}: jitter applies to the sensor, not to single taxels")
-        envs = environment_indices(envs_idx, self._context.n_envs)
+        chosen = environment_indices(envs, self._context.n_envs)
         jitter = numbers(f"sensor {self._info.name!r}", "jitter", value)
-        if jitter.shape not in ((), (1,), envs.shape):
+        if jitter.shape not in ((), (1,), chosen.shape):
             raise SceneError(
                 f"sensor {self._info.name!r}: jitter must be one number or one for each environment, got {value!r}"
             )
@@ -90,7 +90,7 @@ class Delay:
                 f" got {value!r}. Build the scene with a larger jitter, then set it to less"
             )
         lags = self._lags.numpy()
-        lags[envs, 1] = np.broadcast_to(np.rint(jitter * 1e9), envs.shape)
+        lags[chosen, 1] = np.broadcast_to(np.rint(jitter * 1e9), chosen.shape)
         self._lags.assign(lags)
 
 

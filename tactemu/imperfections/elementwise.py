@@ -99,7 +99,7 @@ def electronics_kernel(real: type, laws: frozenset[str]):
     They act in this order. A number that is not finite passes through unchanged and changes no state, so that it never
     becomes a valid reading.
     """
-    gain, temperature, walk, noise = (k in laws for k in ("probe_gain", "temperature", "random_walk", "noise"))
+    gain, temperature, walk, noise = (k in laws for k in ("gain", "temperature", "random_walk", "noise"))
     density, walk_density = "noise_density" in laws, "random_walk_density" in laws
     bias, saturation, resolution = (k in laws for k in ("bias", "saturation_range", "resolution"))
     dead, filler = "dead" in laws, "filler" in laws

@@ -22,7 +22,7 @@ class ReadingInfo:
     """Groups of channels in order: a scalar takes one channel, a vector three."""
     unit: str = ""
     """The unit of the numbers."""
-    probe_radius: np.ndarray
+    radius: np.ndarray
     """Nominal radius of each taxel [m], shape ``(n_taxels,)``; 0 marks a filler, which reads 0."""
     spacing: tuple[float, float] | None = None
     """Distance between columns and between rows [m], for a ``(rows, cols)`` layout."""
@@ -49,4 +49,4 @@ class ReadingInfo:
     @property
     def filler(self) -> np.ndarray:
         """A mask of the fillers, bool, shape ``(n_taxels,)``."""
-        return np.asarray(self.probe_radius).reshape(-1) <= 0.0
+        return np.asarray(self.radius).reshape(-1) <= 0.0

@@ -14,8 +14,8 @@ from tactemu.imperfections.options import ChainOptions
 _TYPES = {field.name: str(field.type) for field in fields(ChainOptions)}
 _SINGLE = tuple(name for name, kind in _TYPES.items() if kind in ("float", "float | None", "int"))
 _PER_COLUMN = tuple(name for name, kind in _TYPES.items() if kind == "Numbers")
-_SIGNED = {"probe_gain", "temperature_reference", "temperature_sensitivity", "temperature_offset", "bias"}
-_RANGES = ("probe_gain_resample_range", "saturation_range", "dead_taxel_value_range")
+_SIGNED = {"gain", "temperature_reference", "temperature_sensitivity", "temperature_offset", "bias"}
+_RANGES = ("gain_range", "saturation_range", "dead_taxel_value_range")
 
 
 _TIMES = ("scan_time", "delay", "jitter")
@@ -84,8 +84,8 @@ def _check_temperature(options: ChainOptions, info: ReadingInfo) -> None:
 
 def gain_is_on(options: ChainOptions) -> bool:
     """Return True if the options set, draw or may change the gains of taxels."""
-    fixed = np.any(np.asarray(options.probe_gain, dtype=np.float64) != 1.0)
-    return bool(fixed) or options.probe_gain_resample_range is not None or "probe_gain" in options.adjustable
+    fixed = np.any(np.asarray(options.gain, dtype=np.float64) != 1.0)
+    return bool(fixed) or options.gain_range is not None or "gain" in options.adjustable
 
 
 def material_laws(options: ChainOptions) -> frozenset[str]:
@@ -109,7 +109,7 @@ def electronic_laws(options: ChainOptions, info: ReadingInfo) -> frozenset[str]:
     walk_density = is_on(options.random_walk_density)
     density = is_on(options.noise_density)
     laws = {
-        "probe_gain": gain_is_on(options) and not info.gain_inside,
+        "gain": gain_is_on(options) and not info.gain_inside,
         "temperature": temperature and options.temperature_course is not None,
         "random_walk": is_on(options.random_walk) or walk_density or "random_walk" in adjustable,
         "random_walk_density": walk_density,

@@ -22,7 +22,7 @@ Numbers = float | Sequence | np.ndarray
 """One number, or one per column (see the module's docstring)."""
 
 Law = Literal[
-    "probe_gain", "probe_radius_noise", "temperature_offset", "temperature_sensitivity", "random_walk", "noise", "bias",
+    "gain", "radius_noise", "temperature_offset", "temperature_sensitivity", "random_walk", "noise", "bias",
     "saturation_range", "resolution", "jitter", "dead",
 ]  # fmt: skip
 """A law that can be switched on while the scene runs: the name of an option, or ``dead`` for single dead taxels."""
@@ -33,12 +33,12 @@ class ImperfectionOptions(OptionGroup):
     """The imperfections of a skin. All are off by default, and an imperfection that is off costs nothing."""
 
     # -- inside the sensor's formula
-    probe_gain: Numbers = 1.0
+    gain: Numbers = 1.0
     """Gain of each taxel; one number or one per taxel. Multiplies depth (probes, KinematicTaxel), the sums over points
     (ProximityTaxel) or the displacement (ElastomerTaxel)."""
-    probe_gain_resample_range: tuple[float, float] | None = None
+    gain_range: tuple[float, float] | None = None
     """Range of the gain that every taxel draws, uniformly, when its environment is reset."""
-    probe_radius_noise: float = 0.0
+    radius_noise: float = 0.0
     """Half-width of the uniform noise on the probe radius, drawn each step for each taxel [m]."""
 
     # -- spatial, over a (rows, cols) layout

@@ -229,7 +229,7 @@ def sensor_model(
         if friction is not None and "friction" in known:
             given.setdefault("friction", friction)
         if ignored:
-            given.setdefault("filter_link_idx", ignored)
+            given.setdefault("ignore", ignored)
         if laws:
             given["adjustable"] = tuple(sorted({*given.get("adjustable", ()), *laws}))
         return from_flat(model, given, name)
@@ -262,7 +262,7 @@ def taxels(part: SkinPart, skin: SkinTable, model: type[SensorModel], known: Col
     """
     layout = part.layout
     turn = rotation.normalised(part.quaternion)
-    radius = numbers(model.__name__, "probe_radius", skin.options.get("probe_radius", layout.pitches / 2))
+    radius = numbers(model.__name__, "radius", skin.options.get("radius", layout.pitches / 2))
     below = skin.embed if skin.embed is not None else radius if model.senses_within_radius else 0.0
     inside = layout.positions - np.reshape(np.broadcast_to(below, (len(layout),)), (-1, 1)) * layout.normals
     positions = rotation.rotate(turn, inside) + np.asarray(part.position)
@@ -272,9 +272,9 @@ def taxels(part: SkinPart, skin: SkinTable, model: type[SensorModel], known: Col
         positions = positions.reshape(patch.rows, patch.cols, 3)
         normals = normals.reshape(patch.rows, patch.cols, 3)
     given = {
-        "probe_local_pos": positions,
-        "probe_local_normal": normals,
-        "probe_radius": _one_or_each(layout.pitches / 2),
+        "positions": positions,
+        "normals": normals,
+        "radius": _one_or_each(layout.pitches / 2),
         "taxel_area": _one_or_each(layout.areas),
     }
     return {name: value for name, value in given.items() if name in known}

@@ -25,6 +25,7 @@ from tactemu.scene.engine_tables import ENGINES
 from tactemu.scene.measured_defaults import measured_defaults
 from tactemu.scene.schema import SHAPES, SceneFile, make_motion, motion_schemas
 from tactemu.scene.validation_errors import list_errors
+from tactemu.scene.words import in_our_words
 from tactemu.sensors.models import REGISTRY as MODELS
 
 DEFAULTS = Path(__file__).parent / "defaults"
@@ -164,6 +165,7 @@ def check(data: dict[str, Any], *, source: str = "scene", folder: Path | None = 
             f"{source}: {where} names {name}, Python code that would be run; give a scene file without code"
         )
     try:
+        data = in_our_words(data)
         tables = SceneFile.model_validate(data, context={"folder": folder})
         if any(skin.measured for skin in tables.skin):
             skins = tuple(measured_defaults(skin) if skin.measured else skin for skin in tables.skin)

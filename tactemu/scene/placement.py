@@ -193,23 +193,23 @@ class JoinedImperfections:
         return tuple(name for name in self._parts[0][0].adjustable if all(name in s.adjustable for s, _ in self._parts))
 
     def set(
-        self, option: str, value: Any, envs_idx: Sequence[int] | None = None, taxels: Sequence[int] | None = None
+        self, option: str, value: Any, envs: Sequence[int] | None = None, taxels: Sequence[int] | None = None
     ) -> None:
         """Change one option of all parts, or of some taxels; a value per taxel is in the device's order."""
         if taxels is not None:
-            self._set_some(option, value, envs_idx, np.asarray(taxels))
+            self._set_some(option, value, envs, np.asarray(taxels))
             return
         for imperfections, own in self._parts:
             each = np.ndim(value) and len(value) == sum(len(taxels) for _, taxels in self._parts)
-            imperfections.set(option, np.asarray(value)[own] if each else value, envs_idx)
+            imperfections.set(option, np.asarray(value)[own] if each else value, envs)
 
-    def _set_some(self, option: str, value: Any, envs_idx: Sequence[int] | None, taxels: np.ndarray) -> None:
+    def _set_some(self, option: str, value: Any, envs: Sequence[int] | None, taxels: np.ndarray) -> None:
         for imperfections, own in self._parts:
             here = [(where[0], k) for k, taxel in enumerate(taxels) if len(where := np.flatnonzero(own == taxel))]
             if here:
                 places, which = zip(*here)
                 each = np.asarray(value)[list(which)] if np.ndim(value) and len(value) == len(taxels) else value
-                imperfections.set(option, each, envs_idx, places)
+                imperfections.set(option, each, envs, places)
 
     def set_dead(self, taxels: Sequence[int], dead: bool = True, value: float | None = None) -> None:
         """Make taxels dead, or revive them."""

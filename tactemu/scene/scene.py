@@ -9,8 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactemu.base.errors import SceneError
+from tactemu.base.keywords import takes_words
 from tactemu.base.options import choice, number
 from tactemu.base.units import DEFAULT_STEP_S, StepSeconds
+from tactemu.base.words import Names
 from tactemu.geometry.bodies import Body, WorldMotion, find_body
 from tactemu.geometry.shapes.registry import SHAPES
 from tactemu.geometry.shapes.shape import Shape
@@ -33,14 +35,17 @@ class Scene:
         dt: time that one step advances [s].
         convention: signs of forces and torques, where a model does not set them: all act on the skin, or those of
             Genesis (:mod:`tactemu.sensors.signs`).
+        names: ``genesis``: this scene, its simulations and its sensors also take Genesis's words for our keywords
+            (:data:`tactemu.base.words.GENESIS`), and ``add_sensor`` a model's class with its options side by side.
 
     Raises:
         SceneError: an option is wrong.
     """
 
-    def __init__(self, dt: float = DEFAULT_STEP_S, *, convention: Convention = "skin"):
+    def __init__(self, dt: float = DEFAULT_STEP_S, *, convention: Convention = "skin", names: Names = "tactemu"):
         self.dt: float = number("Scene", "dt", dt, StepSeconds)
         self.convention: Convention = choice("Scene", "convention", convention, Convention)
+        self.names: Names = choice("Scene", "names", names, Names)
         self.bodies: list[Body] = []
         self._names: set[str] = set()
         """Names of the bodies."""
@@ -51,6 +56,7 @@ class Scene:
         """Functions that add stages to a scene when it is built: other simulators on its device."""
         self._built: Simulation | None = None
 
+    @takes_words
     def add_body(
         self,
         shape: Shape | None = None,
@@ -115,6 +121,7 @@ class Scene:
         transducers: Sequence[Transducer],
     ) -> Sensor[NDArray[np.floating]]: ...
 
+    @takes_words
     def add_sensor(
         self,
         model: SensorModel[Any],
@@ -149,6 +156,7 @@ class Scene:
         if sensor.transducers:
             require_on_skin([sensor], f"sensor {name!r}: transducers sense")
         _ = sensor._chain  # raises if the transducers do not fit
+        sensor.names = self.names
         self.sensors.append(sensor)
         self._outdate(f"sensor {name!r} was added after the scene was built")
         return sensor
@@ -202,7 +210,7 @@ class Scene:
             self.bodies, self.sensors, options, dt=self.dt, posers=self.posers, planners=self.planners, like=like
         )
         self._outdate("the scene was built again, and its sensors now read the new simulation")
-        self._built = simulation
+        self._built, simulation.names = simulation, self.names
         return simulation
 
     def build_split(
@@ -230,7 +238,9 @@ class Scene:
         """
         from tactemu.sensors.split import SplitSimulation
 
-        return SplitSimulation(
+        split = SplitSimulation(
             self.bodies, self.sensors, devices, n_envs=n_envs, first_env=first_env, dt=self.dt, seed=seed, dtype=dtype,
             posers=self.posers, planners=self.planners,
         )  # fmt: skip
+        split.names = self.names
+        return split

@@ -39,6 +39,7 @@ from tactemu.base.units import (
     StepSeconds,
     Whole,
 )
+from tactemu.base.words import Names
 from tactemu.geometry.motion import MOTIONS, Motion, Sequence, Together
 from tactemu.geometry.shapes.registry import REGISTRY as SHAPE_CLASSES
 from tactemu.geometry.shapes.registry import shape_class
@@ -319,7 +320,7 @@ class EventTable(Table):
     until: Seconds | None = Field(default=None, description="time at which the event ends [s]; default: it never ends")
     skin: str | None = Field(default=None, description="name of the skin; default: every skin")
     fault: str | None = Field(default=None, description="a fault on the wire, as in `faults`")
-    set: dict[str, Any] = Field(default={}, description="sensor options that change (noise, bias, probe_gain ...)")
+    set: dict[str, Any] = Field(default={}, description="sensor options that change (noise, bias, gain ...)")
     taxels: tuple[Whole, ...] | None = Field(
         default=None, description="taxels whose options `set` changes; default: all"
     )
@@ -353,6 +354,10 @@ class SceneTable(Table):
     convention: Convention = Field(
         default="skin",
         description="signs of forces: all act on the skin, or those of Genesis, which no device can have",
+    )
+    names: Names = Field(
+        default="tactemu",
+        description="words of poses, options and `set`: ours, or with `genesis` also those of Genesis",
     )
 
     @model_validator(mode="before")

@@ -18,7 +18,8 @@ from pydantic import (
 )
 
 from firmware_protocols.named_classes import NamedClasses, beside
-from tactemu.base.errors import SceneError, nearest
+from tactemu.base import words
+from tactemu.base.errors import SceneError
 
 
 class Table(BaseModel):
@@ -33,7 +34,7 @@ class Table(BaseModel):
             known = [field.alias or name for name, field in cls.model_fields.items()]
             for key in data:
                 if key not in known:
-                    hint = nearest(key, known) or f"; it has: {', '.join(known)}"
+                    hint = words.hint(key, known) or f"; it has: {', '.join(known)}"
                     raise ValueError(f"unknown key {key!r}{hint}")
         return data
 

@@ -9,6 +9,8 @@ import numpy as np
 import warp as wp
 
 from tactemu.base.errors import SceneError
+from tactemu.base.keywords import takes_words
+from tactemu.base.words import Names
 from tactemu.geometry.bodies import Body, find_body
 from tactemu.geometry.motion import Pose
 from tactemu.plan.plan import Context, Plan, Stage
@@ -23,8 +25,11 @@ class PoseInput:
     context: Context
     plan: Plan
     world: World
+    names: Names = "tactemu"
+    """The words that its methods take."""
     _bound: tuple[BoundPoses, Stage] | None = None
 
+    @takes_words
     def set_pose(
         self,
         body: Body | str | int,
@@ -71,6 +76,7 @@ class PoseInput:
         """
         return self.world.exposed()
 
+    @takes_words
     def bind_poses(
         self,
         poses=None,

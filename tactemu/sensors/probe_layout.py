@@ -7,8 +7,9 @@ from functools import cached_property
 
 import numpy as np
 
-from tactemu.base.errors import SceneError
+from tactemu.base.errors import SceneError, shown
 from tactemu.base.options import numbers, triple
+from tactemu.geometry import rotation
 from tactemu.sensors.probe_grid import Grid, find_grid
 
 
@@ -81,50 +82,50 @@ def _vectors(given, name: str, sensor: str) -> np.ndarray:
     return array
 
 
-def rotation_xyz(degrees) -> np.ndarray:
-    """Return the rotation matrix of Euler angles [degrees] about the fixed axes x, then y, then z."""
-    (sx, sy, sz), (cx, cy, cz) = np.sin(np.radians(degrees)), np.cos(np.radians(degrees))
-    about_x = np.array([[1, 0, 0], [0, cx, -sx], [0, sx, cx]])
-    about_y = np.array([[cy, 0, sy], [0, 1, 0], [-sy, 0, cy]])
-    about_z = np.array([[cz, -sz, 0], [sz, cz, 0], [0, 0, 1]])
-    return about_z @ about_y @ about_x
+def _turn(quaternion, sensor: str) -> np.ndarray:
+    try:
+        return rotation.matrix(rotation.normalised(numbers(sensor, "quaternion", quaternion)))
+    except ValueError:
+        raise SceneError(
+            f"{sensor}: quaternion must be 4 numbers (w, x, y, z), not all 0, got {shown(quaternion)}"
+        ) from None
 
 
-def make_probes(local_pos, local_normal, radius, pos_offset, euler_offset, sensor: str) -> Probes:
+def make_probes(local_pos, local_normal, radius, position, quaternion, sensor: str) -> Probes:
     """Check the geometry options of a sensor and move the probes by its offsets.
 
     Args:
         local_pos: ``(n, 3)`` or ``(rows, cols, 3)`` [m].
         local_normal: one normal, or one per probe; any length > 0.
         radius: one number [m], or one per probe in any shape of that size.
-        pos_offset: shift of the sensor's frame in the link [m].
-        euler_offset: its rotation, Euler angles x, y, z about fixed axes [degrees].
+        position: shift of the sensor's frame in the link [m].
+        quaternion: its rotation (w, x, y, z), of any length > 0.
         sensor: name for messages.
 
     Raises:
         SceneError: a shape or a value is wrong; the message names the option.
     """
-    positions = _vectors(local_pos, "probe_local_pos", sensor)
+    positions = _vectors(local_pos, "positions", sensor)
     layout = positions.shape[:-1]
     n = int(np.prod(layout))
-    normals = _vectors(local_normal, "probe_local_normal", sensor).reshape(-1, 3)
+    normals = _vectors(local_normal, "normals", sensor).reshape(-1, 3)
     if len(normals) not in (1, n):
-        raise SceneError(f"{sensor}: probe_local_normal must be one vector or {n}, got {len(normals)}")
+        raise SceneError(f"{sensor}: normals must be one vector or {n}, got {len(normals)}")
     largest = np.abs(normals).max(axis=1, keepdims=True, initial=0.0)
     with np.errstate(invalid="ignore"):
         normals = normals / largest  # so that no square under- or overflows
     lengths = np.linalg.norm(normals, axis=1, keepdims=True)
     if not (largest > 0).all():
         at = int(np.argmin(largest))
-        raise SceneError(f"{sensor}: probe_local_normal[{at}] has length zero; give the direction out of the skin")
+        raise SceneError(f"{sensor}: normals[{at}] has length zero; give the direction out of the skin")
     normals = np.broadcast_to(normals / lengths, (n, 3))
-    radii = numbers(sensor, "probe_radius", radius).reshape(-1)
+    radii = numbers(sensor, "radius", radius).reshape(-1)
     if radii.size not in (1, n):
-        raise SceneError(f"{sensor}: probe_radius must be one number or {n}, got {radii.size}")
+        raise SceneError(f"{sensor}: radius must be one number or {n}, got {radii.size}")
     if (radii < 0).any():
-        raise SceneError(f"{sensor}: probe_radius must be >= 0 m (0 marks a filler), got {radius!r}")
-    offset = triple(sensor, "pos_offset", pos_offset)
-    turn = rotation_xyz(triple(sensor, "euler_offset", euler_offset))
+        raise SceneError(f"{sensor}: radius must be >= 0 m (0 marks a filler), got {radius!r}")
+    offset = triple(sensor, "position", position)
+    turn = _turn(quaternion, sensor)
     return Probes(
         layout=layout,
         positions=positions.reshape(-1, 3) @ turn.T + offset,

@@ -12,6 +12,8 @@ import warp as wp
 from numpy.typing import NDArray
 
 from tactemu.base.errors import SceneError
+from tactemu.base.keywords import takes_words
+from tactemu.base.words import GENESIS
 from tactemu.geometry.bodies import Body, find_body
 from tactemu.geometry.device_arrays import WarpArray, as_warp_array
 from tactemu.geometry.motion import Pose
@@ -228,14 +230,17 @@ class Sensor(Adjustments, Generic[R]):
 
     # -- imperfections ----------------------------------------------------------------------------------------------
 
-    def set(self, option: str, value, envs_idx=None, taxels=None) -> None:
+    @takes_words
+    def set(self, option: str, value, envs=None, taxels=None) -> None:
         """Change an imperfection by its option's name (see :class:`~tactemu.imperfections.Adjustments`)."""
-        self._required_imperfections.set(option, value, envs_idx, taxels)
+        option = GENESIS.get(option, option) if self.names == "genesis" else option
+        self._required_imperfections.set(option, value, envs, taxels)
 
-    def set_dead(self, taxels, dead: bool = True, value: float | None = None, envs_idx=None) -> None:
+    @takes_words
+    def set_dead(self, taxels, dead: bool = True, value: float | None = None, envs=None) -> None:
         """Make taxels dead, or revive them; a dead taxel reads ``value``, or its last reading where no value is
         given."""
-        self._required_imperfections.set_dead(taxels, dead, value, envs_idx)
+        self._required_imperfections.set_dead(taxels, dead, value, envs)
 
     @property
     def _required_imperfections(self) -> Imperfections:
@@ -374,11 +379,11 @@ def sensed_bodies(sensor: Sensor, bodies: Sequence[Body]) -> tuple[Body, ...]:
         which: list[Any] = list(given) if several else [given]
         return [find_body(bodies, each) for each in which]
 
-    ignored = listed(model.filter_link_idx)
-    if model.track_link_idx is None:
+    ignored = listed(model.ignore)
+    if model.sense is None:
         chosen = [body for body in bodies if body is not sensor.link]
     else:
-        chosen = listed(model.track_link_idx)
+        chosen = listed(model.sense)
         if sensor.link in chosen:
-            raise SceneError(f"sensor {sensor.name!r}: track_link_idx names its own link {sensor.link.name!r}")
+            raise SceneError(f"sensor {sensor.name!r}: sense names its own link {sensor.link.name!r}")
     return tuple(body for body in chosen if body.shape is not None and body not in ignored)

@@ -119,7 +119,7 @@ class Site:
     def table(self) -> ShapeTable:
         """The shapes of the bodies to sense."""
         model = self.model
-        return self.shapes.table(self.target_bodies, model.contact_depth_query, model.voxel_size)
+        return self.shapes.table(self.target_bodies, model.depth_query, model.voxel_size)
 
     @cached_property
     def sensed(self):
@@ -147,7 +147,7 @@ class Site:
     @property
     def along_normal(self) -> bool:
         """Is depth measured along the taxels' normals?"""
-        return self.model.contact_depth_query == "ray"
+        return self.model.depth_query == "ray"
 
     @property
     def separate(self) -> bool:
@@ -212,21 +212,21 @@ class SensorModel(Options, Generic[R]):
     imperfections at run time. Scene files have the options of the three groups beside the model's own.
     """
 
-    probe_local_pos: Sequence | np.ndarray = ((0.0, 0.0, 0.0),)
+    positions: Sequence | np.ndarray = ((0.0, 0.0, 0.0),)
     """Probe positions [m], ``(n, 3)``, or ``(rows, cols, 3)`` for a grid; readings have the same layout."""
-    probe_local_normal: Sequence | np.ndarray = (0.0, 0.0, 1.0)
+    normals: Sequence | np.ndarray = (0.0, 0.0, 1.0)
     """Directions out of the skin: one, or one per probe; of any length."""
-    probe_radius: float | Sequence | np.ndarray = 0.01
+    radius: float | Sequence | np.ndarray = 0.01
     """Sensing radius [m]: one, or one per probe. 0 marks a filler, which reads 0 and has no effect."""
-    pos_offset: Sequence[float] = (0.0, 0.0, 0.0)
+    position: Sequence[float] = (0.0, 0.0, 0.0)
     """Shift of the probes in the link's frame [m]."""
-    euler_offset: Sequence[float] = (0.0, 0.0, 0.0)
-    """Rotation of the probes about the link's fixed axes x, y, z [degrees], before the shift."""
-    track_link_idx: WhichBody | Sequence[WhichBody] | None = None
+    quaternion: Sequence[float] = (1.0, 0.0, 0.0, 0.0)
+    """Rotation of the probes in the link's frame (w, x, y, z), before the shift; of any length."""
+    sense: WhichBody | Sequence[WhichBody] | None = None
     """The bodies to sense, by index, name or body; ``None``: all but the sensor's own."""
-    filter_link_idx: WhichBody | Sequence[WhichBody] = ()
+    ignore: WhichBody | Sequence[WhichBody] = ()
     """Bodies to ignore."""
-    contact_depth_query: DepthQuery | None = None
+    depth_query: DepthQuery | None = None
     """The query that finds depth. ``sdf`` (default) and ``raycast``: exact distance to the nearest surface. ``band``:
     within 2 µm of it, from a grid beside the surface of meshes. ``voxel``: a grid of distances with cells of
     ``voxel_size``. ``ray``: along the taxel's normal, exact at any depth."""
@@ -274,7 +274,7 @@ class SensorModel(Options, Generic[R]):
     """Options that scale every channel of the reading: a fitted gain is written into them."""
     material: ClassVar[tuple[str, ...]] = ()
     """Options that state the material of the skin. Readings are then physical, and no gain is fitted."""
-    examples: ClassVar[Mapping[str, Mapping[str, Any]]] = {"": {"probe_radius": 0.002}}
+    examples: ClassVar[Mapping[str, Mapping[str, Any]]] = {"": {"radius": 0.002}}
     """The examples that benches and tests run on probes 2.5 mm apart: words behind the class's name, and options."""
     tried: ClassVar[Sequence[Setting]] = (Setting("defaults"),)
     """The settings that ``tactemu tune`` tries, the cheapest first; see :meth:`trials` for one that depends on the
@@ -318,11 +318,11 @@ class SensorModel(Options, Generic[R]):
     def probes(self, sensor: str) -> Probes:
         """Return the probes that the options describe, checked; ``sensor`` is the name for messages."""
         return make_probes(
-            self.probe_local_pos,
-            self.probe_local_normal,
-            self.probe_radius,
-            self.pos_offset,
-            self.euler_offset,
+            self.positions,
+            self.normals,
+            self.radius,
+            self.position,
+            self.quaternion,
             sensor,
         )
 

@@ -12,6 +12,7 @@ import warp as wp
 
 from tactemu.base.errors import PoseError, SceneError
 from tactemu.base.kernels import start
+from tactemu.base.keywords import takes_words
 from tactemu.geometry.bodies import Body
 from tactemu.plan.plan import Context, Plan, Stage
 from tactemu.sensors.point_cloud import PointCloud
@@ -363,6 +364,7 @@ class Simulation(PoseInput):
 
         return take
 
+    @takes_words
     def reset(self, envs: Any = None, *, seed: Any = None) -> None:
         """Clear all state, put bodies back where they started, and set readings to 0 until the next step. Bodies with
         bound poses stay where the other simulator has them.

@@ -9,6 +9,8 @@ from typing import Any, Self
 import numpy as np
 
 from tactemu.base.errors import SceneError
+from tactemu.base.keywords import takes_words
+from tactemu.base.words import Names
 from tactemu.geometry.bodies import Body
 from tactemu.sensors.seeds import seeds_of
 from tactemu.sensors.sensor import Sensor
@@ -24,6 +26,9 @@ class SplitSimulation:
     a :class:`~tactemu.sensors.simulation.Simulation` of its own: ``split.parts[k].pose_array``, ``split.sensor(skin,
     k).arrays.force``.
     """
+
+    names: Names = "tactemu"
+    """The words that its methods take."""
 
     def __init__(
         self, bodies: Sequence[Body], sensors: Sequence[Sensor], devices: Sequence[Any], *, n_envs: int, first_env: int,
@@ -76,10 +81,19 @@ class SplitSimulation:
         """The simulated time of each environment since its own reset [s] (:attr:`Simulation.env_time`)."""
         return np.concatenate([part.env_time for part in self.parts])
 
-    def set_pose(self, body: Body | str | int, *, envs: Sequence[int] | np.ndarray | None = None, **pose: Any) -> None:
+    @takes_words
+    def set_pose(
+        self,
+        body: Body | str | int,
+        *,
+        position: Any = None,
+        quaternion: Any = None,
+        linear_velocity: Any = None,
+        angular_velocity: Any = None,
+        envs: Sequence[int] | np.ndarray | None = None,
+    ) -> None:
         """Set a body's pose (:meth:`Simulation.set_pose`); lists and NumPy arrays hold rows for all environments."""
-        if unknown := pose.keys() - set(POSE):
-            raise SceneError(f"set_pose: unknown {', '.join(sorted(unknown))}; there are: {', '.join(POSE)}")
+        pose = dict(zip(POSE, (position, quaternion, linear_velocity, angular_velocity)))
         chosen = self._chosen(envs)
         for part, a, b in self._shares():
             mine = np.flatnonzero((chosen >= a) & (chosen < b))
@@ -88,6 +102,7 @@ class SplitSimulation:
             rows = {name: _rows(values, len(chosen), mine) for name, values in pose.items() if values is not None}
             part.set_pose(body, envs=None if envs is None else chosen[mine] - a, **rows)
 
+    @takes_words
     def reset(
         self, envs: Sequence[int] | np.ndarray | None = None, *, seed: int | Sequence[int] | np.ndarray | None = None
     ) -> None:

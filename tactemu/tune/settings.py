@@ -16,7 +16,7 @@ def skin_with(setting: Setting, skin: SkinTable, gain: float = 1.0) -> SkinTable
     options that scale the model's reading take the gain."""
     model = model_class(setting.model)
     known = defaults(model)
-    shared = set(defaults(SensorModel)) - {"contact_depth_query", "voxel_size"}
+    shared = set(defaults(SensorModel)) - {"depth_query", "voxel_size"}
     kept = set(known) - _decided_options(model) if skin.model_ == setting.model else shared
     options = {name: value for name, value in skin.options.items() if name in kept} | dict(setting.options)
     if gain != 1.0:
@@ -36,7 +36,7 @@ def scene_with(setting: Setting, loaded: LoadedScene, title: str) -> LoadedScene
 def _decided_options(model: type[SensorModel]) -> set[str]:
     """Return the options that a setting decides; the user's values of them are replaced."""
     tried = {option for quantity in model.layouts for trial in model.trials(quantity) for option in trial.options}
-    return tried | {"contact_depth_query", "voxel_size"}
+    return tried | {"depth_query", "voxel_size"}
 
 
 def settings_for(senses: str) -> list[Setting]:

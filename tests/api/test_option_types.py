@@ -87,11 +87,11 @@ def test_a_wrong_value_is_told_with_what_was_expected(make, message):
 def test_what_a_type_allows_is_taken():
     body = tt.Scene().add_body(None)
     for given in (
-        {"probe_gain": 1.0}, {"probe_gain": np.ones(4)}, {"probe_gain": [1, 2]}, {"probe_gain_resample_range": None}
+        {"gain": 1.0}, {"gain": np.ones(4)}, {"gain": [1, 2]}, {"gain_range": None}
     ):  # fmt: skip
         py.ImperfectionOptions(**given)
     for bodies in (None, 0, "ball", body, [0, "ball", body], (), np.array([0, 1])):
-        py.KinematicTaxel(track_link_idx=bodies)
+        py.KinematicTaxel(sense=bodies)
     tt.ProximityTaxel(points=[np.zeros((3, 3)), [(0, 0, 0)]])
     tt.ElectronicsOptions(scan_order=[0, 1, 2, 3], history_length=3)
     tt.KinematicTaxel(adjustable=["noise"])

@@ -35,7 +35,7 @@ def pressed(model, n_envs=None, *, transducers=(), **options):
     ball = scene.add_body(tt.Sphere(radius=0.01), name="ball", position=(0, 0, 0.0194))
     far = scene.add_body(tt.Box(size=(0.01, 0.01, 0.01)), name="far", position=(0, 0, 0.5))
     skin = scene.add_sensor(
-        model(probe_local_pos=GRID, probe_radius=1e-3, **options), link=pad, name="skin", transducers=transducers
+        model(positions=GRID, radius=1e-3, **options), link=pad, name="skin", transducers=transducers
     )
     sim = scene.build(n_envs)
     sim.step()
@@ -86,7 +86,7 @@ def test_a_skin_tells_its_taxels():
     assert np.allclose(skin.positions, GRID) and skin.normals.shape == (5, 6, 3) and (skin.normals[..., 2] == 1).all()
     assert skin.radii.shape == (5, 6) and (skin.radii == 1e-3).all()
     listed = tt.Scene()
-    two = tt.ContactDepthProbe(probe_local_pos=[(0, 0, 0), (0, 0, 1e-3)])
+    two = tt.ContactDepthProbe(positions=[(0, 0, 0), (0, 0, 1e-3)])
     assert listed.add_sensor(two, link=listed.add_body(fixed=True)).positions.shape == (2, 3)
 
 
@@ -156,7 +156,7 @@ def test_contacts_are_those_of_the_reading():
     for model, options, where in (
         (tt.ElasticLayerTaxel, {"oversampling": 4}, (X[2] + 0.5e-3, 0.0, 0.0105)),
         (tt.ElasticLayerTaxel, {}, (0, 0, 0.0085)),
-        (tt.ContactDepthProbe, {"contact_depth_query": "ray"}, (0, 0, 0.0085)),
+        (tt.ContactDepthProbe, {"depth_query": "ray"}, (0, 0, 0.0085)),
     ):
         sim, _ball, far, skin = pressed(model, **options)
         sim.set_pose("ball", position=(0, 0, 1.0))
@@ -167,7 +167,7 @@ def test_contacts_are_those_of_the_reading():
 
 
 def test_a_body_that_is_not_sensed_is_named():
-    _sim, _ball, _far, skin = pressed(tt.KinematicTaxel, filter_link_idx=("far",))
+    _sim, _ball, _far, skin = pressed(tt.KinematicTaxel, ignore=("far",))
     with pytest.raises(tt.SceneError, match="sensor 'skin' does not sense body 'far'; it senses: ball"):
         skin.touching("far")
     with pytest.raises(tt.SceneError, match="does not sense body 'pad'"):

@@ -17,7 +17,7 @@ from tactemu.transducers.material import Material
 
 GRID = np.stack([*np.meshgrid(np.linspace(-3e-3, 3e-3, 3), np.linspace(-3e-3, 3e-3, 3)), np.full((3, 3), 5e-3)], -1)
 EVERYTHING: dict[str, Any] = {
-    "probe_gain_resample_range": (0.5, 2.0),
+    "gain_range": (0.5, 2.0),
     "crosstalk_strength": 0.3, "crosstalk_sigma": 0.001,
     "hysteresis_strength": 0.5, "hysteresis_strength_unloading": 0.2, "creep_strength": 0.1,
     "hysteresis_backlash": 0.01, "scan_time": 2.5e-3, "temperature_course": [(0.0, 20.0), (0.02, 60.0)],
@@ -27,7 +27,7 @@ EVERYTHING: dict[str, Any] = {
     "history_length": 2,
 }  # fmt: skip
 """All imperfections, but rounding and saturation, which would hide differences."""
-KINEMATIC = {"probe_local_pos": GRID, "probe_radius": 2e-3, **EVERYTHING, "probe_radius_noise": 1e-4}
+KINEMATIC = {"positions": GRID, "radius": 2e-3, **EVERYTHING, "radius_noise": 1e-4}
 
 
 class Rig:
@@ -104,11 +104,11 @@ def test_the_same_seed_gives_the_same_bytes_after_any_history(dtype):
 
 
 def test_every_model_forgets_all_before_a_seed():
-    common = {"probe_local_pos": GRID, "noise": 0.01, "delay": 2e-3, "jitter": 1e-3, "dead_taxel_probability": 0.2}
+    common = {"positions": GRID, "noise": 0.01, "delay": 2e-3, "jitter": 1e-3, "dead_taxel_probability": 0.2}
     skins = [
-        from_flat(tt.ContactProbe, common | {"probe_radius": 1e-3, "contact_threshold": 1e-4}),
-        from_flat(tt.ContactDepthProbe, common | {"probe_radius": 1e-3}),
-        from_flat(tt.ProximityTaxel, common | {"probe_radius": 5e-3}),
+        from_flat(tt.ContactProbe, common | {"radius": 1e-3, "contact_threshold": 1e-4}),
+        from_flat(tt.ContactDepthProbe, common | {"radius": 1e-3}),
+        from_flat(tt.ProximityTaxel, common | {"radius": 5e-3}),
         from_flat(tt.ElastomerTaxel, common),
         from_flat(tt.ElasticLayerTaxel, common),
     ]

@@ -63,7 +63,7 @@ def own_scene():
     pad = scene.add_body(None, name="own_pad", fixed=True)
     scene.add_body(tt.Sphere(radius=0.01), name="own_ball", position=(0, 0, 1))
     positions = np.zeros((5, 3)) + np.arange(5)[:, None] * (0.005, 0, 0)
-    scene.add_sensor(tt.KinematicTaxel(probe_local_pos=positions, probe_radius=0.002), link=pad)
+    scene.add_sensor(tt.KinematicTaxel(positions=positions, radius=0.002), link=pad)
     return scene
 
 

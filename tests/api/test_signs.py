@@ -32,7 +32,7 @@ def pressed(name: str, *, scene_convention: Convention = "skin", spin=0.0, slide
     pad = scene.add_body(tt.Box(size=(0.04, 0.04, 2 * TOP_M)), fixed=True, position=LIFTED_PAD)
     ball = scene.add_body(tt.Sphere(radius=0.01), position=(0, 0, 1))
     given = {**next(iter(model_class(name).examples.values())), **MORE_OPTIONS.get(name, {}), **options}
-    skin = scene.add_sensor(model_class(name)(probe_local_pos=PROBES, **given), link=pad)
+    skin = scene.add_sensor(model_class(name)(positions=PROBES, **given), link=pad)
     sim = scene.build(dtype="float64")
     for step in range(8):
         turn = spin * 1e-3 * step

@@ -123,7 +123,7 @@ def test_a_path_that_is_too_long_is_said(tmp_path, monkeypatch):
         (["press", "--depth", "1kg"], "press: depth must be >= -0.5 and <= 0.5 m (6 mm is 0.006), got '1kg'"),
         (["pose", "ball", "0", "0", "-1parsec"], "pose: position must be numbers"),
         (["pose", "ball", "0", "0"], "pose: position must be 3 numbers"),
-        (["set", "probe_gain"], "set: options must be a table"),
+        (["set", "gain"], "set: options must be a table"),
         (["happen", "fault"], "happen: expected KEY=VALUE"),
         (["dead", "7:3"], "dead: taxels must be numbers"),
         (["prss"], "No such command 'prss'"),

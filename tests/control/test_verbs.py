@@ -64,5 +64,5 @@ def test_numbers_have_units():
     assert scaled("1", TIMES_S) is scaled("1mm", TIMES_S) is scaled("mm", LENGTHS_M) is None
     assert CONTROL_COMMANDS["dead"].arguments["taxels"].type.read("3:7,9") == [3, 4, 5, 6, 9]
     read = CONTROL_COMMANDS["set"].arguments["options"].type.read
-    assert read(["probe_gain=0.9", "bias=[0, 1]", "noise=5%"]) == {"probe_gain": 0.9, "bias": [0, 1], "noise": 0.05}  # type: ignore[arg-type]
+    assert read(["gain=0.9", "bias=[0, 1]", "noise=5%"]) == {"gain": 0.9, "bias": [0, 1], "noise": 0.05}  # type: ignore[arg-type]
     assert plain({"a": (1, 2)}) == {"a": [1, 2]}

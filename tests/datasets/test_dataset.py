@@ -37,7 +37,7 @@ dt = 0.002
 [[skin]]
 device = "flexitac"
 link = "pad"
-options = { noise = 0.02, probe_gain_resample_range = [0.8, 1.2], dead_taxel_probability = 0.05 }
+options = { noise = 0.02, gain_range = [0.8, 1.2], dead_taxel_probability = 0.05 }
 """
 )
 COLUMN = "flexitac.force"

@@ -102,7 +102,7 @@ def test_what_a_skin_says_reaches_its_channel():
         'name = "tip"\nrate_hz = 250\nport = "memory:"\npacing = false\nfaults = ["drop 1%"]\n'
         "clock = { delay_s = 0.003, jitter_s = 0.001, skew_ppm = 50 }\n"
         "position = [0.0, 0.0, 0.001]\nquaternion = [0.0, 0.0, 0.0, 1.0]\n"
-        "options = { probe_radius = 0.002, normal_stiffness = 100.0 }"
+        "options = { radius = 0.002, normal_stiffness = 100.0 }"
     )
     made = assemble(parse(BODIES + skin("anyskin", more)))
     channel = made.emulator.channels[0]
@@ -111,7 +111,7 @@ def test_what_a_skin_says_reaches_its_channel():
     assert (sampling.delay_ns, sampling.jitter_ns, sampling.skew_ppm) == (3_000_000, 1_000_000, 50)
     assert [str(fault) for fault in channel.wire.faults] == ["drop 1%"]
     model = made.scene.sensors[0].model
-    np.testing.assert_allclose(model.probe_local_pos[1], (0.007, 0, 0.001 - 0.002), atol=1e-12, err_msg="turned, sunk")
+    np.testing.assert_allclose(model.positions[1], (0.007, 0, 0.001 - 0.002), atol=1e-12, err_msg="turned, sunk")
     assert model.normal_stiffness == 100.0
 
 

@@ -110,7 +110,7 @@ device = "anyskin"
 link = "pad"
 position = [0.0, 0.0, 0.001]
 embed = 1e-3
-options = { probe_radius = 2e-3, normal_stiffness = 500.0, normal_damping = 20.0 }
+options = { radius = 2e-3, normal_stiffness = 500.0, normal_damping = 20.0 }
 """
 )
 
@@ -138,8 +138,8 @@ def scene_with_a_skin(motion=None, **options):
     pad = scene.add_body(tt.Box(size=(0.04, 0.04, 0.002)), fixed=True, name="pad")
     ball = scene.add_body(tt.Sphere(radius=0.012), name="ball", position=(0, 0, HEIGHT), motion=motion)
     model = tt.KinematicTaxel(
-        probe_local_pos=create("anyskin").layout.positions + np.array([0, 0, 1.5e-3]),
-        probe_radius=2e-3, normal_stiffness=500.0,
+        positions=create("anyskin").layout.positions + np.array([0, 0, 1.5e-3]),
+        radius=2e-3, normal_stiffness=500.0,
         **options,
     )  # fmt: skip
     return scene, ball, scene.add_sensor(model, link=pad)
@@ -268,7 +268,7 @@ device = "anyskin"
 link = "{link}"
 position = [0.0, 0.0, 0.001]
 embed = 5e-4
-options = {{ probe_radius = 2e-3, normal_stiffness = 500.0 }}
+options = {{ radius = 2e-3, normal_stiffness = 500.0 }}
 """
 
 

@@ -44,7 +44,7 @@ class Still(tt.envs.SkinTask):
         line = [(x, 0.0, 0.005) for x in (-0.002, 0.0, 0.002)]
         scene.add_sensor(
             tt.KinematicTaxel(
-                probe_local_pos=line,
+                positions=line,
                 imperfections=tt.ImperfectionOptions(**self.imperfections),
                 electronics=tt.ElectronicsOptions(**self.electronics),
             ),

@@ -8,7 +8,7 @@ from tests.sensors.rig import scene_with
 
 def distance_and_normal(shape, points, far):
     """Signed distances [m] and unit normals at points of the body's frame, as sensors get them."""
-    at = {"probe_local_pos": points, "probe_radius": far}
+    at = {"positions": points, "radius": far}
     springs = {"normal_stiffness": 1.0, "normal_damping": 0.0, "shear_scalar": 0.0, "twist_scalar": 0.0}
     readings = []
     for model in (tt.ContactDepthProbe(**at), tt.KinematicTaxel(**at, **springs)):
@@ -21,8 +21,8 @@ def distance_and_normal(shape, points, far):
 
 def entered_at(shape, points, normals, reach, far):
     """Where lines enter the shape, looked at from ``reach`` behind the points on; at most ``far`` [m]."""
-    ray = {"contact_depth_query": "ray", "ray_reach": reach}
-    model = tt.ContactDepthProbe(probe_local_pos=points, probe_local_normal=normals, probe_radius=far, **ray)
+    ray = {"depth_query": "ray", "ray_reach": reach}
+    model = tt.ContactDepthProbe(positions=points, normals=normals, radius=far, **ray)
     sim, _, skin = scene_with(shape, model, dtype="float64")
     sim.step()
     return far - skin.read()

@@ -49,7 +49,7 @@ def test_within_two_micrometres_and_on_the_right_side(name):
     mesh = MESHES[name]()
     points, shape = points_around(mesh), tt.Mesh(source=mesh)
     exact = RADIUS - depth_of(shape, points, RADIUS)
-    band = RADIUS - depth_of(shape, points, RADIUS, contact_depth_query="band")
+    band = RADIUS - depth_of(shape, points, RADIUS, depth_query="band")
     np.testing.assert_allclose(band, exact, atol=2e-6)
     clear = np.abs(exact) > 1e-8  # as far as float32 of the points goes
     np.testing.assert_array_equal(np.sign(band[clear]), np.sign(exact[clear]))
@@ -67,7 +67,7 @@ def table_row(mesh):
     scene = tt.Scene()
     body = scene.add_body(tt.Mesh(source=mesh), name="tool")
     pad = scene.add_body(name="pad")
-    model = tt.ContactDepthProbe(probe_local_pos=[[0, 0, 0]], probe_radius=1e-3, contact_depth_query="band")
+    model = tt.ContactDepthProbe(positions=[[0, 0, 0]], radius=1e-3, depth_query="band")
     scene.add_sensor(model, link=pad)
     sim = scene.build()
     return sim._compiler._shapes.table((body,), "band").rows[body.index]
@@ -81,7 +81,7 @@ def test_normals_are_those_of_the_surface():
         scene = tt.Scene()
         pad = scene.add_body(name="pad")
         scene.add_body(tt.Mesh(source=MESHES["torus"]()), name="tool", position=(0.4e-3, 0.2e-3, 3.5e-3))
-        model = tt.KinematicTaxel(probe_local_pos=grid, probe_radius=1.5e-3, contact_depth_query=query)
+        model = tt.KinematicTaxel(positions=grid, radius=1.5e-3, depth_query=query)
         skin = scene.add_sensor(model, link=pad)
         scene.build().step()
         found[query] = skin.read().force
@@ -95,11 +95,11 @@ def test_of_shapes_that_need_no_band_it_is_the_exact_distance():
     points = points_around(MESHES["ball"](), 300)
     opened = trimesh.Trimesh(*(lambda m: (m.vertices, m.faces[:-40]))(MESHES["ball"]()), process=False)
     for shape in (tt.Sphere(radius=0.01), tt.Box(size=(0.01, 0.02, 0.01)), tt.Mesh(source=opened)):
-        exact, band = (depth_of(shape, points, RADIUS, contact_depth_query=query) for query in ("sdf", "band"))
+        exact, band = (depth_of(shape, points, RADIUS, depth_query=query) for query in ("sdf", "band"))
         np.testing.assert_array_equal(band, exact)
 
 
 @pytest.mark.parametrize(("cell", "said"), [(0.0, "voxel_size must be > 0"), (1e-6, "take a larger cell")])
 def test_cells_that_cannot_be(cell, said):
     with pytest.raises(SceneError, match=said):
-        depth_of(tt.Mesh(source=MESHES["box"]()), [[0, 0, 0]], RADIUS, contact_depth_query="band", voxel_size=cell)
+        depth_of(tt.Mesh(source=MESHES["box"]()), [[0, 0, 0]], RADIUS, depth_query="band", voxel_size=cell)

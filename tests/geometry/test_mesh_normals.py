@@ -38,7 +38,7 @@ def table_of(mesh, dtype):
     scene = tt.Scene()
     body = scene.add_body(tt.Mesh(source=mesh), name="tool")
     pad = scene.add_body(name="pad")
-    scene.add_sensor(tt.ContactDepthProbe(probe_local_pos=[[0, 0, 0]], probe_radius=1e-3), link=pad)
+    scene.add_sensor(tt.ContactDepthProbe(positions=[[0, 0, 0]], radius=1e-3), link=pad)
     return scene.build(dtype=dtype)._compiler._shapes.table((body,)), body.index
 
 
@@ -173,7 +173,7 @@ def test_depth_inside_of_shells_that_intersect_is_to_the_surface_of_their_union(
     _parts, mesh = balls((0.01, 0), (0.01, 0.01))
     more = {"voxel_size": 4e-4} if query == "voxel" else {}
     points = [[-4e-3, 0, 0], [0, 6e-3, 0], [0.014, 0, 0]]
-    depth = depth_of(tt.Mesh(source=mesh), points, 1e-3, contact_depth_query=query, **more)
+    depth = depth_of(tt.Mesh(source=mesh), points, 1e-3, depth_query=query, **more)
     np.testing.assert_allclose(depth, [7e-3, 5e-3, 7e-3], atol=6e-5)  # of polyhedra with 1280 faces
 
 

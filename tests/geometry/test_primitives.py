@@ -58,7 +58,7 @@ def test_distance_is_exact(kind, dtype, tolerance):
     scene = Scene()
     link = scene.add_body(fixed=True)
     body = scene.add_body(shape)
-    probe = scene.add_sensor(ContactDepthProbe(probe_local_pos=points, probe_radius=OFFSET), link=link)
+    probe = scene.add_sensor(ContactDepthProbe(positions=points, radius=OFFSET), link=link)
     sim = scene.build(dtype=dtype)
     for _ in range(3):
         position, quaternion = random_pose(rng)
@@ -77,7 +77,7 @@ def test_normals_are_gradients_of_the_distance(kind):
     link = scene.add_body(fixed=True)
     body = scene.add_body(shape)
     only_normal = {"normal_stiffness": 1.0, "normal_damping": 0.0, "shear_scalar": 0.0, "twist_scalar": 0.0}
-    springs = KinematicTaxel(probe_local_pos=points, probe_radius=OFFSET, **only_normal)
+    springs = KinematicTaxel(positions=points, radius=OFFSET, **only_normal)
     skin = scene.add_sensor(springs, link=link)
     sim = scene.build(dtype="float64")
     position, quaternion = random_pose(rng)

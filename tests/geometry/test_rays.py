@@ -34,7 +34,7 @@ def test_lines_enter_primitives_where_the_distance_says(kind, dtype, tolerance):
     reach = 2.5
     ours = RADIUS - depth_of(
         shape, points, RADIUS, position=position, quaternion=quaternion, dtype=dtype,
-        probe_local_normal=normals, contact_depth_query="ray", ray_reach=reach,
+        normals=normals, depth_query="ray", ray_reach=reach,
     )  # fmt: skip
     local = to_body(position, quaternion, points)
     turned = to_body(0 * position, quaternion, normals)
@@ -60,7 +60,7 @@ def test_lines_enter_primitives_where_the_distance_says(kind, dtype, tolerance):
 )
 def test_depth_along_the_normal_grows_with_every_micrometre(shape):
     """A 1 mm plate pressed 1.6 mm deep: to the nearest surface depth falls again, along the normal it goes on."""
-    model = tt.ContactDepthProbe(probe_local_pos=[[0.008, 0, 0.01]], probe_radius=0.001, contact_depth_query="ray")
+    model = tt.ContactDepthProbe(positions=[[0.008, 0, 0.01]], radius=0.001, depth_query="ray")
     sim, body, skin = scene_with(shape, model, link_shape=tt.Box(size=(0.08, 0.08, 0.02)), dtype="float64")
     depths = []
     for pressed in np.arange(0.0, 4e-3, 50e-6):
@@ -72,13 +72,13 @@ def test_depth_along_the_normal_grows_with_every_micrometre(shape):
     assert np.abs(np.diff(touched) - 50e-6).max(initial=0) < 1e-6
 
 
-PROBES = {"probe_local_pos": [[0, 0, 0.01]], "probe_radius": 1e-3, "contact_depth_query": "ray"}
+PROBES = {"positions": [[0, 0, 0.01]], "radius": 1e-3, "depth_query": "ray"}
 PAD = [[[x, y, 0.01] for x in (-1e-3, 0, 1e-3)] for y in (1e-3, 0, -1e-3)]
 ALONG_THE_NORMAL = {
     "touch": tt.ContactProbe(**PROBES),
     "depth": tt.ContactDepthProbe(**PROBES),
     "spring": tt.KinematicTaxel(**PROBES, normal_damping=0.0),
-    "layer": tt.ElasticLayerTaxel(probe_local_pos=PAD, friction=0.0),
+    "layer": tt.ElasticLayerTaxel(positions=PAD, friction=0.0),
 }
 
 
@@ -111,8 +111,8 @@ def test_what_sinks_into_a_thick_link_goes_on_being_felt(model):
 
 
 def test_springs_push_along_the_taxels_own_normal():
-    options = {"probe_local_pos": [[0, 0, 0]], "probe_radius": 1e-3, "normal_stiffness": 100.0}
-    model = tt.KinematicTaxel(**options, contact_depth_query="ray", shear_scalar=0, twist_scalar=0, normal_damping=0)
+    options = {"positions": [[0, 0, 0]], "radius": 1e-3, "normal_stiffness": 100.0}
+    model = tt.KinematicTaxel(**options, depth_query="ray", shear_scalar=0, twist_scalar=0, normal_damping=0)
     tilt = (np.cos(0.2), np.sin(0.2), 0, 0)
     sim, body, skin = scene_with(tt.Plane(), model)
     sim.set_pose(body, position=(0, 0, -2e-3), quaternion=(0, 1, 0, 0))

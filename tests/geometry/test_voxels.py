@@ -25,7 +25,7 @@ def test_error_on_a_ball_is_that_of_a_trilinear_grid(cell):
     radius = 0.015
     ball = tt.Mesh(source=trimesh.creation.icosphere(4, radius=radius))
     points, exact = band(ball)
-    ours = RADIUS - depth_of(ball, points, RADIUS, contact_depth_query="voxel", voxel_size=cell, dtype="float64")
+    ours = RADIUS - depth_of(ball, points, RADIUS, depth_query="voxel", voxel_size=cell, dtype="float64")
     law = 0.29 * cell**2 / radius
     tessellation = 1.2e-3 * radius
     assert np.abs(ours - exact).max() < 1.5 * law + tessellation
@@ -35,7 +35,7 @@ def test_error_on_a_ball_is_that_of_a_trilinear_grid(cell):
 def test_error_at_the_edges_of_a_box_is_of_first_order(cell):
     box = tt.Box(size=(0.021, 0.017, 0.013))
     points, exact = band(box)
-    ours = RADIUS - depth_of(box, points, RADIUS, contact_depth_query="voxel", voxel_size=cell, dtype="float64")
+    ours = RADIUS - depth_of(box, points, RADIUS, depth_query="voxel", voxel_size=cell, dtype="float64")
     error = np.abs(ours - exact).max()
     assert 0.1 * cell < error < 0.5 * cell
 
@@ -44,7 +44,7 @@ def test_distance_is_continuous_across_the_border_of_the_grid():
     box = tt.Box(size=(0.02, 0.02, 0.02))
     x = np.linspace(0.011, 0.03, 2000)
     points = np.stack([x, 0.3 * x, 0.1 * x], -1)
-    ours = depth_of(box, points, RADIUS, contact_depth_query="voxel", dtype="float64")
+    ours = depth_of(box, points, RADIUS, depth_query="voxel", dtype="float64")
     exact = depth_of(box, points, RADIUS, dtype="float64")
     assert np.abs(np.diff(ours)).max() < 1.5 * (x[1] - x[0])
     assert np.abs(ours - exact).max() < 2e-4
@@ -53,13 +53,13 @@ def test_distance_is_continuous_across_the_border_of_the_grid():
 def test_ray_through_a_grid_enters_at_its_surface():
     values = np.fromfunction(lambda i, j, k: np.sqrt((i - 20) ** 2 + (j - 20) ** 2 + (k - 20) ** 2) - 12, (41, 41, 41))
     ball = tt.VoxelGrid(values=values * 1e-3, origin=(-0.02, -0.02, -0.02), cell=1e-3)
-    deep = depth_of(ball, [[0, 0, 0]], 1e-3, position=(0, 0, 0.002), contact_depth_query="ray", dtype="float64")
+    deep = depth_of(ball, [[0, 0, 0]], 1e-3, position=(0, 0, 0.002), depth_query="ray", dtype="float64")
     assert deep[0] == pytest.approx(1e-3 + 0.010, abs=5e-5)
 
 
 def test_a_cell_that_makes_the_grid_too_large_is_refused():
     with pytest.raises(SceneError, match="take a larger cell"):
-        depth_of(tt.Box(size=(1, 1, 1)), [[0, 0, 0]], 1.0, contact_depth_query="voxel", voxel_size=1e-4)
+        depth_of(tt.Box(size=(1, 1, 1)), [[0, 0, 0]], 1.0, depth_query="voxel", voxel_size=1e-4)
 
 
 def test_a_grid_of_distances_given_directly_must_make_sense():
@@ -81,7 +81,7 @@ def test_a_ray_finds_a_ball_in_a_turned_grid_that_it_enters_from_outside(degrees
     half = np.radians(degrees) / 2
     turned = (np.cos(half), np.sin(half), 0.0, 0.0)
     place = (0.0, 0.0, radius - 5e-4)
-    ours = depth_of(ball, points, 1e-9, position=place, quaternion=turned, contact_depth_query="ray", dtype="float64")
+    ours = depth_of(ball, points, 1e-9, position=place, quaternion=turned, depth_query="ray", dtype="float64")
     across2 = points[:, 0] ** 2 + points[:, 1] ** 2
     exact = np.maximum(0, np.sqrt(radius**2 - across2) - place[2])
     assert np.abs(ours - exact).max() < 2e-5

@@ -54,7 +54,7 @@ def poses(step):
 def test_every_query_reads_the_same(kind, query):
     readings = {}
     for device in ("cpu", DEVICE):
-        model = tt.KinematicTaxel(probe_local_pos=LINE, probe_radius=2e-3, contact_depth_query=query)
+        model = tt.KinematicTaxel(positions=LINE, radius=2e-3, depth_query=query)
         sim, body, skin = built(SHAPES[kind], model, device)
         found = []
         for step in range(5):  # the first runs launch by launch, the second is captured
@@ -70,7 +70,7 @@ def test_every_query_reads_the_same(kind, query):
 
 def test_poses_from_device_arrays_and_from_the_host_mix():
     """A body may be posed from the device, then in part from the host, then from the device again."""
-    model = tt.KinematicTaxel(probe_local_pos=LINE, probe_radius=2e-3)
+    model = tt.KinematicTaxel(positions=LINE, radius=2e-3)
     readings = []
     for on_device in (False, True):
         sim, body, skin = built(SHAPES["sphere"], model, DEVICE)
@@ -87,7 +87,7 @@ def test_poses_from_device_arrays_and_from_the_host_mix():
 
 
 def test_a_bad_pose_is_told_once_and_harms_no_other_environment():
-    model = tt.ContactDepthProbe(probe_local_pos=LINE, probe_radius=2e-3)
+    model = tt.ContactDepthProbe(positions=LINE, radius=2e-3)
     sim, body, skin = built(SHAPES["sphere"], model, DEVICE)
     sim.step()
     good = skin.read()
@@ -103,7 +103,7 @@ def test_a_bad_pose_is_told_once_and_harms_no_other_environment():
 
 
 def test_the_step_length_may_change_under_a_captured_graph():
-    options = {"probe_local_pos": LINE, "probe_radius": 2e-3, "hysteresis_strength": 0.5, "hysteresis_tau": 0.01}
+    options = {"positions": LINE, "radius": 2e-3, "hysteresis_strength": 0.5, "hysteresis_tau": 0.01}
     readings = {}
     for device in ("cpu", DEVICE):
         sim, body, skin = built(SHAPES["sphere"], from_flat(tt.ContactDepthProbe, options), device)

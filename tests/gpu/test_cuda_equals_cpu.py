@@ -15,14 +15,14 @@ pytestmark = pytest.mark.gpu
 N_ENVS, STEPS = 5, 12
 X, Y = np.meshgrid((np.arange(9) - 4) * 2e-3, (np.arange(7) - 3) * 2e-3)
 GRID = np.stack([X, Y, np.full_like(X, 0.01)], -1)
-SPOILED = {"noise": 1e-4, "random_walk": 1e-5, "bias": 1e-3, "delay": 0.002, "probe_gain": 1.1}
+SPOILED = {"noise": 1e-4, "random_walk": 1e-5, "bias": 1e-3, "delay": 0.002, "gain": 1.1}
 
 MODELS = {
-    "ContactProbe": {"probe_radius": 0.002},
-    "ContactDepthProbe": {"probe_radius": 0.002, **SPOILED},
-    "KinematicTaxel": {"probe_radius": 0.002, **SPOILED},
-    "ElastomerTaxel": {"probe_radius": 0.002, "track_link_idx": [1, 2]},
-    "ProximityTaxel": {"probe_radius": 0.004, "track_link_idx": [1, 2], "n_sample_points": 300},
+    "ContactProbe": {"radius": 0.002},
+    "ContactDepthProbe": {"radius": 0.002, **SPOILED},
+    "KinematicTaxel": {"radius": 0.002, **SPOILED},
+    "ElastomerTaxel": {"radius": 0.002, "sense": [1, 2]},
+    "ProximityTaxel": {"radius": 0.004, "sense": [1, 2], "n_sample_points": 300},
     "ElasticLayerTaxel": {"thickness": 0.003},
 }
 
@@ -32,7 +32,7 @@ def simulate(model: str, options: dict, device: str, **build):
     pad = scene.add_body(tt.Box(size=(0.08, 0.08, 0.02)), fixed=True)
     ball = scene.add_body(tt.Sphere(radius=0.01))
     box = scene.add_body(tt.Box(size=(0.01, 0.012, 0.014)))
-    skin = scene.add_sensor(from_flat(getattr(tt, model), {"probe_local_pos": GRID, **options}), link=pad)
+    skin = scene.add_sensor(from_flat(getattr(tt, model), {"positions": GRID, **options}), link=pad)
     sim = scene.build(n_envs=N_ENVS, device=device, seed=4, **build)
     readings = []
     for step in range(STEPS):

@@ -36,7 +36,7 @@ def test_environments_beyond_the_blocks_at_once():
         scene = tt.Scene()
         pad = scene.add_body(None, name="pad", fixed=True)
         ball = scene.add_body(tt.Sphere(radius=8e-3), position=(0, 0, 1))
-        skin = scene.add_sensor(tt.ElasticLayerTaxel(probe_local_pos=positions), link=pad)
+        skin = scene.add_sensor(tt.ElasticLayerTaxel(positions=positions), link=pad)
         sim = scene.build(n_envs=n_envs, device="cuda:0")
         for k in range(5):  # the second step is captured in a graph, later ones run it
             height = 8e-3 - depths * (0.6 + 0.1 * k)

@@ -22,7 +22,7 @@ def dropped(folder, kind: str, n_envs: int, device: str):
     path.write_text(DROP)
     built = tt.Scene(dt=4e-3)
     engine = getattr(tt, ENGINES[kind])(built, path)
-    model = tt.KinematicTaxel(probe_local_pos=LINE, probe_radius=5e-3, normal_damping=1.0)
+    model = tt.KinematicTaxel(positions=LINE, radius=5e-3, normal_damping=1.0)
     skin = built.add_sensor(model, link=engine.body_of("floor", "skin"))
     ball = next(body for body in engine.bodies if body.name == "ball")
     return engine, built.build(n_envs, device=device), skin, ball
@@ -54,7 +54,7 @@ def test_bodies_start_where_each_environment_has_them(tmp_path, kind):
     scene = tt.Scene(dt=4e-3)
     engine = getattr(tt, ENGINES[kind])(scene, path)
     engine.starts = {"ball": (places, turns)}
-    scene.add_sensor(tt.ContactDepthProbe(probe_local_pos=LINE), link=engine.body_of("floor", "skin"))
+    scene.add_sensor(tt.ContactDepthProbe(positions=LINE), link=engine.body_of("floor", "skin"))
     sim = scene.build(2, device="cuda:0", first_env=3)
     ball = next(body for body in engine.bodies if body.name == "ball")
     np.testing.assert_allclose(sim.pose_array.numpy()[:, ball.index, :3], places[3:], atol=1e-6)

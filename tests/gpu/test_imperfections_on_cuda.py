@@ -13,7 +13,7 @@ from tests.imperfections.test_electronics import EVERYTHING
 pytestmark = pytest.mark.gpu
 
 # Without rounding: a float32 on the other side of a half would be a whole step off.
-GIVEN = EVERYTHING | {"resolution": 0.0, "probe_gain_resample_range": (0.5, 2.0), "probe_radius_noise": 1e-4}
+GIVEN = EVERYTHING | {"resolution": 0.0, "gain_range": (0.5, 2.0), "radius_noise": 1e-4}
 WIDTHS = [(wp.float32, 2e-5), (wp.float64, 1e-9)]
 
 

@@ -97,7 +97,7 @@ def layer(device, **options):
     pad = built.add_body(tt.Box(size=(0.04, 0.04, 0.02)), fixed=True, name="pad")
     ball = built.add_body(tt.Sphere(radius=0.01), name="ball", position=(0, 0, 0.0195))
     noisy = tt.ElectronicsOptions(noise=1e-3)
-    model = tt.ElasticLayerTaxel(probe_local_pos=GRID, electronics=noisy, **options)
+    model = tt.ElasticLayerTaxel(positions=GRID, electronics=noisy, **options)
     skin = built.add_sensor(model, link=pad, name="skin")
     return built.build(N_ENVS, device=device), ball, skin
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import warp as wp
 
+from tactemu.base.words import in_our_words
 from tactemu.imperfections import ChainOptions, Imperfections, ReadingInfo
 from tactemu.plan.plan import Context
 
@@ -23,7 +24,7 @@ def info(
         name=name,
         layout=tuple(layout),
         channels=channels,
-        probe_radius=radii,
+        radius=radii,
         spacing=spacing,
         normal=(0.0, 0.0, 1.0),
         **more,
@@ -97,7 +98,7 @@ class Case:
     def __init__(self, name: str):
         self.arrays = np.load(DATA / f"{name}.npz")
         self.facts = json.loads((DATA / f"{name}.json").read_text())
-        self.sensors = {s["key"]: s for s in self.facts["sensors"]}
+        self.sensors = {s["key"]: s | {"options": in_our_words(s["options"])} for s in self.facts["sensors"]}
 
     def raw(self, key: str) -> np.ndarray:
         """A sensor's readings ``(T, n_envs, n_taxels, n_channels)``; a suffix ``_gt`` names the ground truth."""
@@ -110,7 +111,7 @@ class Case:
             parts = [a[f"{key}__force{suffix}"], a[f"{key}__torque{suffix}"]]
         joined = np.concatenate(parts, axis=-1)
         n_envs = max(1, self.facts["n_envs"])
-        n = np.prod(np.asarray(self.sensors[key]["options"]["probe_local_pos"]).shape[:-1])
+        n = np.prod(np.asarray(self.sensors[key]["options"]["positions"]).shape[:-1])
         return joined.reshape(len(joined), n_envs, -1, n, joined.shape[-1])[:, :, 0]
 
     def history(self, key: str) -> np.ndarray:
@@ -122,13 +123,13 @@ class Case:
 
     def info(self, key: str) -> ReadingInfo:
         given = self.sensors[key]["options"]
-        pos = np.asarray(given["probe_local_pos"], dtype=float)
+        pos = np.asarray(given["positions"], dtype=float)
         scalar = self.sensors[key]["type"] == "ContactDepthProbe"
         u, v = (np.diff(pos, axis=1).reshape(-1, 3).mean(0), np.diff(pos, axis=0).reshape(-1, 3).mean(0))
         return info(
             pos.shape[:2],
             ("scalar",) if scalar else ("force", "torque"),
-            radius=given["probe_radius"],
+            radius=given["radius"],
             spacing=(float(np.linalg.norm(u)), float(np.linalg.norm(v))),
             name=key,
         )

@@ -11,9 +11,9 @@ ADJUSTABLE = (
     "noise",
     "random_walk",
     "resolution",
-    "probe_gain",
+    "gain",
     "dead",
-    "probe_radius_noise",
+    "radius_noise",
     "saturation_range",
 )
 
@@ -33,25 +33,25 @@ def test_adjustable_laws_start_without_effect():
 @pytest.mark.parametrize("setter, value", [("bias", 0.5), ("noise", 0.5), ("random_walk", 0.5), ("resolution", 1.0)])
 def test_setters_touch_only_the_environments_named(setter, value, envs, hit):
     r = rig()
-    getattr(r.chain, f"set_{setter}")(value, envs_idx=envs)
+    getattr(r.chain, f"set_{setter}")(value, envs=envs)
     changed = (r.step(0.3) != 0.3).any(axis=(1, 2))
     assert np.flatnonzero(changed).tolist() == hit
 
 
 def test_values_per_environment_and_per_column():
     r = rig()
-    r.chain.set_bias([1.0, 2.0, 3.0, 4.0], envs_idx=[2])  # four taxels of one environment
-    r.chain.set_bias([[5.0] * 4, [6.0] * 4], envs_idx=[0, 1])
+    r.chain.set_bias([1.0, 2.0, 3.0, 4.0], envs=[2])  # four taxels of one environment
+    r.chain.set_bias([[5.0] * 4, [6.0] * 4], envs=[0, 1])
     np.testing.assert_array_equal(r.step(0.0)[..., 0], [[5] * 4, [6] * 4, [1, 2, 3, 4], [0] * 4])
 
 
 def test_gain_and_death_and_revival():
-    r = rig(probe_gain=1.0)
-    r.chain.set_probe_gain([1.0, 2.0, 3.0, 4.0], envs_idx=[1])
+    r = rig(gain=1.0)
+    r.chain.set_gain([1.0, 2.0, 3.0, 4.0], envs=[1])
     np.testing.assert_array_equal(r.gain.numpy(), [[1] * 4, [1, 2, 3, 4], [1] * 4, [1] * 4])
     r.step(0.25)
-    r.chain.set_dead(2, envs_idx=[0])
-    r.chain.set_dead([0, 1], value=9.0, envs_idx=[3])
+    r.chain.set_dead(2, envs=[0])
+    r.chain.set_dead([0, 1], value=9.0, envs=[3])
     seen = r.step(0.75)[..., 0]
     np.testing.assert_array_equal(seen[0], [0.75, 0.75, 0.25, 0.75])
     np.testing.assert_array_equal(seen[3], [9.0, 9.0, 0.75, 0.75])
@@ -62,9 +62,9 @@ def test_gain_and_death_and_revival():
 
 def test_saturation_and_radius_noise_are_switched_on():
     r = rig()
-    r.chain.set_saturation_range(-1.0, 1.0, envs_idx=[0])
+    r.chain.set_saturation_range(-1.0, 1.0, envs=[0])
     np.testing.assert_array_equal(r.step(3.0)[:2, :, 0], [[1.0] * 4, [3.0] * 4])
-    r.chain.set_probe_radius_noise(1e-3, envs_idx=[2])
+    r.chain.set_radius_noise(1e-3, envs=[2])
     r.step()
     moved = (r.radius.numpy() != 0.002).any(axis=1)
     assert moved.tolist() == [False, False, True, False]
@@ -74,9 +74,9 @@ def test_saturation_and_radius_noise_are_switched_on():
     "call",
     [
         lambda c: c.set_bias(1.0),
-        lambda c: c.set_probe_gain(2.0),
+        lambda c: c.set_gain(2.0),
         lambda c: c.set_dead(0),
-        lambda c: c.set_probe_radius_noise(1e-3),
+        lambda c: c.set_radius_noise(1e-3),
         lambda c: c.dead,
     ],
 )
@@ -91,10 +91,10 @@ def test_what_was_not_built_is_refused_with_the_way_out(call):
         lambda c: c.set_noise(-1.0),
         lambda c: c.set_noise(np.nan),
         lambda c: c.set_bias([1.0, 2.0]),
-        lambda c: c.set_bias(1.0, envs_idx=[4]),
-        lambda c: c.set_bias(1.0, envs_idx=[-1]),
-        lambda c: c.set_probe_gain([1.0, 2.0]),
-        lambda c: c.set_probe_gain(np.inf),
+        lambda c: c.set_bias(1.0, envs=[4]),
+        lambda c: c.set_bias(1.0, envs=[-1]),
+        lambda c: c.set_gain([1.0, 2.0]),
+        lambda c: c.set_gain(np.inf),
         lambda c: c.set_dead(4),
         lambda c: c.set_dead(0, value=np.inf),
         lambda c: c.set_saturation_range(1.0, 0.0),

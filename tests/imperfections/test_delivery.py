@@ -147,7 +147,7 @@ def test_step_counter_beyond_two_to_the_31():
 
 def test_jitter_is_set_per_environment_within_the_room_made():
     rig = Rig(options(delay=2e-3, delay_interpolation="linear", adjustable=("jitter",)), ONE, n_envs=3)
-    rig.chain.set_jitter([0.5e-3, 1e-3], envs_idx=[0, 2])
+    rig.chain.set_jitter([0.5e-3, 1e-3], envs=[0, 2])
     seen = np.array([(k + 1) * 1e-3 - rig.step((k + 1) * 1e-3).ravel() for k in range(300)])[5:] - 2e-3
     np.testing.assert_allclose(seen[:, 1], 0.0, atol=2e-9)
     assert seen[:, 0].max() <= 0.5e-3 + 1e-9 and seen[:, 2].max() > 0.9e-3

@@ -191,7 +191,7 @@ def test_fillers_read_zero_whatever_is_switched_on(real):
         ({"adjustable": ("hysteresis",)}, "hysteresis"),
         ({"history_length": 1.5}, "whole"),
         ({"scan_time": 1e-3, "scan_order": "spiral"}, "spiral"),
-        ({"probe_gain": [1.0, 2.0]}, "probe_gain"),
+        ({"gain": [1.0, 2.0]}, "gain"),
         ({"delay": 1e5}, "readings"),
         ({"delay": 1e9}, "at most 1e+06 s"),
         ({"noise": "loud"}, "noise must be a finite number"),
@@ -210,7 +210,7 @@ def test_options_without_meaning_are_refused_by_name(given, words):
 def test_no_taxel_and_one_taxel(layout, real):
     given = {"noise": 0.1, "delay": 1e-3, "dead_taxel_probability": 0.5, "scan_time": 1e-3}
     if len(layout) == 2:
-        given |= EVERYTHING | {"probe_gain_resample_range": (0.5, 2.0), "probe_radius_noise": 1e-4}
+        given |= EVERYTHING | {"gain_range": (0.5, 2.0), "radius_noise": 1e-4}
     rig = Rig(options(**given), info(layout), real=real)
     for _ in range(4):
         reading = rig.step(1.0)
@@ -222,9 +222,9 @@ def test_a_gain_outside_the_formula_acts_after_hysteresis():
     given = {"hysteresis_strength": 0.5, "bias": 0.25}
     about = info((3,), ("displacement",), gain_inside=False)
     plain = Rig(options(**given), about).run(4, 1.0) - 0.25
-    gained = Rig(options(**given, probe_gain=[1.0, 2.0, 3.0]), about).run(4, 1.0) - 0.25
+    gained = Rig(options(**given, gain=[1.0, 2.0, 3.0]), about).run(4, 1.0) - 0.25
     np.testing.assert_allclose(gained, plain * np.array([1.0, 2.0, 3.0])[:, None], rtol=1e-12)
-    with_backlash = Rig(options(probe_gain=2.0, hysteresis_backlash=0.1), about).step(1.0)
+    with_backlash = Rig(options(gain=2.0, hysteresis_backlash=0.1), about).step(1.0)
     np.testing.assert_allclose(with_backlash, 1.8)
 
 

@@ -61,9 +61,9 @@ def test_rounding(key, real, tolerance):
     """Equal up to readings that a float32 puts on the other side of a half: those are one step of the quantiser off."""
     case = Case("c13")
     quantum = case.sensors[key]["options"]["resolution"]
-    gain = case.sensors[key]["options"].get("probe_gain", 1.0)
+    gain = case.sensors[key]["options"].get("gain", 1.0)
     raw = case.raw("plain") * gain  # a probe's gain multiplies its depth
-    rig = Rig(case.options(key, "probe_gain"), case.info(key), real=real, dt=case.facts["dt"])
+    rig = Rig(case.options(key, "gain"), case.info(key), real=real, dt=case.facts["dt"])
     got, expected = replay(rig, raw, case.facts["events"]), case.raw(key)
     exact = (raw + case.sensors[key]["options"].get("bias", 0.0)) / quantum
     clear = np.abs(exact - np.floor(exact) - 0.5) > (1e-4 if real is wp.float32 else 1e-12)
@@ -130,7 +130,7 @@ def test_draws_at_a_reset_follow_the_reference():
         our_change = (ours[0] != ours[1]).any(axis=1)
         np.testing.assert_array_equal(our_change, their_change)
         np.testing.assert_array_equal(our_change, [False, True, False])
-    low, high = case.sensors["depth"]["options"]["probe_gain_resample_range"]
+    low, high = case.sensors["depth"]["options"]["gain_range"]
     gains = np.concatenate([before[0].ravel(), after[0][1]])
     assert low <= gains.min() and gains.max() <= high
     dead = np.isfinite(after[1])
@@ -162,7 +162,7 @@ def test_radius_noise_has_the_reference_statistics():
     from scipy.stats import ks_2samp, kstest
 
     case = Case("c18")
-    half = case.sensors["rnoise"]["options"]["probe_radius_noise"]
+    half = case.sensors["rnoise"]["options"]["radius_noise"]
     theirs = (case.raw("rnoise") - case.raw("plain")).ravel()
     rig = Rig(case.options("rnoise"), case.info("rnoise"), dt=case.facts["dt"])
     ours = np.empty((400, 16))

@@ -6,6 +6,7 @@ indenter is held far away, so that both start from the same raw readings.
 
 import functools
 import json
+from typing import Any
 
 import numpy as np
 import pytest
@@ -36,13 +37,13 @@ def recorded(name: str) -> tuple[dict, dict]:
 def replayed(name: str, dtype: str) -> dict[str, list]:
     """Our readings, ``{key: [reading per step]}``, of all sensors of a case in one scene."""
     arrays, facts = recorded(name)
-    scene = tt.Scene(dt=facts["dt"], convention="genesis")
+    scene: Any = tt.Scene(dt=facts["dt"], convention="genesis", names="genesis")
     pad = scene.add_body(tt.Box(size=(0.08, 0.08, 0.02)), name="pad")
     ball = scene.add_body(tt.Sphere(radius=0.02), name="ball")
     sensors = {}
     for key, sensor in facts["sensors"].items():
         options = {k: v for k, v in sensor["options"].items() if k != "ent"}
-        sensors[key] = scene.add_sensor(from_flat(getattr(tt, sensor["type"]), options), link=pad, name=key)
+        sensors[key] = scene.add_sensor(getattr(tt, sensor["type"]), link=pad, name=key, **options)
     sim = scene.build(dtype=dtype)
     resets = {event["step"] for event in facts["events"]}
     readings = {key: [] for key in sensors}
@@ -103,7 +104,7 @@ def test_history_of_the_truth_is_not_delayed():
     pad = scene.add_body(tt.Box(size=(0.08, 0.08, 0.02)), fixed=True)
     ball = scene.add_body(tt.Sphere(radius=0.02))
     positions = facts["sensors"]["hist"]["options"]["probe_local_pos"]
-    given = {"probe_local_pos": positions, "probe_radius": 0.003, "history_length": 3, "delay": 2e-3}
+    given = {"positions": positions, "radius": 0.003, "history_length": 3, "delay": 2e-3}
     skin = scene.add_sensor(from_flat(tt.ContactDepthProbe, given), link=pad)
     sim = scene.build()
     for k in range(8):
@@ -123,20 +124,18 @@ def test_setters_of_a_sensor_in_a_batch():
     scene = tt.Scene()
     pad = scene.add_body(tt.Box(size=(0.08, 0.08, 0.02)), fixed=True)
     scene.add_body(tt.Sphere(radius=0.01), position=(0.0, 0.0, 1.0))
-    skin = scene.add_sensor(
-        tt.ContactDepthProbe(adjustable=("bias", "noise", "dead", "probe_gain", "resolution")), link=pad
-    )
+    skin = scene.add_sensor(tt.ContactDepthProbe(adjustable=("bias", "noise", "dead", "gain", "resolution")), link=pad)
     with pytest.raises(tt.TactemuError, match="build"):
         skin.set_bias(1.0)
     sim = scene.build(n_envs=4)
-    skin.set_bias(0.5, envs_idx=[1, 3])
-    skin.set_noise(0.1, envs_idx=[3])
-    skin.set_dead(0, value=7.0, envs_idx=[2])
+    skin.set_bias(0.5, envs=[1, 3])
+    skin.set_noise(0.1, envs=[3])
+    skin.set_dead(0, value=7.0, envs=[2])
     sim.step()
     reading = skin.read().ravel()
     np.testing.assert_allclose(reading[:3], [0.0, 0.5, 7.0])
     assert reading[3] != 0.5
-    skin.set_probe_gain(2.0)
+    skin.set_gain(2.0)
     skin.set_resolution(1.0)
     sim.step()
     assert skin.read().ravel()[1] == 0.0  # half to even

@@ -12,9 +12,9 @@ RANDOM = {
     "noise": {"noise": 0.1},
     "walk": {"random_walk": 0.1},
     "dead": {"dead_taxel_probability": 0.3, "dead_taxel_value_range": (1.0, 2.0)},
-    "gain": {"probe_gain_resample_range": (0.5, 2.0)},
+    "gain": {"gain_range": (0.5, 2.0)},
     "jitter": {"delay": 2e-3, "jitter": 1e-3, "delay_interpolation": "linear"},
-    "radius": {"probe_radius_noise": 1e-4},
+    "radius": {"radius_noise": 1e-4},
 }
 
 
@@ -46,9 +46,9 @@ def test_nothing_switched_on_is_nothing_built():
         ({"delay": 1e-3}, ["delay"]),
         ({"jitter": 1e-3}, ["delay"]),
         ({"history_length": 3}, ["history"]),
-        ({"probe_gain": 2.0}, []),
-        ({"probe_gain_resample_range": (1.0, 2.0)}, ["gain"]),
-        ({"probe_radius_noise": 1e-3}, ["radius_noise"]),
+        ({"gain": 2.0}, []),
+        ({"gain_range": (1.0, 2.0)}, ["gain"]),
+        ({"radius_noise": 1e-3}, ["radius_noise"]),
         ({"scan_time": 1e-3}, ["scan"]),
         ({"crosstalk_kernel": [[1.0]]}, ["crosstalk"]),
         ({"hysteresis_tau": 5.0, "creep_tau": 5.0, "random_walk_tau": 5.0, "temperature_course": [(0, 60)]}, []),
@@ -60,7 +60,7 @@ def test_only_what_is_switched_on_is_built_and_elementwise_laws_share_a_kernel(g
 
 @pytest.mark.parametrize("real", [wp.float32, wp.float64])
 def test_same_seed_same_bytes(real):
-    given = EVERYTHING | {"probe_radius_noise": 1e-4, "probe_gain_resample_range": (0.5, 2.0)}
+    given = EVERYTHING | {"radius_noise": 1e-4, "gain_range": (0.5, 2.0)}
     first, second, other = (outcome(Rig(options(**given), ABOUT, n_envs=3, real=real, seed=s)) for s in (7, 7, 8))
     assert first.tobytes() == second.tobytes()
     assert first.tobytes() != other.tobytes()
@@ -101,7 +101,7 @@ def test_sensors_have_streams_of_their_own():
 
 
 def test_a_reset_of_one_environment_leaves_the_others_to_the_bit():
-    given = EVERYTHING | {"probe_gain_resample_range": (0.5, 2.0)}
+    given = EVERYTHING | {"gain_range": (0.5, 2.0)}
     calm, struck = (Rig(options(**given), ABOUT, n_envs=3) for _ in range(2))
     for k in range(20):
         if k == 9:
@@ -129,7 +129,7 @@ def test_a_new_episode_draws_anew_though_its_steps_are_counted_from_the_start(la
 def test_gains_after_many_resets_are_uniform():
     from scipy.stats import kstest
 
-    rig = Rig(options(probe_gain_resample_range=(0.5, 2.0)), info((1000,)), n_envs=10)
+    rig = Rig(options(gain_range=(0.5, 2.0)), info((1000,)), n_envs=10)
     sample = []
     for _ in range(10):
         sample.append(rig.gain.numpy().copy())

@@ -24,7 +24,7 @@ ONCE_WRONG = [
     ("kinematic", "scenario.0.set.noise", "[]"),
     ("kinematic_ray", "skin.0.options.crosstalk_kernel.0", "0"),
     ("kinematic_ray", "skin.0.options.scan_order.1", "[]"),
-    ("kinematic_ray", "skin.0.options.probe_radius", "1e308"),
+    ("kinematic_ray", "skin.0.options.radius", "1e308"),
     ("layer", "skin.0.options.oversampling", "1e308"),
     ("magnetic", "skin.0.transducer.0.kind", "[]"),
     ("magnetic", "skin.0.transducer.0.last", "1e308"),

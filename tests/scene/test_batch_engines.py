@@ -87,7 +87,7 @@ def test_poses_of_mujoco_warp(file):
     scene = tt.Scene()
     source = tt.MujocoSource(scene, model)
     carriers = [source.geom(name) for name in BODIES]
-    scene.add_sensor(tt.KinematicTaxel(probe_local_pos=LINE, normal_damping=1.0), link=carriers[0])
+    scene.add_sensor(tt.KinematicTaxel(positions=LINE, normal_damping=1.0), link=carriers[0])
     sim = scene.build(N_ENVS)
     data = mujoco_warp.make_data(model, nworld=N_ENVS)
     for array, values in zip((data.qpos, data.qvel), states(model)):
@@ -110,7 +110,7 @@ def test_poses_of_newton(file):
     scene = tt.Scene()
     source = tt.NewtonSource(scene, theirs)
     carriers = [source.shape(name) for name in BODIES]
-    scene.add_sensor(tt.KinematicTaxel(probe_local_pos=LINE, normal_damping=1.0), link=carriers[0])
+    scene.add_sensor(tt.KinematicTaxel(positions=LINE, normal_damping=1.0), link=carriers[0])
     sim = scene.build(N_ENVS)
     state, model = theirs.state(), mujoco.MjModel.from_xml_path(str(file))
     q, qd = as_newton(model, *states(model))
@@ -147,7 +147,7 @@ def held(drop, kind: str, n_envs: int | None = N_ENVS):
     """A ball that falls on a skin on the floor: ``(engine, sim, skin)``."""
     scene = tt.Scene(dt=4e-3)
     engine = ENGINES[kind](scene, drop)
-    model = tt.KinematicTaxel(probe_local_pos=LINE, probe_radius=5e-3)
+    model = tt.KinematicTaxel(positions=LINE, radius=5e-3)
     skin = scene.add_sensor(model, link=engine.body_of("floor", "skin"))
     return engine, scene.build(n_envs), skin
 
@@ -191,7 +191,7 @@ def hand(kind: str, device: str = "cpu"):
     engine = ENGINES[kind](scene, HAND)
     pad = np.stack([*np.meshgrid(np.linspace(-5e-3, 5e-3, 6), np.linspace(-8e-3, 8e-3, 6)), np.full((6, 6), 4e-3)], -1)
     felt = (engine.source.body_of("object").index,)
-    model = tt.KinematicTaxel(probe_local_pos=pad, probe_radius=1.5e-3, normal_stiffness=200.0, track_link_idx=felt)
+    model = tt.KinematicTaxel(positions=pad, radius=1.5e-3, normal_stiffness=200.0, sense=felt)
     skins = [scene.add_sensor(model, link=engine.source.body_of(tip)) for tip in ("index_tip", "thumb_tip")]
     sim = scene.build(2, device=device)
     if kind == "newton":
@@ -243,7 +243,7 @@ def test_contacts_for_which_there_is_no_room_are_said(tmp_path, kind, caplog):
     for nconmax, njmax, said in ((8, 64, []), (2, 64, ["contacts"]), (8, 6, ["constraints"])):
         scene = tt.Scene(dt=4e-3)
         engine = ENGINES[kind](scene, path, table(kind=kind, file="balls.xml", nconmax=nconmax, njmax=njmax))
-        scene.add_sensor(tt.ContactDepthProbe(probe_local_pos=LINE), link=engine.body_of("floor", "skin"))
+        scene.add_sensor(tt.ContactDepthProbe(positions=LINE), link=engine.body_of("floor", "skin"))
         sim = scene.build(2)
         caplog.clear()
         for _ in range(20):
@@ -313,7 +313,7 @@ def test_bodies_start_where_each_environment_has_them(drop, kind):
     scene = tt.Scene(dt=4e-3)
     engine = ENGINES[kind](scene, drop)
     engine.starts = {"ball": (places, turns)}
-    scene.add_sensor(tt.ContactDepthProbe(probe_local_pos=LINE), link=engine.body_of("floor", "skin"))
+    scene.add_sensor(tt.ContactDepthProbe(positions=LINE), link=engine.body_of("floor", "skin"))
     sim = scene.build(2, first_env=3)
     ball = next(body for body in engine.bodies if body.name == "ball")
 
@@ -342,7 +342,7 @@ def test_a_model_that_blows_up_is_said(file):
     model = mujoco.MjModel.from_xml_path(str(file))
     scene = tt.Scene()
     source = tt.MujocoSource(scene, model)
-    skin = scene.add_sensor(tt.ContactDepthProbe(probe_local_pos=LINE), link=source.geom("palm"))
+    skin = scene.add_sensor(tt.ContactDepthProbe(positions=LINE), link=source.geom("palm"))
     sim = scene.build(N_ENVS)
     data = mujoco_warp.make_data(model, nworld=N_ENVS)
     source.bind(sim, data)

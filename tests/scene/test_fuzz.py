@@ -30,7 +30,7 @@ SCENE = {
         {
             "name": "tip", "device": "linker_hand_o6", "device_options": {"side": "left"}, "link": "pad",
             "position": [0, 0, 0.01], "quaternion": [1, 0, 0, 0], "model": "kinematic_taxel", "embed": 0.001,
-            "options": {"normal_stiffness": 400.0, "noise": 0.1, "probe_radius": 0.001}, "port": "memory:",
+            "options": {"normal_stiffness": 400.0, "noise": 0.1, "radius": 0.001}, "port": "memory:",
             "rate_hz": 100.0, "clock": {"delay_s": 0.001, "jitter_s": 0.0, "skew_ppm": 1.0}, "faults": ["drop 1%"],
         },
     ],

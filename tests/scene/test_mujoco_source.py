@@ -59,7 +59,7 @@ def test_reads_what_the_same_scene_posed_by_hand_reads(model):
 
     scene = tt.Scene()
     source = tt.MujocoSource(scene, model)
-    options = {"probe_local_pos": LINE, "probe_radius": 1e-3, "normal_damping": 5.0}
+    options = {"positions": LINE, "radius": 1e-3, "normal_damping": 5.0}
     skin = scene.add_sensor(tt.KinematicTaxel(**options), link=source.geom("top"))
     sim = scene.build()
     source.update(sim, data)
@@ -119,7 +119,7 @@ def test_every_kind_of_geom_has_its_shape(model, geom, point, depth):
     source = tt.MujocoSource(scene, model)
     link = scene.add_body(name="probe")
     probe = scene.add_sensor(
-        tt.ContactDepthProbe(probe_local_pos=[[0, 0, 0]], probe_radius=1e-3, track_link_idx=source.geom(geom)),
+        tt.ContactDepthProbe(positions=[[0, 0, 0]], radius=1e-3, sense=source.geom(geom)),
         link=link,
     )
     sim = scene.build()
@@ -138,9 +138,7 @@ def test_a_mesh_lies_where_mujoco_has_it(model):
     source = tt.MujocoSource(scene, model)
     link = scene.add_body(name="probe")
     stone = source.geom("stone")
-    probe = scene.add_sensor(
-        tt.ContactDepthProbe(probe_local_pos=[[0, 0, 0]], probe_radius=1e-3, track_link_idx=stone), link=link
-    )
+    probe = scene.add_sensor(tt.ContactDepthProbe(positions=[[0, 0, 0]], radius=1e-3, sense=stone), link=link)
     sim = scene.build()
     source.update(sim, data)
     corner = data.body("extras").xpos + np.array([0.3, 0, 0])
@@ -161,7 +159,7 @@ def test_a_ball_at_rest_on_the_pad_presses_down():
     scene = tt.Scene(dt=model.opt.timestep)
     source = tt.MujocoSource(scene, model)
     grid = np.stack([*np.meshgrid(np.linspace(-4e-3, 4e-3, 9), np.linspace(-4e-3, 4e-3, 9)), np.full((9, 9), 0.01)], -1)
-    model_options = {"probe_local_pos": grid, "probe_radius": 2e-4, "normal_damping": 0.0}
+    model_options = {"positions": grid, "radius": 2e-4, "normal_damping": 0.0}
     skin = scene.add_sensor(tt.KinematicTaxel(**model_options, shear_scalar=0.0), link=source.geom("pad"))
     sim = scene.build()
     for _ in range(400):
@@ -179,7 +177,7 @@ def test_one_data_per_environment(model):
     scene = tt.Scene()
     source = tt.MujocoSource(scene, model, geoms=["ball"])
     link = source.link("pad")
-    skin = scene.add_sensor(tt.ContactDepthProbe(probe_local_pos=[[0, 0, 0]], probe_radius=1e-3), link=link)
+    skin = scene.add_sensor(tt.ContactDepthProbe(positions=[[0, 0, 0]], radius=1e-3), link=link)
     sim = scene.build(3)
     ball = model.joint(1).qposadr[0]
     for depth, data in zip((0.0, 1e-3, 2e-3), datas):

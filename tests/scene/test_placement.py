@@ -66,7 +66,7 @@ def placed(turn=(1.0, 0.0, 0.0, 0.0), motion=None, **options):
     pad = scene.add_body(tt.Box(size=(0.04, 0.04, 0.04)), motion=motion)
     scene.add_body(tt.Sphere(radius=0.01))
     positions = grid_layout(4, 4, 0.004).positions
-    model = from_flat(tt.KinematicTaxel, {"probe_local_pos": positions, **options})
+    model = from_flat(tt.KinematicTaxel, {"positions": positions, **options})
     return on_link(scene.add_sensor(model, link=pad), turn)
 
 

@@ -2,11 +2,11 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 import tactemu as tt
-from tactemu.base.option_groups import from_flat
 
 DATA = Path(__file__).parents[1] / "data" / "genesis"
 NOT_OURS = {"ent"}
@@ -31,19 +31,20 @@ class Case:
         )
 
     def options(self, key: str) -> dict:
-        return {k: v for k, v in self.meta["sensors"][key]["options"].items() if k not in NOT_OURS}
+        given = self.meta["sensors"][key]["options"]
+        return {k: v for k, v in given.items() if k not in NOT_OURS}
 
     def replay(self, shape, keys, dtype: str, device: str = "cpu", gated: bool = False, convention="genesis", **extra):
         """Readings of the sensors ``keys`` when ``shape`` is pressed into the pad: ``{key: {branch: (T, ...)}}``.
 
         ``gated``: the object is taken away on steps on which Genesis's contact list is empty.
         """
-        scene = tt.Scene(dt=self.meta["dt"], convention=convention)
+        scene: Any = tt.Scene(dt=self.meta["dt"], convention=convention, names="genesis")
         pad, indenter = scene.add_body(name="pad"), scene.add_body(shape, name="indenter")
         sensors = {}
         for key in keys:
             model = getattr(tt, self.meta["sensors"][key]["type"])
-            sensors[key] = scene.add_sensor(from_flat(model, self.options(key) | extra), link=pad, name=key)
+            sensors[key] = scene.add_sensor(model, entity_idx=pad.index, name=key, **self.options(key) | extra)
         sim = scene.build(n_envs=self.n_envs if self.batched else None, dtype=dtype, device=device)
         readings = {key: {"": [], "_gt": []} for key in keys}
         resets = {event["step"]: [1] if "envs_idx" in event["event"] else None for event in self.meta["events"]}

@@ -16,7 +16,7 @@ def scene_with(shape, model, *, link_shape=None, n_envs=None, dtype="float32", *
 
 def depth_of(shape, points, radius, *, position=(0, 0, 0), quaternion=(1, 0, 0, 0), dtype="float32", **options):
     """What depth probes of this radius read at ``points`` in the body's pose given."""
-    model = tt.ContactDepthProbe(probe_local_pos=np.asarray(points, float), probe_radius=radius, **options)
+    model = tt.ContactDepthProbe(positions=np.asarray(points, float), radius=radius, **options)
     sim, body, sensor = scene_with(shape, model, dtype=dtype)
     sim.set_pose(body, position=position, quaternion=quaternion)
     sim.step()

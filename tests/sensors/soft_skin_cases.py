@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 import tactemu as tt
-from tactemu.base.option_groups import from_flat
 
 DATA = Path(__file__).parents[1] / "data" / "soft_skin"
 
@@ -44,8 +44,8 @@ class Case:
             return tt.VoxelGrid(values=d[f"grid{index}"], origin=d[f"grid_origin{index}"], cell=d[f"grid_cell{index}"])
         return tt.Sphere(radius=body["size"][0]) if body["kind"] == "sphere" else tt.Box(size=body["size"])
 
-    def model(self, sensor: dict, **changes):
-        """The sensor with the options recorded."""
+    def options(self, sensor: dict) -> dict[str, Any]:
+        """The options recorded of a sensor, in Genesis's words."""
         key = sensor["key"]
         options = dict(sensor["options"])
         options.pop("use_visual_mesh", None)  # a body has one surface here
@@ -54,13 +54,16 @@ class Case:
                 options[name] = self.data[f"{key}__{name}"]
         if sensor["clouds"]:
             options["points"] = [self.data[cloud] for cloud in sensor["clouds"]]
-        return from_flat(getattr(tt, sensor["type"]), options | changes)
+        return options
 
     def build(self, dtype: str, device: str = "cpu", convention="genesis", **changes):
-        scene = tt.Scene(dt=self.meta["dt"], convention=convention)
+        scene: Any = tt.Scene(dt=self.meta["dt"], convention=convention, names="genesis")
         for index in range(len(self.meta["bodies"])):
             scene.add_body(self.shape(index), name=f"body{index}")
-        handles = {s["key"]: scene.add_sensor(self.model(s, **changes), link=0) for s in self.meta["sensors"]}
+        handles = {
+            s["key"]: scene.add_sensor(getattr(tt, s["type"]), entity_idx=0, **self.options(s) | changes)
+            for s in self.meta["sensors"]
+        }
         sim = scene.build(n_envs=self.meta["n_envs"] or None, device=device, dtype=dtype)
         return sim, handles
 

@@ -10,7 +10,7 @@ from tactemu.sensors.probes.blocks import Blocks
 from tests.sensors.rig import scene_with
 
 GRID = np.stack([*np.meshgrid(np.linspace(-8e-3, 8e-3, 6), np.linspace(-8e-3, 8e-3, 5)), np.zeros((5, 6))], -1)
-KINEMATIC = {"probe_local_pos": GRID, "probe_radius": 2e-3}
+KINEMATIC = {"positions": GRID, "radius": 2e-3}
 
 
 def random_poses(n, seed=0):
@@ -188,7 +188,7 @@ def test_reset_puts_bodies_back_and_readings_to_zero():
     scene = tt.Scene(dt=1e-3)
     link = scene.add_body(fixed=True)
     ball = scene.add_body(tt.Sphere(radius=0.01), position=(0, 0, 0.009))
-    skin = scene.add_sensor(tt.ContactDepthProbe(probe_local_pos=[[0, 0, 0]], probe_radius=1e-3), link=link)
+    skin = scene.add_sensor(tt.ContactDepthProbe(positions=[[0, 0, 0]], radius=1e-3), link=link)
     sim = scene.build(2)
     sim.step()
     start = skin.read()
@@ -224,7 +224,7 @@ def test_motions_move_bodies_from_where_they_were_put():
     scene.add_body(
         tt.Sphere(radius=0.01), position=(0, 0, 0.012), motion=tt.FromFunction(function=lambda t: (0, 0, -2.0 * t))
     )
-    model = tt.KinematicTaxel(probe_local_pos=[[0, 0, 0]], probe_radius=1e-3, normal_stiffness=0.0, normal_damping=1.0)
+    model = tt.KinematicTaxel(positions=[[0, 0, 0]], radius=1e-3, normal_stiffness=0.0, normal_damping=1.0)
     skin = scene.add_sensor(model, link=link)
     sim = scene.build()
     for _ in range(3):

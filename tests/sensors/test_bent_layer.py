@@ -41,7 +41,7 @@ def pressed(places, normals, shape, height, quaternion=(1, 0, 0, 0), **options):
     link = scene.add_body(None, name="pad", fixed=True)
     body = scene.add_body(shape, name="body", position=(0, 0, 1))
     model = tt.ElasticLayerTaxel(
-        probe_local_pos=places, probe_local_normal=normals, probe_radius=5e-4, young_modulus=YOUNG, thickness=THICK,
+        positions=places, normals=normals, radius=5e-4, young_modulus=YOUNG, thickness=THICK,
         iterations=200, tolerance=1e-4, **{"friction": 0.0, "displacement": False, **options},
     )  # fmt: skip
     skin = scene.add_sensor(model, link=link)

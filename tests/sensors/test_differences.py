@@ -19,7 +19,7 @@ def test_depth_goes_on_beyond_the_radius():
         for query in ("sdf", "raycast", "ray", "voxel"):
             ours = depth_of(
                 tt.Sphere(radius=20 * MM), [[0, 0, 0]], 2 * MM, position=(0, 0, (20 - indentation) * MM),
-                contact_depth_query=query,
+                depth_query=query,
             )[0]  # fmt: skip
             assert ours / MM == pytest.approx(2 + indentation, abs=1e-4)
             assert (abs(ours / MM - theirs) < 0.01) == (indentation < 2)
@@ -52,9 +52,7 @@ def test_depth_does_not_end_at_a_grid():
     theirs = np.where(x < 13, exact, 0.0)
     points = np.stack([x * MM, 0 * x, 0 * x], -1)
     for query, tolerance in (("sdf", 2e-6), ("raycast", 2e-6), ("voxel", 0.1)):
-        ours = depth_of(
-            tt.Box(size=(20 * MM,) * 3), points, 10 * MM, position=(0, 0, 9.9 * MM), contact_depth_query=query
-        )
+        ours = depth_of(tt.Box(size=(20 * MM,) * 3), points, 10 * MM, position=(0, 0, 9.9 * MM), depth_query=query)
         assert np.abs(ours / MM - exact)[np.arange(21) != 10].max() < tolerance
         assert np.abs(ours / MM - theirs).max() > 6.9
 
@@ -80,7 +78,7 @@ def test_no_gate_jumps_at_first_touch():
 
 def test_no_reading_lags_a_step():
     """Quirk 4: its contact list is a step old, so a ball that is 1.5 mm inside still reads 0."""
-    model = tt.ContactDepthProbe(probe_local_pos=[[0, 0, 0]], probe_radius=2 * MM)
+    model = tt.ContactDepthProbe(positions=[[0, 0, 0]], radius=2 * MM)
     sim, ball, skin = scene_with(tt.Sphere(radius=20 * MM), model)
     for gap, theirs in ((-1.5, 0.0), (-3.5, 5.5), (-5.5, 7.5)):
         sim.set_pose(ball, position=(0, 0, (20 + gap) * MM), linear_velocity=(0, 0, -0.2))
@@ -94,7 +92,7 @@ def test_speed_hides_no_probe():
     """Quirk 4: its boxes for culling are a step old; at 0.4 m/s a box loses its two leading probes."""
     x = np.linspace(-10, 10, 21) * MM
     points = np.stack([x, 0 * x, 0 * x], -1)
-    model = tt.ContactDepthProbe(probe_local_pos=points, probe_radius=1e-6)
+    model = tt.ContactDepthProbe(positions=points, radius=1e-6)
     sim, box, skin = scene_with(tt.Box(size=(9 * MM,) * 3), model)
     readings = []
     for speed in (0.0, 0.4):
@@ -109,7 +107,7 @@ def test_two_fixed_bodies_touch():
     scene = tt.Scene()
     pad = scene.add_body(tt.Box(size=(0.08, 0.08, 0.02)), fixed=True)
     scene.add_body(tt.Sphere(radius=0.02), fixed=True, position=(0, 0, 0.027))
-    skin = scene.add_sensor(tt.ContactDepthProbe(probe_local_pos=[[0, 0, 0.01]], probe_radius=2 * MM), link=pad)
+    skin = scene.add_sensor(tt.ContactDepthProbe(positions=[[0, 0, 0.01]], radius=2 * MM), link=pad)
     scene.build().step()
     assert skin.read()[0] == pytest.approx(5 * MM, abs=1e-8)
 
@@ -121,16 +119,18 @@ def test_a_thin_blade_goes_on_getting_deeper():
     for pressed, theirs in nearest_surface.items():
         where = {"position": (0, 0, (10 - pressed) * MM)}
         sdf = depth_of(blade, [[0, 0, 0]], 2 * MM, **where)[0] / MM - 2
-        ray = depth_of(blade, [[0, 0, 0]], 2 * MM, **where, contact_depth_query="ray")[0] / MM - 2
+        ray = depth_of(blade, [[0, 0, 0]], 2 * MM, **where, depth_query="ray")[0] / MM - 2
         assert sdf == pytest.approx(theirs, abs=1e-4)
         assert ray == pytest.approx(pressed, abs=1e-4)
 
 
 def test_offsets_move_the_probes():
     """Quirk 10: pos_offset and euler_offset change nothing in Genesis."""
-    offset = {"pos_offset": (10 * MM, 0, 0), "euler_offset": (0, 0, 90)}
     points = np.array([[5 * MM, 0, 0], [0, 0, 0]])
-    moved = depth_of(tt.Sphere(radius=20 * MM), points, 2 * MM, position=(0, 0, 20 * MM), **offset)
+    model = tt.ContactDepthProbe(positions=points, radius=2 * MM, position=(10 * MM, 0, 0), quaternion=(1, 0, 0, 1))
+    sim, _ball, skin = scene_with(tt.Sphere(radius=20 * MM), model, position=(0, 0, 20 * MM))
+    sim.step()
+    moved = skin.read()
     by_hand = depth_of(
         tt.Sphere(radius=20 * MM), [[10 * MM, 5 * MM, 0], [10 * MM, 0, 0]], 2 * MM, position=(0, 0, 20 * MM)
     )
@@ -140,7 +140,7 @@ def test_offsets_move_the_probes():
 
 def test_shear_acts_on_the_skin():
     """Quirk 16: its shear force acts on the object, its normal force on the skin."""
-    options = {"probe_local_pos": [[0, 0, 0]], "probe_radius": 2 * MM, "shear_scalar": 1.0}
+    options = {"positions": [[0, 0, 0]], "radius": 2 * MM, "shear_scalar": 1.0}
     forces = []
     for convention in ("genesis", "skin"):
         sim, ball, skin = scene_with(tt.Sphere(radius=0.02), tt.KinematicTaxel(**options, convention=convention))

@@ -50,9 +50,9 @@ def test_other_sensors_change_nothing():
         scene = tt.Scene()
         pad = scene.add_body(tt.Box(size=(0.08, 0.08, 0.02)))
         scene.add_body(tt.Sphere(radius=0.015), position=(0.0, 0.0, TOP + 0.0135))
-        skin = scene.add_sensor(tt.ElastomerTaxel(probe_local_pos=grid(9, 9), **options), link=pad)
+        skin = scene.add_sensor(tt.ElastomerTaxel(positions=grid(9, 9), **options), link=pad)
         for _ in range(neighbours):
-            scene.add_sensor(tt.ElastomerTaxel(probe_local_pos=grid(40, 40, du=1e-3), **options), link=pad)
+            scene.add_sensor(tt.ElastomerTaxel(positions=grid(40, 40, du=1e-3), **options), link=pad)
         sim = scene.build(dtype="float64")
         sim.step()
         readings.append(skin.read())
@@ -98,15 +98,15 @@ def test_a_stuck_point_never_slips():
 
 def test_radius_and_its_noise_mean_nothing_to_an_elastomer():
     positions = grid(6, 6)
-    noisy = {"probe_radius": 0.02, "imperfections": tt.ImperfectionOptions(probe_radius_noise=0.01)}
-    assert np.array_equal(press(positions, probe_radius=1e-4), press(positions, **noisy))
+    noisy = {"radius": 0.02, "imperfections": tt.ImperfectionOptions(radius_noise=0.01)}
+    assert np.array_equal(press(positions, radius=1e-4), press(positions, **noisy))
 
 
 def test_two_fixed_bodies_are_felt():
     scene = tt.Scene()
     pad = scene.add_body(tt.Box(size=(0.08, 0.08, 0.02)), fixed=True)
     scene.add_body(tt.Sphere(radius=0.015), fixed=True, position=(0, 0, TOP + 0.012))
-    skin = scene.add_sensor(tt.ElastomerTaxel(probe_local_pos=grid(8, 8)), link=pad)
+    skin = scene.add_sensor(tt.ElastomerTaxel(positions=grid(8, 8)), link=pad)
     sim = scene.build()
     sim.step()
     assert skin.read().any()

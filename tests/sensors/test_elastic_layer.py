@@ -21,7 +21,7 @@ def scene_with(shape, *, positions=None, build=None, quaternion=(1, 0, 0, 0), **
     body = scene.add_body(shape, name="object", position=(0, 0, 1.0), quaternion=quaternion)
     positions = grid(24, 32, 5e-4) if positions is None else positions
     options = {"young_modulus": 1e5, "poisson_ratio": 0.49, "thickness": 4e-3, "friction": 0.0, **options}
-    skin = scene.add_sensor(tt.ElasticLayerTaxel(probe_local_pos=positions, **options), link=pad)
+    skin = scene.add_sensor(tt.ElasticLayerTaxel(positions=positions, **options), link=pad)
     return scene.build(**(build or {})), body, skin
 
 
@@ -105,7 +105,7 @@ def test_forces_are_in_the_links_frame():
     ball = scene.add_body(tt.Sphere(radius=5e-3), position=(1, 0, 0))
     y, z = np.meshgrid((np.arange(20) - 9.5) * 5e-4, (np.arange(20) - 9.5) * 5e-4)
     positions = np.stack([np.zeros_like(y), y, z], -1)
-    model = tt.ElasticLayerTaxel(probe_local_pos=positions, probe_local_normal=(1, 0, 0), friction=0.3)
+    model = tt.ElasticLayerTaxel(positions=positions, normals=(1, 0, 0), friction=0.3)
     skin = scene.add_sensor(model, link=pad)
     sim = scene.build()
     for k in range(12):
@@ -179,7 +179,7 @@ def test_far_bodies_and_bodies_behind_the_pad_are_not_felt():
 def test_fillers_are_no_skin():
     radius = np.full((24, 32), 1e-3)
     radius[10:14, :16] = 0.0
-    sim, ball, skin = scene_with(tt.Sphere(radius=5e-3), probe_radius=radius)
+    sim, ball, skin = scene_with(tt.Sphere(radius=5e-3), radius=radius)
     reading = press(sim, ball, skin, 4.5e-3)
     assert not reading.force[10:14, :16].any() and reading.force[10:14, 16:].any()
 
@@ -232,7 +232,7 @@ def test_float64_scene():
         ("oversampling", 0),
         ("tolerance", 0.0),
         ("look_depth", 0.0),
-        ("contact_depth_query", "sdf"),
+        ("depth_query", "sdf"),
     ],
 )
 def test_wrong_options_are_named(option, value):
@@ -288,7 +288,7 @@ def test_two_pads_are_two_layers():
         pad = scene.add_body(None, name="pad", fixed=True)
         scene.add_body(tt.Sphere(radius=6e-3), position=(1e-3, 0, TOP + 5.6e-3))
         scene.add_body(tt.Box(size=(4e-3, 4e-3, 4e-3)), position=(0, 1e-3, -TOP - 1.8e-3))
-        model = tt.ElasticLayerTaxel(probe_local_pos=positions, probe_local_normal=normals, look_depth=2e-3)
+        model = tt.ElasticLayerTaxel(positions=positions, normals=normals, look_depth=2e-3)
         skin = scene.add_sensor(model, link=pad)
         sim = scene.build()
         sim.step()
@@ -332,13 +332,13 @@ def bent(radius, shared_normal=False):
 def test_a_bent_skin_with_other_normals_is_refused_and_not_cut_into_strips(radius):
     positions, normals = bent(radius, shared_normal=True)
     with pytest.raises(SceneError, match=r"bent surface.*bend radius of \d+ m on"):
-        scene_with(tt.Sphere(radius=5e-3), positions=positions, probe_local_normal=normals)
+        scene_with(tt.Sphere(radius=5e-3), positions=positions, normals=normals)
 
 
 def test_from_the_radius_that_is_named_on_a_bent_skin_reads_as_a_flat_one():
     forces = []
     for positions, normals in (bent(50.0), (grid(12, 16, 1e-3), (0, 0, 1))):
-        sim, ball, skin = scene_with(tt.Sphere(radius=5e-3), positions=positions, probe_local_normal=normals)
+        sim, ball, skin = scene_with(tt.Sphere(radius=5e-3), positions=positions, normals=normals)
         forces.append(press(sim, ball, skin, 4.5e-3, x=4e-3).force)
     assert np.abs(forces[0] - forces[1]).max() < 5e-3 * np.abs(forces[1]).max()
 
@@ -348,7 +348,7 @@ def test_faces_that_meet_at_an_edge_are_pads_of_their_own():
     side = np.column_stack([np.full(64, 4.5e-3 + 5e-4), top[:, 1], TOP - 5e-4 - (top[:, 0] + 3.5e-3)])
     normals = np.repeat([(0, 0, 1.0), (1.0, 0, 0)], 64, axis=0)
     positions = np.concatenate([top, side])
-    sim, ball, skin = scene_with(tt.Sphere(radius=5e-3), positions=positions, probe_local_normal=normals)
+    sim, ball, skin = scene_with(tt.Sphere(radius=5e-3), positions=positions, normals=normals)
     force = press(sim, ball, skin, 4.5e-3).force
     assert force[:64].any() and not force[64:].any()
 
@@ -360,7 +360,7 @@ def test_pads_of_real_hands_are_found(device, pads):
     from tactemu.sensors.probe_layout import make_probes
 
     layout = firmware_protocols.device_class(device)().layout
-    probes = make_probes(layout.positions, layout.normals, 1e-3, (0, 0, 0), (0, 0, 0), device)
+    probes = make_probes(layout.positions, layout.normals, 1e-3, (0, 0, 0), (1, 0, 0, 0), device)
     grids = layer_grids(probes, 1, device)
     assert len(grids) == pads
     found = np.stack([grid.place for grid in grids])

@@ -30,7 +30,7 @@ def build(dtype="float64", *, n_envs=None, shape=None, size=1.0, **options):
 
 def press(positions, *, depth=1.5e-3, slide=0.0, dtype="float64", **options):
     """Reading after pressing a ball and sliding it along x."""
-    sim, skin, ball = build(dtype, probe_local_pos=positions, **options)
+    sim, skin, ball = build(dtype, positions=positions, **options)
     for x in np.linspace(0.0, slide, 5) if slide else [0.0]:
         sim.set_pose(ball, position=(x, 0.0, TOP + 0.015 - depth))
         sim.step()
@@ -72,11 +72,11 @@ def test_fillers_read_zero_and_take_part_in_nothing(slide):
     positions = grid(6, 6).reshape(-1, 3)
     radius = np.where(np.arange(36) % 5 == 0, 0.0, 1e-3)
     shear = {"shear_scale": 1.0 if slide else 0.0, "slide": slide}
-    some = press(positions, probe_radius=radius, **shear)
-    rest = press(positions[radius > 0], probe_radius=1e-3, **shear)
+    some = press(positions, radius=radius, **shear)
+    rest = press(positions[radius > 0], radius=1e-3, **shear)
     assert not some[radius == 0].any() and rest.any()
     assert np.array_equal(some[radius > 0], rest)
-    as_grid = press(positions.reshape(6, 6, 3), probe_radius=radius, **shear).reshape(-1, 3)
+    as_grid = press(positions.reshape(6, 6, 3), radius=radius, **shear).reshape(-1, 3)
     assert not as_grid[radius == 0].any() and as_grid == pytest.approx(some, rel=1e-12)
 
 
@@ -91,7 +91,7 @@ def test_no_taxels_and_one(n):
 
 def test_a_million_taxels():
     positions = grid(1000, 1000, du=5e-5)
-    sim, skin, ball = build("float32", probe_local_pos=positions, lambda_d=2e5, compressibility=0.0)
+    sim, skin, ball = build("float32", positions=positions, lambda_d=2e5, compressibility=0.0)
     sim.set_pose(ball, position=(0, 0, TOP + 0.015 - 2e-6))
     sim.step()
     u = skin.read()
@@ -127,7 +127,7 @@ def test_a_scaled_scene_reads_the_same_scaled(size, options):
         rates = {"lambda_d": 2e4 / s**2, "lambda_s": 8e3 / s**2, "normal_exponent": float(exponent)}
         thresholds = {"contact_threshold": 1e-5 * s, "release_threshold": -1e-4 * s}
         sim, skin, ball = build(
-            "float32", size=s, probe_local_pos=grid(8, 8) * s, shear_scale=s ** (exponent - 2), n_sample_points=200,
+            "float32", size=s, positions=grid(8, 8) * s, shear_scale=s ** (exponent - 2), n_sample_points=200,
             **scaled, **rates, **thresholds,
         )  # fmt: skip
         for x in (0.0, 1e-3, 2e-3):
@@ -141,7 +141,7 @@ def test_far_from_the_origin():
     """A skin at 100 km feels as at home: 1e-8 m in depth."""
     readings = []
     for origin in (np.zeros(3), np.array([1e5, -7e4, 3e4])):
-        sim, skin, ball = build("float32", probe_local_pos=grid(8, 8), shear_scale=1.0)
+        sim, skin, ball = build("float32", positions=grid(8, 8), shear_scale=1.0)
         for x in (0.0, 1e-3):
             sim.set_pose(0, position=origin)
             sim.set_pose(ball, position=origin + np.array([x, 0, TOP + 0.0135]))
@@ -155,7 +155,7 @@ def test_a_pose_that_is_not_finite():
     positions = grid(8, 8)
     readings = {}
     for bad in (False, True):
-        sim, skin, ball = build("float32", n_envs=3, probe_local_pos=positions, shear_scale=1.0)
+        sim, skin, ball = build("float32", n_envs=3, positions=positions, shear_scale=1.0)
         for x in (0.0, 1e-3):
             sim.set_pose(ball, position=(x, 0, TOP + 0.0135))
             if bad and x:
@@ -172,8 +172,8 @@ def test_a_pose_that_is_not_finite():
 def test_an_environment_reads_the_same_alone_and_in_a_batch():
     positions = grid(8, 8)
     places = [(0.0, 0.0), (3e-3, 1e-3), (0.03, 0.03), (1.0, 0.0)]
-    together, skin_together, ball = build("float32", n_envs=4, probe_local_pos=positions, shear_scale=1.0)
-    alone = [build("float32", probe_local_pos=positions, shear_scale=1.0) for _ in places]
+    together, skin_together, ball = build("float32", n_envs=4, positions=positions, shear_scale=1.0)
+    alone = [build("float32", positions=positions, shear_scale=1.0) for _ in places]
     for slide in (0.0, 1e-3):
         where = np.array([(x + slide, y, TOP + 0.0135) for x, y in places])
         together.set_pose(ball, position=where)
@@ -187,7 +187,7 @@ def test_an_environment_reads_the_same_alone_and_in_a_batch():
 
 
 def test_reset_lets_go_only_in_the_environments_named():
-    sim, skin, ball = build("float64", n_envs=2, probe_local_pos=grid(6, 6), shear_scale=1.0, dilate_scale=0.0)
+    sim, skin, ball = build("float64", n_envs=2, positions=grid(6, 6), shear_scale=1.0, dilate_scale=0.0)
     for x in (0.0, 1e-3):
         sim.set_pose(ball, position=(x, 0, TOP + 0.0135))
         sim.step()
@@ -205,9 +205,7 @@ def test_points_latch_beyond_the_threshold_not_at_it():
         scene = tt.Scene()
         pad = scene.add_body(tt.Plane())
         tip = scene.add_body(tt.Sphere(radius=1e-3))
-        model = tt.ElastomerTaxel(
-            probe_local_pos=[(0, 0, 0)], dilate_scale=0.0, points=[(0, 0, 0)], contact_threshold=1e-5
-        )
+        model = tt.ElastomerTaxel(positions=[(0, 0, 0)], dilate_scale=0.0, points=[(0, 0, 0)], contact_threshold=1e-5)
         skin = scene.add_sensor(model, link=pad)
         sim = scene.build(dtype="float64")
         for x in (0.0, 1e-4):
@@ -271,7 +269,7 @@ def test_three_ways_to_the_same_shear(shape, dilate_scale, monkeypatch):
 
     positions = grid(*shape)
     radius = np.where(np.arange(positions.size // 3) % 4 == 1, 0.0, 1e-3)
-    shared = {"slide": 1e-3, "shear_scale": 3.0, "dilate_scale": dilate_scale, "probe_radius": radius}
+    shared = {"slide": 1e-3, "shear_scale": 3.0, "dilate_scale": dilate_scale, "radius": radius}
     tables = press(positions, **shared)
     monkeypatch.setattr(elastomer_taxel, "tabulated_shear_motion", shear_motion.grid_shear_motion)
     blocks = press(positions, **shared)
@@ -284,7 +282,7 @@ def test_three_ways_to_the_same_shear(shape, dilate_scale, monkeypatch):
 def drag_box(n_sample_points, **options):
     """A box of 16 mm pressed by 0.5 mm and dragged by 1 mm."""
     shared = {"dilate_scale": 0.0, "shear_scale": 1.0, "lambda_s": 8e3, "shape": tt.Box(size=(0.016, 0.016, 0.016))}
-    sim, skin, body = build(probe_local_pos=grid(9, 9), n_sample_points=n_sample_points, **shared, **options)
+    sim, skin, body = build(positions=grid(9, 9), n_sample_points=n_sample_points, **shared, **options)
     for x in (0.0, 1e-3):
         sim.set_pose(body, position=(x, 0.0, TOP + 0.0075))
         sim.step()
@@ -317,13 +315,13 @@ def test_a_bent_grid_is_summed_one_by_one(caplog):
 )  # fmt: skip
 def test_wrong_options_are_named(option, value):
     with pytest.raises(SceneError, match=option):
-        build(probe_local_pos=grid(2, 3).reshape(-1, 3), area_weighted=True, **{"shear_scale": 1.0, option: value})
+        build(positions=grid(2, 3).reshape(-1, 3), area_weighted=True, **{"shear_scale": 1.0, option: value})
 
 
 def test_only_what_is_switched_on_is_in_the_plan():
     names = {}
     for dilate, shear in ((1.0, 0.0), (0.0, 1.0), (1.0, 1.0), (0.0, 0.0)):
-        sim, *_ = build(probe_local_pos=grid(4, 4), dilate_scale=dilate, shear_scale=shear)
+        sim, *_ = build(positions=grid(4, 4), dilate_scale=dilate, shear_scale=shear)
         names[dilate, shear] = [stage.name.split(": ")[-1] for stage in sim.plan.stages if "Elastomer" in stage.name]
     assert names[1.0, 0.0] == ["depth", "dilation"] and names[0.0, 1.0] == ["anchors", "shear"]
     assert names[1.0, 1.0] == ["depth", "dilation", "anchors", "shear"] and names[0.0, 0.0] == []
@@ -334,9 +332,9 @@ def test_depth_along_the_normal_goes_beyond_the_middle_of_a_plate(layout):
     """A plate of 1 mm pressed by 0.6 mm: the nearest surface is 0.4 mm away, along the normal it is 0.6 mm."""
     largest = {}
     for query in ("sdf", "ray"):
-        model = {"lambda_d": 1e12, "normal_exponent": 1.0, "contact_depth_query": query}
+        model = {"lambda_d": 1e12, "normal_exponent": 1.0, "depth_query": query}
         positions = grid(8, 8).reshape(*layout, 3)
-        sim, skin, plate = build(probe_local_pos=positions, shape=tt.Box(size=(0.03, 0.03, 1e-3)), **model)
+        sim, skin, plate = build(positions=positions, shape=tt.Box(size=(0.03, 0.03, 1e-3)), **model)
         sim.set_pose(plate, position=(0, 0, TOP + 0.5e-3 - 0.6e-3))
         sim.step()
         largest[query] = skin.read()[..., 2].max()
@@ -353,8 +351,8 @@ def test_a_pose_that_is_not_finite_on_a_gpu(layout):
         pad = scene.add_body(tt.Box(size=(0.08, 0.08, 0.02)))
         ball = scene.add_body(tt.Sphere(radius=0.015))
         skins = [
-            scene.add_sensor(tt.ElastomerTaxel(probe_local_pos=positions), link=pad),
-            scene.add_sensor(tt.ProximityTaxel(probe_local_pos=positions), link=pad),
+            scene.add_sensor(tt.ElastomerTaxel(positions=positions), link=pad),
+            scene.add_sensor(tt.ProximityTaxel(positions=positions), link=pad),
         ]
         sim = scene.build(n_envs=3, device="cuda:0")
         for x in (0.0, 1e-3, 2e-3, 3e-3):

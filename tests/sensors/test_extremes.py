@@ -27,9 +27,7 @@ def test_radius_zero_is_as_if_the_probe_were_not_there():
     "shape", [tt.Sphere(radius=1.0), tt.Capsule(radius=1.0, length=1.0), tt.Cylinder(radius=1.0, length=4.0)]
 )
 def test_where_there_is_no_normal_the_taxels_own_is_used(shape):
-    model = tt.KinematicTaxel(
-        probe_local_pos=[[0, 0, 0]], probe_local_normal=(0, 0, 1), probe_radius=1e-3, normal_stiffness=1.0
-    )
+    model = tt.KinematicTaxel(positions=[[0, 0, 0]], normals=(0, 0, 1), radius=1e-3, normal_stiffness=1.0)
     sim, _body, skin = scene_with(shape, model)
     sim.step()
     force = skin.read().force[0]
@@ -39,10 +37,8 @@ def test_where_there_is_no_normal_the_taxels_own_is_used(shape):
 
 
 def test_a_normal_of_no_length_is_refused():
-    with pytest.raises(SceneError, match=r"probe_local_normal\[1\] has length zero"):
-        scene_with(
-            tt.Plane(), tt.ContactProbe(probe_local_pos=np.zeros((2, 3)), probe_local_normal=[(0, 0, 1), (0, 0, 0)])
-        )
+    with pytest.raises(SceneError, match=r"normals\[1\] has length zero"):
+        scene_with(tt.Plane(), tt.ContactProbe(positions=np.zeros((2, 3)), normals=[(0, 0, 1), (0, 0, 0)]))
 
 
 @pytest.mark.parametrize(("dtype", "real"), [("float32", np.float32), ("float64", np.float64)])
@@ -51,7 +47,7 @@ def test_depth_exactly_at_the_threshold_is_no_touch(dtype, real, threshold):
     """A probe on a plane reads its radius, so that depth can be set to the last bit."""
     at = real(threshold)
     for radius, expected in ((np.nextafter(at, real(0)), False), (at, False), (np.nextafter(at, real(1)), True)):
-        model = tt.ContactProbe(probe_local_pos=[[0, 0, 0]], probe_radius=float(radius), contact_threshold=threshold)
+        model = tt.ContactProbe(positions=[[0, 0, 0]], radius=float(radius), contact_threshold=threshold)
         sim, _body, skin = scene_with(tt.Plane(), model, dtype=dtype)
         sim.step()
         assert bool(skin.read()[0]) is expected
@@ -61,9 +57,7 @@ def test_depth_exactly_at_the_threshold_is_no_touch(dtype, real, threshold):
 def test_release_exactly_at_the_threshold_lets_go(dtype, real):
     release = real(0.25)
     for depth, expected in ((np.nextafter(release, real(1)), True), (release, False)):
-        model = tt.ContactProbe(
-            probe_local_pos=[[0, 0, 0]], probe_radius=0.5, contact_threshold=0.4, release_threshold=0.25
-        )
+        model = tt.ContactProbe(positions=[[0, 0, 0]], radius=0.5, contact_threshold=0.4, release_threshold=0.25)
         sim, plane, skin = scene_with(tt.Plane(), model, dtype=dtype)
         sim.step()
         assert skin.read()[0]
@@ -90,7 +84,7 @@ def test_a_scaled_scene_reads_the_same_scaled(kind, query, scale):
         readings.append(
             depth_of(
                 SHAPES[kind](unit), LINE / MM * unit, 2 * unit, position=(1 * unit, -2 * unit, 7.5 * unit),
-                quaternion=(1, 0.2, 0.1, 0), contact_depth_query=query,
+                quaternion=(1, 0.2, 0.1, 0), depth_query=query,
             )
             / unit
         )  # fmt: skip
@@ -108,7 +102,7 @@ def test_far_from_the_origin_nothing_is_lost(far):
         scene = tt.Scene()
         link = scene.add_body(name="link", position=at, quaternion=turn)
         ball = scene.add_body(tt.Sphere(radius=10 * MM))
-        skin = scene.add_sensor(tt.ContactDepthProbe(probe_local_pos=LINE, probe_radius=2 * MM), link=link)
+        skin = scene.add_sensor(tt.ContactDepthProbe(positions=LINE, radius=2 * MM), link=link)
         sim = scene.build()
         q = turn / np.linalg.norm(turn)
         u = np.broadcast_to(q[1:], (3,))
@@ -124,9 +118,7 @@ def test_far_from_the_origin_nothing_is_lost(far):
 def test_the_length_of_a_step_changes_no_reading():
     readings = []
     for dt in (0.0, 1e-9, 1e-3, 1.0, 1e6):
-        sim, ball, skin = scene_with(
-            tt.Sphere(radius=10 * MM), tt.KinematicTaxel(probe_local_pos=LINE, normal_stiffness=1e9)
-        )
+        sim, ball, skin = scene_with(tt.Sphere(radius=10 * MM), tt.KinematicTaxel(positions=LINE, normal_stiffness=1e9))
         sim.set_pose(ball, position=(0, 0, 9 * MM), linear_velocity=(0.1, 0, -0.3))
         sim.step(dt=dt)
         readings.append(skin.read().force)
@@ -141,7 +133,7 @@ def test_exponents_that_are_not_positive_are_refused(exponent):
 
 @pytest.mark.parametrize("exponent", [0.5, 1.0, 1.5])
 def test_force_is_zero_without_depth_and_grows_from_there(exponent):
-    model = tt.KinematicTaxel(probe_local_pos=[[0, 0, 0]], probe_radius=1 * MM, normal_exponent=exponent)
+    model = tt.KinematicTaxel(positions=[[0, 0, 0]], radius=1 * MM, normal_exponent=exponent)
     sim, plane, skin = scene_with(tt.Plane(), model, dtype="float64")
     for gap, depth in ((1 * MM, 0.0), (1 * MM - 1e-12, 1e-12), (0.0, 1 * MM)):
         sim.set_pose(plane, position=(0, 0, -gap))
@@ -153,7 +145,7 @@ def test_force_is_zero_without_depth_and_grows_from_there(exponent):
 @pytest.mark.parametrize("kind", [tt.ContactProbe, tt.ContactDepthProbe, tt.KinematicTaxel, tt.ElasticLayerTaxel])
 @pytest.mark.parametrize("n_envs", [None, 2])
 def test_no_taxel_at_all_reads_an_empty_array(kind, n_envs):
-    sim, _body, skin = scene_with(tt.Sphere(radius=1.0), kind(probe_local_pos=np.zeros((0, 3))), n_envs=n_envs)
+    sim, _body, skin = scene_with(tt.Sphere(radius=1.0), kind(positions=np.zeros((0, 3))), n_envs=n_envs)
     sim.step()
     reading = skin.read()
     head = () if n_envs is None else (n_envs,)
@@ -168,9 +160,7 @@ def test_no_taxel_at_all_reads_an_empty_array(kind, n_envs):
 def test_a_million_taxels():
     x = np.linspace(-10, 10, 1000) * MM
     grid = np.stack([*np.meshgrid(x, x), np.zeros((1000, 1000))], -1)
-    sim, ball, skin = scene_with(
-        tt.Sphere(radius=10 * MM), tt.ContactDepthProbe(probe_local_pos=grid, probe_radius=1 * MM)
-    )
+    sim, ball, skin = scene_with(tt.Sphere(radius=10 * MM), tt.ContactDepthProbe(positions=grid, radius=1 * MM))
     sim.set_pose(ball, position=(0, 0, 9 * MM))
     sim.step()
     depth = skin.read()
@@ -181,7 +171,7 @@ def test_a_million_taxels():
 def test_more_taxels_than_a_launch_can_count_are_refused():
     grid = np.zeros((100_000, 3))
     with pytest.raises(SceneError, match="build fewer environments"):
-        scene_with(tt.Sphere(radius=1.0), tt.ContactDepthProbe(probe_local_pos=grid), n_envs=21475)
+        scene_with(tt.Sphere(radius=1.0), tt.ContactDepthProbe(positions=grid), n_envs=21475)
 
 
 def test_a_quaternion_of_any_length_is_the_same_rotation():
@@ -198,7 +188,7 @@ def test_a_quaternion_of_any_length_is_the_same_rotation():
 
 
 def test_counters_go_past_31_bits():
-    model = tt.ContactDepthProbe(probe_local_pos=LINE, electronics=tt.ElectronicsOptions(noise=1e-5))
+    model = tt.ContactDepthProbe(positions=LINE, electronics=tt.ElectronicsOptions(noise=1e-5))
     sim, _ball, skin = scene_with(tt.Sphere(radius=10 * MM), model)
     sim.context.step.fill_(2**31 - 2)
     sim.context.time_ns.fill_((2**31 - 2) * 1_000_000)
@@ -216,7 +206,7 @@ def test_dampers_take_energy_and_pull_only_if_allowed():
     rng = np.random.default_rng(0)
     for clamp in (False, True):
         model = tt.KinematicTaxel(
-            probe_local_pos=LINE, probe_radius=2 * MM, normal_stiffness=0.0 if not clamp else 10.0,
+            positions=LINE, radius=2 * MM, normal_stiffness=0.0 if not clamp else 10.0,
             normal_damping=50.0, clamp_adhesion=clamp, twist_scalar=0.0,
         )  # fmt: skip
         sim, plane, skin = scene_with(tt.Plane(), model, dtype="float64")
@@ -240,14 +230,14 @@ def test_a_contact_narrower_than_the_pitch_needs_a_radius_of_half_of_it():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"probe_local_pos": np.zeros((2, 2))}, "probe_local_pos must have shape"),
-        ({"probe_local_pos": [[0, 0, np.nan]]}, "probe_local_pos must be finite"),
-        ({"probe_radius": -1.0}, "probe_radius must be >= 0"),
-        ({"probe_radius": [1.0, 2.0]}, "probe_radius must be one number or 1, got 2"),
-        ({"track_link_idx": 7}, "no body 7 in this scene; bodies: 0: link, 1: body"),
-        ({"track_link_idx": "link"}, "names its own link"),
-        ({"contact_depth_query": "sonar"}, "contact_depth_query"),
-        ({"contact_depth_query": "voxel", "voxel_size": 0.0}, "voxel_size must be > 0"),
+        ({"positions": np.zeros((2, 2))}, "positions must have shape"),
+        ({"positions": [[0, 0, np.nan]]}, "positions must be finite"),
+        ({"radius": -1.0}, "radius must be >= 0"),
+        ({"radius": [1.0, 2.0]}, "radius must be one number or 1, got 2"),
+        ({"sense": 7}, "no body 7 in this scene; bodies: 0: link, 1: body"),
+        ({"sense": "link"}, "names its own link"),
+        ({"depth_query": "sonar"}, "depth_query"),
+        ({"depth_query": "voxel", "voxel_size": 0.0}, "voxel_size must be > 0"),
         ({"ray_reach": -1.0}, "ray_reach"),
     ],
 )

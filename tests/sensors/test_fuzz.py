@@ -57,9 +57,9 @@ def poses(draw):
 def probes(draw):
     n = draw(st.integers(1, 6))
     return {
-        "probe_local_pos": [draw(vector) for _ in range(n)],
-        "probe_local_normal": [draw(direction) for _ in range(n)],
-        "probe_radius": draw(st.lists(st.one_of(st.just(0.0), length), min_size=n, max_size=n)),
+        "positions": [draw(vector) for _ in range(n)],
+        "normals": [draw(direction) for _ in range(n)],
+        "radius": draw(st.lists(st.one_of(st.just(0.0), length), min_size=n, max_size=n)),
     }
 
 
@@ -81,7 +81,7 @@ ALONG_A_FACE = (
     (tt.Sphere(radius=1.0), tt.Box(size=(1, 1, 1)), tt.Capsule(radius=1.0, length=1.0),
      tt.Cylinder(radius=1.0, length=1.0), tt.Plane()),
     [(np.zeros(3), np.array([0, 0, 0, 1.0]))] * 4 + [(np.zeros(3), np.array([4.46521068e-240, 0, 1, 0]))],
-    {"probe_local_pos": [(0.0, 0.0, 0.0)], "probe_local_normal": [(-1.0, 0.0, 0.0)], "probe_radius": [1.0]},
+    {"positions": [(0.0, 0.0, 0.0)], "normals": [(-1.0, 0.0, 0.0)], "radius": [1.0]},
     (0.0, 0.0, 0.0),
     (0.0, 1.0, 0.0, 1.0),
 )  # fmt: skip
@@ -90,7 +90,7 @@ ALONG_A_FACE = (
 ON_THE_SURFACE = (
     *ALONG_A_FACE[:1],
     [(np.zeros(3), np.array([0, 0, 0, 1.0]))] * 4 + [(np.array([1.0, 0, 0]), np.array([0, 0, 1.0, 0]))],
-    {"probe_local_pos": [(0.0, 0.0, 0.0)], "probe_local_normal": [(0.0, 0.0, -1.0)], "probe_radius": [1.0]},
+    {"positions": [(0.0, 0.0, 0.0)], "normals": [(0.0, 0.0, -1.0)], "radius": [1.0]},
     (0.0, 0.0, 0.0),
     (1.0, 0.0, 1.0, 0.0),
 )
@@ -105,14 +105,14 @@ def test_a_scene_moved_as_a_whole_reads_the_same(bodies, placed, options, shift,
     moved = [(rotate(turn, at) + shift, multiply(turn, q)) for at, q in placed]
     here = read(tt.ContactDepthProbe(**options), bodies, placed)
     assert np.abs(here - read(tt.ContactDepthProbe(**options), bodies, moved, link=(shift, turn))).max() <= 1e-9
-    along = tt.ContactDepthProbe(**options, contact_depth_query="ray", ray_reach=5.0)
+    along = tt.ContactDepthProbe(**options, depth_query="ray", ray_reach=5.0)
     here = read(along, bodies, placed)
     grazing = np.zeros(here.shape, bool)  # lines along a face or just at an edge, probes just on a surface
     for tilt, push in itertools.product(NUDGES, NUDGES):
-        normals = np.array(options["probe_local_normal"]) + np.array(tilt)
-        moved_by = np.array(options["probe_local_pos"]) + np.array(push)
-        tilted = {**options, "probe_local_normal": normals, "probe_local_pos": moved_by}
-        tilted = read(tt.ContactDepthProbe(**tilted, contact_depth_query="ray", ray_reach=5.0), bodies, placed)
+        normals = np.array(options["normals"]) + np.array(tilt)
+        moved_by = np.array(options["positions"]) + np.array(push)
+        tilted = {**options, "normals": normals, "positions": moved_by}
+        tilted = read(tt.ContactDepthProbe(**tilted, depth_query="ray", ray_reach=5.0), bodies, placed)
         grazing |= np.abs(here - tilted) > 1e-3
     assert np.abs(here - read(along, bodies, moved, link=(shift, turn)))[~grazing].max(initial=0) < 1e-3
 
@@ -135,9 +135,9 @@ def test_float32_is_float64_rounded(bodies, placed, options):
 @examples(20)
 @given(shapes(), poses(), probes())
 def test_along_the_normal_is_at_least_as_deep_where_it_is_in_touch(bodies, placed, options):
-    radius = np.asarray(options["probe_radius"])
+    radius = np.asarray(options["radius"])
     nearest = read(tt.ContactDepthProbe(**options), bodies, placed)
-    along = read(tt.ContactDepthProbe(**options, contact_depth_query="ray"), bodies, placed)
+    along = read(tt.ContactDepthProbe(**options, depth_query="ray"), bodies, placed)
     inside = nearest > radius + 1e-9
     assert (along[inside] >= nearest[inside] - 1e-6).all()
     assert (along[radius == 0] == 0).all() and (along >= 0).all() and np.isfinite(along).all()
@@ -178,12 +178,10 @@ def test_readings_are_numbers_or_the_step_says_whose_pose_is_not(calls, dtype):
     ):
         scene.add_body(shape)
     at = np.random.default_rng(0).uniform(-1, 1, (7, 3))
-    depth = scene.add_sensor(tt.ContactDepthProbe(probe_local_pos=at, probe_radius=0.2), link=link)
-    ray = scene.add_sensor(
-        tt.ContactDepthProbe(probe_local_pos=at, probe_radius=0.2, contact_depth_query="ray"), link=link
-    )
-    springs = scene.add_sensor(tt.KinematicTaxel(probe_local_pos=at, probe_radius=0.2, normal_exponent=1.5), link=link)
-    touch = scene.add_sensor(tt.ContactProbe(probe_local_pos=at, probe_radius=0.2), link=link)
+    depth = scene.add_sensor(tt.ContactDepthProbe(positions=at, radius=0.2), link=link)
+    ray = scene.add_sensor(tt.ContactDepthProbe(positions=at, radius=0.2, depth_query="ray"), link=link)
+    springs = scene.add_sensor(tt.KinematicTaxel(positions=at, radius=0.2, normal_exponent=1.5), link=link)
+    touch = scene.add_sensor(tt.ContactProbe(positions=at, radius=0.2), link=link)
     sim = scene.build(3, dtype=dtype)
     for body, position, turn, velocity, action, envs in calls:
         if action == "pose":
@@ -212,8 +210,8 @@ def test_readings_are_numbers_or_the_step_says_whose_pose_is_not(calls, dtype):
 
 
 OPTIONS = (
-    "probe_radius", "normal_exponent", "normal_stiffness", "shear_scalar", "voxel_size", "ray_reach", "pos_offset",
-    "euler_offset", "probe_local_normal",
+    "radius", "normal_exponent", "normal_stiffness", "shear_scalar", "voxel_size", "ray_reach", "position",
+    "quaternion", "normals",
 )  # fmt: skip
 
 
@@ -221,16 +219,16 @@ OPTIONS = (
 @given(
     st.dictionaries(st.sampled_from(OPTIONS), st.one_of(anything, st.tuples(anything, anything, anything)), max_size=3)
 )
-@example({"probe_radius": 14.0, "normal_exponent": 266.0})  # overflows, and must not read as 'no contact'
+@example({"radius": 14.0, "normal_exponent": 266.0})  # overflows, and must not read as 'no contact'
 @example({"voxel_size": (0.0, 0.0, 0.0)})
 @example({"normal_stiffness": (0.0, 0.0, 0.0)})
-@example({"probe_local_normal": (0.0, 0.0, 1e-320)})
+@example({"normals": (0.0, 0.0, 1e-320)})
 def test_options_work_or_are_refused(options):
     scene = tt.Scene()
     link = scene.add_body()
     scene.add_body(tt.Sphere(radius=0.5))
     try:
-        skin = scene.add_sensor(tt.KinematicTaxel(probe_local_pos=[[0, 0, 0.4]], **options), link=link)
+        skin = scene.add_sensor(tt.KinematicTaxel(positions=[[0, 0, 0.4]], **options), link=link)
         scene.build(dtype="float64").step()
     except (SceneError, OverflowError) as error:
         assert str(error)
@@ -248,5 +246,5 @@ def test_options_of_the_wrong_type_are_refused(wrong):
     scene = tt.Scene()
     link = scene.add_body()
     with pytest.raises((SceneError, TypeError, ValueError)):
-        scene.add_sensor(tt.ContactDepthProbe(probe_radius=wrong), link=link)
+        scene.add_sensor(tt.ContactDepthProbe(radius=wrong), link=link)
         scene.build()

@@ -31,7 +31,7 @@ def pressed(name, options, *, depth, speed=(0.05, 0.0, 0.0), seed=0):
     scene = tt.Scene(dt=1e-3)
     pad = scene.add_body(tt.Box(size=(0.04, 0.04, 0.02)), fixed=True, name="pad")
     ball = scene.add_body(tt.Sphere(radius=0.01), name="ball", position=(0, 0, 1))
-    skin = scene.add_sensor(from_flat(model_class(name), {"probe_local_pos": PROBES, **options}), link=pad, name="skin")
+    skin = scene.add_sensor(from_flat(model_class(name), {"positions": PROBES, **options}), link=pad, name="skin")
     sim = scene.build(seed=seed)
     for step in range(4):
         at = (5e-4 * step, 0, 0.02 - depth)

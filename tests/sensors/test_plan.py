@@ -40,17 +40,17 @@ launches.clear()
 sim.step()
 print(len(launches), len(modules), ",".join(stage.name for stage in sim.plan.stages))
 """
-BARE = "scene.add_sensor(tt.ContactDepthProbe(probe_local_pos=grid), link=link)"
+BARE = "scene.add_sensor(tt.ContactDepthProbe(positions=grid), link=link)"
 FULL = """
 spoilt = dict(
     electronics=tt.ElectronicsOptions(noise=1e-6, bias=1e-6, random_walk=1e-6, delay=2e-3),
     imperfections=tt.ImperfectionOptions(
-        hysteresis_strength=0.5, dead_taxel_probability=0.1, probe_gain_resample_range=(0.9, 1.1),
-        probe_radius_noise=1e-5,
+        hysteresis_strength=0.5, dead_taxel_probability=0.1, gain_range=(0.9, 1.1),
+        radius_noise=1e-5,
     ),
 )
 for kind in (tt.ContactProbe, tt.ContactDepthProbe, tt.KinematicTaxel, tt.ElastomerTaxel, tt.ProximityTaxel):
-    scene.add_sensor(kind(probe_local_pos=grid, track_link_idx=1, **spoilt), link=link, name=kind.__name__)
+    scene.add_sensor(kind(positions=grid, sense=1, **spoilt), link=link, name=kind.__name__)
 """
 
 
@@ -83,9 +83,9 @@ def test_velocities_are_computed_only_for_who_asks():
 
 
 def test_without_imperfections_the_measured_branch_is_the_truth():
-    sim, body, skin = scene_with(tt.Sphere(radius=0.01), tt.ContactDepthProbe(probe_radius=1e-3))
+    sim, body, skin = scene_with(tt.Sphere(radius=0.01), tt.ContactDepthProbe(radius=1e-3))
     assert reading_array(skin) is reading_array(skin, ground_truth=True)
-    biased = tt.ContactDepthProbe(probe_radius=1e-3, electronics=tt.ElectronicsOptions(bias=1e-3))
+    biased = tt.ContactDepthProbe(radius=1e-3, electronics=tt.ElectronicsOptions(bias=1e-3))
     sim, body, skin = scene_with(tt.Sphere(radius=0.01), biased)
     sim.set_pose(body, position=(0, 0, 0.009))
     sim.step()
@@ -107,7 +107,7 @@ def test_a_mesh_that_no_sensor_feels_is_never_loaded():
     link = scene.add_body(fixed=True)
     ball = scene.add_body(tt.Sphere(radius=0.01), position=(0, 0, 0.009))
     scene.add_body(tt.Mesh(source="there is no such file.stl"))
-    skin = scene.add_sensor(tt.ContactDepthProbe(track_link_idx=ball), link=link)
+    skin = scene.add_sensor(tt.ContactDepthProbe(sense=ball), link=link)
     scene.build().step()
     assert skin.read()[0] > 0
 
@@ -122,7 +122,7 @@ def test_bodies_that_share_a_mesh_share_its_hierarchy(monkeypatch):
     for x in (-0.02, 0.0, 0.02):
         scene.add_body(ball, position=(x, 0, 0.009))
     line = [[x, 0, 0] for x in (-0.02, 0.0, 0.02)]
-    skin = scene.add_sensor(tt.ContactDepthProbe(probe_local_pos=line, probe_radius=1e-3), link=link)
+    skin = scene.add_sensor(tt.ContactDepthProbe(positions=line, radius=1e-3), link=link)
     scene.build().step()
     assert len(built) == 1 and skin.read() == pytest.approx(2e-3, abs=5e-5)
 
@@ -146,9 +146,9 @@ def test_two_skins_on_two_links_feel_each_other():
     scene = tt.Scene()
     lower = scene.add_body(tt.Box(size=(0.02, 0.02, 0.01)), fixed=True)
     upper = scene.add_body(tt.Box(size=(0.02, 0.02, 0.01)), position=(0, 0, 0.009))
-    options = {"probe_local_pos": [[0, 0, 0.005]], "probe_radius": 1e-3}
+    options = {"positions": [[0, 0, 0.005]], "radius": 1e-3}
     one = scene.add_sensor(tt.ContactDepthProbe(**options), link=lower)
-    options["probe_local_pos"] = [[0, 0, -0.005]]
-    other = scene.add_sensor(tt.ContactDepthProbe(**options, probe_local_normal=(0, 0, -1)), link=upper)
+    options["positions"] = [[0, 0, -0.005]]
+    other = scene.add_sensor(tt.ContactDepthProbe(**options, normals=(0, 0, -1)), link=upper)
     scene.build().step()
     assert one.read() == pytest.approx(2e-3, abs=1e-9) and np.array_equal(one.read(), other.read())

@@ -22,7 +22,7 @@ def scene(**options):
     hand = built.add_body(tt.Box(size=(0.03, 0.02, 0.02)), name="hand")
     built.add_body(tt.Plane(), name="floor", fixed=True, position=(0, 0, -1.0))
     built.add_body(tt.Sphere(radius=0.01), name="tool", position=(0, 0, 0.018))
-    skin = built.add_sensor(tt.KinematicTaxel(probe_local_pos=GRID, probe_radius=2e-3), link=hand, name="skin")
+    skin = built.add_sensor(tt.KinematicTaxel(positions=GRID, radius=2e-3), link=hand, name="skin")
     return built.build(N_ENVS, **options), skin
 
 

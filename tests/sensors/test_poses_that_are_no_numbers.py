@@ -13,7 +13,7 @@ def test_of_a_quaternion(body, component, value):
     scene = tt.Scene(dt=1e-3)
     bodies = {"pad": scene.add_body(tt.Box(size=(0.05, 0.05, 0.02)))}
     bodies["ball"] = scene.add_body(tt.Sphere(radius=0.01), position=(0, 0, 0.0195))
-    skin = scene.add_sensor(tt.ContactDepthProbe(probe_local_pos=[[0, 0, 0.01]], probe_radius=1e-3), link=bodies["pad"])
+    skin = scene.add_sensor(tt.ContactDepthProbe(positions=[[0, 0, 0.01]], radius=1e-3), link=bodies["pad"])
     sim = scene.build()
     quaternion = [1.0, 0.0, 0.0, 0.0]
     quaternion[component] = value

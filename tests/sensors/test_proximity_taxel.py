@@ -57,7 +57,7 @@ def test_force_and_torque_are_the_sums_over_points(dtype, tolerance, radius):
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     numbers = {"stiffness": 150.0, "density": 120.0, "shear": 3.0, "twist": 0.05}
     sim, skin, body = scene_of(
-        points, dtype=dtype, probe_local_pos=probes, probe_local_normal=normals, probe_radius=radius, stiffness=150.0,
+        points, dtype=dtype, positions=probes, normals=normals, radius=radius, stiffness=150.0,
         density_scalar=120.0, shear_coupling=3.0, twist_scalar=0.05,
     )  # fmt: skip
     pad_pose = (np.array([0.3, -0.2, 1.0]), rng.normal(size=4), rng.normal(size=3), rng.normal(size=3))
@@ -75,7 +75,7 @@ def test_mean_overlap_of_an_even_plate():
     """Closed form: points of density 1/A on a plane through the probe sum up to pi r^3 / (3 A)."""
     i = np.arange(20_000)
     x = 0.04 * np.stack([(i + 0.5) / len(i) - 0.5, (i * (np.sqrt(5) - 1) / 2) % 1 - 0.5, 0 * i], -1)
-    sim, skin, _ = scene_of(x, probe_local_pos=[(0, 0, 0)], probe_radius=0.01, stiffness=1.0, density_scalar=1.0)
+    sim, skin, _ = scene_of(x, positions=[(0, 0, 0)], radius=0.01, stiffness=1.0, density_scalar=1.0)
     sim.step()
     assert skin.read().force[0, 2] == pytest.approx(-np.pi * 0.01**3 / (3 * 0.04**2), rel=4e-3)
 
@@ -83,7 +83,7 @@ def test_mean_overlap_of_an_even_plate():
 def test_a_point_at_the_probe_counts_fully():
     """And one at the very radius not at all; the seed leaves the first one out."""
     sim, skin, _ = scene_of(
-        [(0, 0, 0), (0, 0, 0.005)], probe_local_pos=[(0, 0, 0)], probe_radius=0.005, stiffness=2.0, density_scalar=2.0
+        [(0, 0, 0), (0, 0, 0.005)], positions=[(0, 0, 0)], radius=0.005, stiffness=2.0, density_scalar=2.0
     )
     sim.step()
     assert skin.read().force[0] == pytest.approx([0, 0, -2.0 * 0.005], rel=1e-12)
@@ -91,18 +91,18 @@ def test_a_point_at_the_probe_counts_fully():
 
 def test_fillers_and_no_taxels():
     points = np.zeros((5, 3))
-    sim, skin, _ = scene_of(points, probe_local_pos=[(0, 0, 0), (0, 0, 0)], probe_radius=[0.0, 0.01])
+    sim, skin, _ = scene_of(points, positions=[(0, 0, 0), (0, 0, 0)], radius=[0.0, 0.01])
     sim.step()
     force, torque = skin.read()
     assert not force[0].any() and not torque[0].any() and force[1, 2] < 0
-    sim, skin, _ = scene_of(points, probe_local_pos=np.zeros((0, 3)))
+    sim, skin, _ = scene_of(points, positions=np.zeros((0, 3)))
     sim.step()
     assert skin.read().force.shape == (0, 3)
 
 
 def test_the_convention_of_genesis_turns_the_normal_and_twist_parts():
     points = np.array([(0.001, 0, 0.002)])
-    options = {"probe_local_pos": [(0, 0, 0)], "shear_coupling": 1.0, "twist_scalar": 0.1}
+    options = {"positions": [(0, 0, 0)], "shear_coupling": 1.0, "twist_scalar": 0.1}
     forces = []
     for convention in ("genesis", "skin"):
         sim, skin, body = scene_of(points, convention=convention, **options)
@@ -116,7 +116,7 @@ def test_the_convention_of_genesis_turns_the_normal_and_twist_parts():
 
 def test_gain_multiplies_the_sums_and_not_the_twist():
     points = np.array([(0.001, 0, 0.002), (0.0, 0.002, 0.001)])
-    options = {"probe_local_pos": [(0, 0, 0)], "shear_coupling": 1.0, "twist_scalar": 0.1, "probe_gain": 1.5}
+    options = {"positions": [(0, 0, 0)], "shear_coupling": 1.0, "twist_scalar": 0.1, "gain": 1.5}
     sim, skin, body = scene_of(points, **options)
     sim.set_pose(body, linear_velocity=(0.1, 0, 0), angular_velocity=(0, 0, 3.0))
     sim.step()
@@ -132,7 +132,7 @@ def test_a_scaled_scene_reads_the_same_scaled(size):
     points, probes = rng.normal(size=(100, 3)), rng.normal(size=(20, 3))
     readings = []
     for s in (1.0, size):
-        sim, skin, _ = scene_of(points * s, dtype="float32", probe_local_pos=probes * s, probe_radius=1.2 * s)
+        sim, skin, _ = scene_of(points * s, dtype="float32", positions=probes * s, radius=1.2 * s)
         sim.step()
         readings.append((skin.read().force / s).astype(float))
     assert readings[1] == pytest.approx(readings[0], abs=1e-5 * np.abs(readings[0]).max())
@@ -142,7 +142,7 @@ def test_a_pose_that_is_not_finite():
     points = np.zeros((5, 3))
     readings = {}
     for bad in (False, True):
-        sim, skin, body = scene_of(points, n_envs=3, dtype="float32", probe_local_pos=[(0, 0, 0.001)])
+        sim, skin, body = scene_of(points, n_envs=3, dtype="float32", positions=[(0, 0, 0.001)])
         if bad:
             sim.set_pose(body, position=(0, np.inf, 0), envs=[2])
             with pytest.raises(PoseError, match="environment 2, step 1"):
@@ -155,7 +155,7 @@ def test_a_pose_that_is_not_finite():
 
 
 def test_every_shape_with_a_surface_is_sampled():
-    probe = {"probe_local_pos": [(0, 0, 0)], "probe_radius": 0.1}
+    probe = {"positions": [(0, 0, 0)], "radius": 0.1}
     shapes = [
         tt.Sphere(radius=0.01), tt.Box(size=(0.01, 0.02, 0.03)), tt.Capsule(radius=0.01, length=0.02),
         tt.Cylinder(radius=0.01, length=0.02), tt.Mesh(source=(np.eye(3), [[0, 1, 2]])),
@@ -181,7 +181,7 @@ def test_every_shape_with_a_surface_is_sampled():
 )  # fmt: skip
 def test_wrong_options_are_named(option, value):
     with pytest.raises(SceneError, match=option):
-        scene_of(**{"points": None, "probe_local_pos": [(0, 0, 0)], option: value})
+        scene_of(**{"points": None, "positions": [(0, 0, 0)], option: value})
 
 
 def test_the_same_seed_gives_the_same_points():
@@ -190,7 +190,7 @@ def test_the_same_seed_gives_the_same_points():
         scene = tt.Scene()
         pad = scene.add_body(tt.Box(size=(0.1, 0.1, 0.02)))
         scene.add_body(tt.Sphere(radius=0.01), position=(0, 0, 0.018))
-        skin = scene.add_sensor(tt.ProximityTaxel(probe_local_pos=[(0, 0, 0.01)], probe_radius=0.004), link=pad)
+        skin = scene.add_sensor(tt.ProximityTaxel(positions=[(0, 0, 0.01)], radius=0.004), link=pad)
         sim = scene.build(seed=seed)
         sim.step()
         forces.append(skin.read().force)
@@ -206,7 +206,7 @@ def test_skipping_points_one_by_one_changes_nothing(monkeypatch):
     kernel, forces = proximity_sums._kernel, []
     for skips in (True, False):
         monkeypatch.setattr(proximity_sums, "_kernel", lambda real, _cpu, skips=skips: kernel(real, skips))
-        sim, skin, _ = scene_of(points, probe_local_pos=probes, probe_radius=5e-3)
+        sim, skin, _ = scene_of(points, positions=probes, radius=5e-3)
         sim.step()
         forces.append(skin.read().force)
     assert forces[0].any() and np.array_equal(forces[0], forces[1])

@@ -15,7 +15,7 @@ def world():
     scene = tt.Scene()
     pad = scene.add_body(tt.Box(size=(0.04, 0.04, 0.02)), fixed=True, name="pad")
     ball = scene.add_body(tt.Sphere(radius=0.01), name="ball", position=(0, 0, 0.019))
-    model = tt.ContactDepthProbe(probe_local_pos=[(0, 0, 0.009)], probe_radius=1e-3)
+    model = tt.ContactDepthProbe(positions=[(0, 0, 0.009)], radius=1e-3)
     return scene, ball, scene.add_sensor(model, link=pad, name="skin")
 
 
@@ -58,8 +58,8 @@ def test_a_build_that_fails_leaves_the_one_before(world):
 
 def test_a_model_cannot_be_edited(world):
     *_, skin = world
-    with pytest.raises(dataclasses.FrozenInstanceError, match="probe_radius"):
-        skin.model.probe_radius = 0.1
+    with pytest.raises(dataclasses.FrozenInstanceError, match="radius"):
+        skin.model.radius = 0.1
     noisy = tt.ElectronicsOptions(noise=0.1)
     assert dataclasses.replace(skin.model, electronics=noisy).electronics.noise == 0.1
 
@@ -83,7 +83,7 @@ def test_two_identical_sensors_read_the_same(kind):
         scene = tt.Scene()
         pad = scene.add_body(tt.Box(size=(0.04, 0.04, 0.02)), fixed=True, name="pad")
         ball = scene.add_body(tt.Sphere(radius=0.01), name="ball", position=(0, 0, 1))
-        options = {"probe_local_pos": [(0, 0, 0.01), (2e-3, 0, 0.01)], "probe_radius": 3e-3, "n_sample_points": 500}
+        options = {"positions": [(0, 0, 0.01), (2e-3, 0, 0.01)], "radius": 3e-3, "n_sample_points": 500}
         skins = [scene.add_sensor(kind(**options), link=pad, name=name) for name in names]
         sim = scene.build(seed=3)
         for x in (0.0, 5e-4):

@@ -77,9 +77,9 @@ def skins(draw, models):
     normals = np.array([0, 0, 1.0]) + draw(st.sampled_from([0.0, 0.0, 0.5])) * rng.normal(size=(n, 3))
     radius = np.where(rng.random(n) < draw(st.sampled_from([0.0, 0.3, 1.0])), 0.0, draw(st.sampled_from([1e-3, 2e-2])))
     options = draw(models)
-    options["probe_local_pos"] = positions.reshape(*layout, 3)
-    options["probe_local_normal"] = normals if n else (0, 0, 1.0)
-    options["probe_radius"] = radius if n else 1e-3
+    options["positions"] = positions.reshape(*layout, 3)
+    options["normals"] = normals if n else (0, 0, 1.0)
+    options["radius"] = radius if n else 1e-3
     return options
 
 
@@ -101,8 +101,8 @@ dtypes = st.sampled_from(["float32", "float64"])
 
 
 def check(readings, options):
-    layout = options["probe_local_pos"].shape[:-1]
-    filler = np.broadcast_to(np.asarray(options["probe_radius"]) == 0, int(np.prod(layout)))
+    layout = options["positions"].shape[:-1]
+    filler = np.broadcast_to(np.asarray(options["radius"]) == 0, int(np.prod(layout)))
     for reading in readings:
         assert reading.shape == (2, *layout, 3)
         assert np.isfinite(reading).all()

@@ -25,7 +25,7 @@ GRID = np.stack([*np.meshgrid(np.linspace(-8e-3, 8e-3, 9), np.linspace(-6e-3, 6e
 SPOILT = {
     "crosstalk_strength": 0.2, "crosstalk_sigma": 2e-3, "hysteresis_strength": 0.2, "hysteresis_tau": 0.01,
     "random_walk": 1e-6, "noise": 1e-6, "noise_density": 1e-7, "dead_taxel_probability": 0.1, "history_length": 2,
-    "delay": 1.5e-3, "jitter": 1e-3, "scan_time": 1e-3, "probe_gain_resample_range": (0.9, 1.1),
+    "delay": 1.5e-3, "jitter": 1e-3, "scan_time": 1e-3, "gain_range": (0.9, 1.1),
 }  # fmt: skip
 CHAINS = {
     "Magnetic": ("KinematicTaxel", [Magnetic(neighbours=(("ball", (0, 0, 0), (0, 0, 1e-3)),), earth=(5e-5, 0, 0))]),
@@ -59,7 +59,7 @@ def built(model: str, threads: int | None, n_envs: int | None = N_ENVS, transduc
     scene = tt.Scene(dt=1e-3)
     pad = scene.add_body(tt.Box(size=(0.03, 0.02, 0.02)), fixed=True, name="pad")
     ball = scene.add_body(tt.Sphere(radius=0.01), name="ball", position=(0, 0, 0.019))
-    sensor = from_flat(getattr(tt, model), {"probe_local_pos": GRID, "probe_radius": 2e-3, **options})
+    sensor = from_flat(getattr(tt, model), {"positions": GRID, "radius": 2e-3, **options})
     skin = scene.add_sensor(sensor, link=pad, name="skin", transducers=transducers)
     return scene.build(n_envs, threads=threads), ball, skin
 
@@ -98,7 +98,7 @@ def test_so_do_transducers(chain):
 def test_free_layouts_and_shear_too():
     free = {"taxel_area": 1e-6, "contact_threshold": 1e-6}
     for options in ({}, free):
-        grid = {"probe_local_normal": np.tile([0, 0.1, 1.0], (*GRID.shape[:2], 1)) + GRID * 5}
+        grid = {"normals": np.tile([0, 0.1, 1.0], (*GRID.shape[:2], 1)) + GRID * 5}
         assert readings(1, "ElastomerTaxel", **options, **grid) == readings(3, "ElastomerTaxel", **options, **grid)
 
 

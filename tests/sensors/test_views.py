@@ -15,7 +15,7 @@ AT = {"link_shape": tt.Box(size=(0.03, 0.03, 0.02)), "position": (0, 0, 0.0195)}
 
 
 def pressed(model, n_envs=3, slide=2e-4, **options):
-    made = from_flat(model, {"probe_local_pos": GRID, **options})
+    made = from_flat(model, {"positions": GRID, **options})
     sim, body, skin = scene_with(tt.Sphere(radius=0.01), made, n_envs=n_envs, **AT)
     for k in range(3):
         sim.set_pose(body, position=(k * slide, 0, 0.0194), linear_velocity=(0.2, 0, 0))

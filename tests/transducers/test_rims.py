@@ -18,7 +18,7 @@ def skin_with(*transducers, grid=GRID):
     scene = tt.Scene(dt=1e-3)
     pad = scene.add_body(tt.Box(size=(0.05, 0.05, 0.02)), fixed=True)
     scene.add_body(tt.Sphere(radius=0.01), position=(0, 0, 0.0195), name="ball")
-    model = tt.KinematicTaxel(probe_local_pos=grid, probe_radius=1e-3, normal_stiffness=400.0)
+    model = tt.KinematicTaxel(positions=grid, radius=1e-3, normal_stiffness=400.0)
     sensor = scene.add_sensor(model, link=pad, transducers=transducers)
     sim = scene.build(dtype="float64")
     sim.step()

@@ -28,7 +28,7 @@ def skin(*transducers, probes=SPOTS, turned=(1, 0, 0, 0), n_envs=None, dtype="fl
     pad = scene.add_body(None, name="pad", fixed=True, quaternion=turned)
     ball = scene.add_body(tt.Sphere(radius=0.02), name="ball", position=(0, 0, 1))
     model = tt.KinematicTaxel(
-        probe_local_pos=probes, probe_radius=1e-3, normal_stiffness=1000.0, normal_damping=0.0, shear_scalar=0.0,
+        positions=probes, radius=1e-3, normal_stiffness=1000.0, normal_damping=0.0, shear_scalar=0.0,
         twist_scalar=0.0, electronics=tt.ElectronicsOptions(**options),
     )  # fmt: skip
     sensor = scene.add_sensor(model, link=pad, name="skin", transducers=transducers)

@@ -38,7 +38,7 @@ motion = { kind = "press", direction = [0, 0, -1], approach = 0.0005, depth = 0.
 [[skin]]
 device = "xela_uskin"  # the device
 link = "pad"
-options = { noise = 0.01, normal_stiffness = 300.0, probe_radius = 0.002 }
+options = { noise = 0.01, normal_stiffness = 300.0, radius = 0.002 }
 position = [
   0.0, 0.0,
   0.0,

@@ -19,7 +19,7 @@ from tactemu.transducers.piezoresistive import Piezoresistive
 scene = tt.Scene(dt=1e-3)
 assert_type(scene, tt.Scene)
 assert_type(scene.add_body(tt.Sphere(radius=0.01)), tt.Body)
-skin = scene.add_sensor(tt.ContactDepthProbe(probe_local_pos=[(0.0, 0.0, 0.0)]), link="pad")
+skin = scene.add_sensor(tt.ContactDepthProbe(positions=[(0.0, 0.0, 0.0)]), link="pad")
 assert_type(skin, tt.Sensor[NDArray[np.floating]])
 assert_type(scene.add_sensor(tt.KinematicTaxel(), link="pad").read(), tt.ForceTorque)
 assert_type(scene.add_sensor(tt.ElasticLayerTaxel(), link="pad").read().slip, NDArray[np.int8])

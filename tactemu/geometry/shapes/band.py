@@ -224,7 +224,7 @@ def band_row(row: Row, pack, cell: float | None, name: str, context: Context) ->
     if np.prod(shape) > MAX_GRID_NODES // 4:
         raise SceneError(
             f"voxel_size {cell:g} m makes a band of {' x '.join(map(str, shape))} nodes for body {name!r}; "
-            f"at most {MAX_GRID_NODES // 4} are allowed: take a larger cell, or contact_depth_query='sdf'"
+            f"at most {MAX_GRID_NODES // 4} are allowed: take a larger cell, or depth_query='sdf'"
         )
     if np.prod(shape) > LOGGED_NODES:
         log.info("body %r: comparing a band of %s nodes with its mesh", name, " x ".join(map(str, shape)))

@@ -58,7 +58,7 @@ def voxelise(table, middle, half, cell: float | None, name: str, context: Contex
     if nodes.prod() > MAX_GRID_NODES:
         raise SceneError(
             f"voxel_size {cell:g} m makes a grid of {' x '.join(map(str, nodes))} nodes for body {name!r}; "
-            f"at most {MAX_GRID_NODES} are allowed: take a larger cell, or contact_depth_query='sdf'"
+            f"at most {MAX_GRID_NODES} are allowed: take a larger cell, or depth_query='sdf'"
         )
     origin = middle - 0.5 * cell * (nodes - 1)
     real = context.real

@@ -50,7 +50,7 @@ FallOff = Annotated[float, Bounds(unit="1/m^2", low=0, high=1e24)]
 class ElastomerTaxel(SensorModel[NDArray[np.floating]]):
     """The reading is the motion of each marker [m], link frame, shape ``([n_envs,] layout, 3)``.
 
-    ``probe_radius`` only marks fillers (0): depth is that of the marker itself.
+    ``radius`` only marks fillers (0): depth is that of the marker itself.
     """
 
     lambda_d: FallOff = 700.0
@@ -89,12 +89,12 @@ class ElastomerTaxel(SensorModel[NDArray[np.floating]]):
     gain_inside = False
     layouts = {"displacement": slice(0, 3)}
     strengths = ("dilate_scale", "shear_scale")
-    examples = {"": {"probe_radius": 0.002, "shear_scale": 0.0}, " with shear": {"n_sample_points": 500}}
+    examples = {"": {"radius": 0.002, "shear_scale": 0.0}, " with shear": {"n_sample_points": 500}}
     valid = (
         "Motion of markers along the skin, once scales and fall-offs are fitted; the motion along the normal is a "
         "bulge for display, not the skin's surface (90 % off). Points that stick never slip."
     )
-    source = "A model of optical skins. Option names and numbers are those of the sensor of this name in Genesis."
+    source = "A model of optical skins. Options and numbers are those of the sensor of this name in Genesis."
     tried = [Setting(f"{count} points", {"n_sample_points": count}) for count in (500, 2000)]
 
     def validate(self, probes: Probes) -> None:

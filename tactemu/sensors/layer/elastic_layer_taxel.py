@@ -152,9 +152,9 @@ class ElasticLayerTaxel(SensorModel[LayerReading]):
 
     def validate(self, probes: Probes) -> None:
         where = "ElasticLayerTaxel"
-        if self.contact_depth_query not in (None, "ray"):
+        if self.depth_query not in (None, "ray"):
             raise SceneError(
-                f"{where}: contact_depth_query must be 'ray' (or left out), got {self.contact_depth_query!r}: "
+                f"{where}: depth_query must be 'ray' (or left out), got {self.depth_query!r}: "
                 "it solves contact with the depth along the normal"
             )
         for grid in layer_grids(probes, 1, where):

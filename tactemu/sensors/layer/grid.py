@@ -240,9 +240,7 @@ def _grid_of(probes: Probes, members: np.ndarray, split: int, sensor: str) -> La
     normal = probes.normals[members].mean(0)
     normal /= max(float(np.linalg.norm(normal)), 1e-12)
     if np.abs(probes.normals[members] - normal).max() > _TOLERANCE:
-        raise SceneError(
-            f"{sensor}: ElasticLayerTaxel needs one normal for all taxels of a pad; give one probe_local_normal"
-        )
+        raise SceneError(f"{sensor}: ElasticLayerTaxel needs one normal for all taxels of a pad; give one in normals")
     positions = probes.positions[members]
     centred = positions - positions[0]
     u = _row_direction(probes, centred, normal)
@@ -262,7 +260,7 @@ def _grid_of(probes: Probes, members: np.ndarray, split: int, sensor: str) -> La
         raise SceneError(
             f"{sensor}: ElasticLayerTaxel needs taxels on a flat rectangular grid; these deviate from one by "
             f"{uneven:.2g} pitches and leave {holes} of its places empty. Use ElastomerTaxel, or give "
-            "probe_local_pos as a regular grid"
+            "positions as a regular grid"
         )
     cell = (np.rint(down - down.min()) * columns + np.rint(along - along.min())).astype(int)
     if len(np.unique(cell)) != len(cell):

@@ -100,7 +100,7 @@ def proximity_kernel(real, moving: bool, has_gain: bool):
 class ProximityTaxel(SensorModel[ForceTorque]):
     """The reading is a :class:`ForceTorque`: force [N], and torque about the link's origin [N m].
 
-    ``track_link_idx`` names the bodies whose points it senses (default: all others).
+    ``sense`` names the bodies whose points it senses (default: all others).
     """
 
     stiffness: NonNegative = 100.0
@@ -125,12 +125,12 @@ class ProximityTaxel(SensorModel[ForceTorque]):
     more_fields = {"torque": slice(3, 6)}
     reading_unit = "N, N m"
     strengths = ("stiffness", "shear_coupling", "twist_scalar")
-    examples = {", 500 points": {"probe_radius": 0.004, "n_sample_points": 500}}
+    examples = {", 500 points": {"radius": 0.004, "n_sample_points": 500}}
     valid = (
         "Bodies that are near, before they touch. As a force sensor it is slower and less accurate than springs: the "
         "sum over points depends on their random places."
     )
-    source = "Sums over points. Option names and numbers are those of the sensor of this name in Genesis."
+    source = "Sums over points. Options and numbers are those of the sensor of this name in Genesis."
     tried = [Setting(f"{count} points", {"n_sample_points": count}) for count in (500, 5000)]
 
     def velocity_reason(self) -> str | None:

@@ -46,7 +46,7 @@ class ContactDepthProbe(SensorModel[NDArray[np.floating]]):
         "Exact as a distance, at any depth with the ray query; it computes no equilibrium, so that nothing moves "
         "beside a contact."
     )
-    source = "Geometry. Option names and numbers are those of the sensor of this name in Genesis (genesis-world 1.4.5)."
+    source = "Geometry. Options and numbers are those of the sensor of this name in Genesis (genesis-world 1.4.5)."
     tried = query_trials()
 
     def compile(self, site: Site) -> Compiled:

@@ -69,7 +69,7 @@ class ContactProbe(SensorModel[NDArray[np.bool_]]):
     layouts = {"touch": slice(0, 1)}
     senses_within_radius = True
     valid = "Wherever depth is right; the threshold decides which taxels touch, since nothing yields."
-    source = "A Schmitt trigger. Option names and numbers are those of the sensor of this name in Genesis."
+    source = "A Schmitt trigger. Options and numbers are those of the sensor of this name in Genesis."
     tried = query_trials()
 
     @property

@@ -143,7 +143,7 @@ class KinematicTaxel(SensorModel[ForceTorque]):
         "Each probe is an independent spring: it shows where a body presses, and how hard, once the stiffness is "
         "fitted. Under a flat face or an edge the fitted force is off by up to 74 %; it neither sticks nor slips."
     )
-    source = "Springs and dampers. Option names and numbers are those of the sensor of this name in Genesis."
+    source = "Springs and dampers. Options and numbers are those of the sensor of this name in Genesis."
     tried = query_trials()
 
     def velocity_reason(self) -> str | None:

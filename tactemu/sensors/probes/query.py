@@ -3,7 +3,7 @@ KinematicTaxel.
 
 ``d = max(0, R - distance)`` over the sensed bodies: a probe at the surface of a body reads its radius ``R``, and one in
 free space within ``R`` reads ``R`` minus the distance. There is no gate: two fixed bodies touch like any others. The
-distance is that to the nearest surface, or with ``contact_depth_query="ray"`` that along the taxel's normal.
+distance is that to the nearest surface, or with ``depth_query="ray"`` that along the taxel's normal.
 """
 
 # pyright: reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false, reportOperatorIssue=false
@@ -180,7 +180,7 @@ def within_function(real, kinds: frozenset, along_normal: bool):
     return within
 
 
-CHEAPER_QUERY = 'set `contact_depth_query = "sdf"`'
+CHEAPER_QUERY = 'set `depth_query = "sdf"`'
 """The advice to make a query cost less, for the plan."""
 
 
@@ -188,7 +188,7 @@ def query_trials() -> list[Setting]:
     """Return the ways to find depth, cheapest first."""
     return [
         Setting("nearest surface"),
-        Setting("band", {"contact_depth_query": "band"}),
-        Setting("voxels", {"contact_depth_query": "voxel"}),
-        Setting("along the normal", {"contact_depth_query": "ray"}),
+        Setting("band", {"depth_query": "band"}),
+        Setting("voxels", {"depth_query": "voxel"}),
+        Setting("along the normal", {"depth_query": "ray"}),
     ]

@@ -41,7 +41,7 @@ class Case:
     mesh: bool = False
     """True if the ball is a mesh of 80k faces."""
     query: str | None = None
-    """The method that finds depth (``contact_depth_query``); None: the default."""
+    """The method that finds depth (``depth_query``); None: the default."""
     scene: Literal["ours", "genesis"] = "ours"
     spread_mm: float | None = None
     """The spread of the environments' poses along x and y (1 mm in depth), which then move in each step; None: all
@@ -122,10 +122,10 @@ def grid(side: int) -> np.ndarray:
 
 
 GENESIS_OPTIONS: dict[str, dict[str, Any]] = {
-    "KinematicTaxel": {"probe_radius": 3e-3},
-    "ContactDepthProbe": {"probe_radius": 3e-3},
-    "ProximityTaxel": {"probe_radius": 6e-3, "shear_coupling": 1.0},
-    "ElastomerTaxel": {"probe_radius": 3e-3, "lambda_d": 20000.0, "lambda_s": 8000.0},
+    "KinematicTaxel": {"radius": 3e-3},
+    "ContactDepthProbe": {"radius": 3e-3},
+    "ProximityTaxel": {"radius": 6e-3, "shear_coupling": 1.0},
+    "ElastomerTaxel": {"radius": 3e-3, "lambda_d": 20000.0, "lambda_s": 8000.0},
 }
 """Additional options of each model in Genesis's scene, besides those of :func:`sensors`."""
 
@@ -135,7 +135,7 @@ def build(case: Case, device: str, **options: Any):
     :meth:`Scene.build`."""
     scene = Scene(dt=1e-3)
     kind, chosen = sensors()[case.sensor]
-    chosen = {**chosen, "contact_depth_query": case.query} if case.query else chosen
+    chosen = {**chosen, "depth_query": case.query} if case.query else chosen
     if case.scene == "genesis":
         place, extent, x = (0.001, 0.002, 0.028), 0.08, np.linspace(-0.012, 0.012, case.side)
         positions = np.stack([*np.meshgrid(x, x), np.full((case.side, case.side), 0.01)], -1)
@@ -144,7 +144,7 @@ def build(case: Case, device: str, **options: Any):
         place, extent, positions = (0.0, 0.0, 0.029), SIDE, grid(case.side)
     pad = scene.add_body(Box(size=(extent, extent, 0.02)), fixed=True, name="pad")
     ball = scene.add_body(_ball(case.mesh), name="ball", position=place)
-    sensor = scene.add_sensor(from_flat(kind, {"probe_local_pos": positions, **chosen}), link=pad, name="skin")
+    sensor = scene.add_sensor(from_flat(kind, {"positions": positions, **chosen}), link=pad, name="skin")
     sim = scene.build(case.n_envs, device=device, **options)
     sim.set_pose(ball, linear_velocity=(0.01, 0, 0))
     sim.step()

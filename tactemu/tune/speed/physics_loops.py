@@ -87,7 +87,7 @@ def hand(n_envs: int, device: str):
             bodies.append(
                 scene.add_body(Capsule(radius=6e-3, length=0.02), name=f"bone {finger} {bone}", position=place)
             )
-        model = KinematicTaxel(probe_local_pos=pad, probe_radius=2e-3)
+        model = KinematicTaxel(positions=pad, radius=2e-3)
         skins.append(scene.add_sensor(model, link=bodies[-1], name=f"finger {finger}"))
     bodies.append(scene.add_body(Sphere(radius=0.03), name="ball", position=(0.0, 0.11, 0.035)))
     sim = scene.build(n_envs, device=device)

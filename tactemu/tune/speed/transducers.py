@@ -38,7 +38,7 @@ def build(n_envs: int, device: str, transducers: Sequence = ()) -> Any:
     scene = Scene(dt=1e-3)
     pad = scene.add_body(None, name="pad", fixed=True)
     ball = scene.add_body(Sphere(radius=0.02), name="ball", position=(0, 0, 0.0215))
-    model = KinematicTaxel(probe_local_pos=PLACES, probe_radius=3e-3)
+    model = KinematicTaxel(positions=PLACES, radius=3e-3)
     scene.add_sensor(model, link=pad, name="skin", transducers=transducers)
     sim = scene.build(n_envs, device=device)
     for _ in range(3):

@@ -25,12 +25,12 @@ def make_model(setting: Setting, skin: TestSkin) -> SensorModel:
     """Return the sensor model on a skin, with the skin's material if the model has one."""
     model = model_class(setting.model)
     material = {name: getattr(skin, name) for name in model.material}
-    return from_flat(model, {"probe_local_pos": skin.positions(), **material, **setting.options})
+    return from_flat(model, {"positions": skin.positions(), **material, **setting.options})
 
 
 _FITTED = {"touch": (), "depth": ("sink",), "force": ("pressure", "drag"), "displacement": ("sink", "shift")}
 """The fields of an observation whose scale is free, by quantity."""
-_GRAZING = {"probe_radius": GRAZE}
+_GRAZING = {"radius": GRAZE}
 
 
 def _layer(name: str, **options: Any) -> Setting:
@@ -44,15 +44,15 @@ def ladder() -> list[Setting]:
     springs = {**_GRAZING, "normal_damping": 0.0, "twist_scalar": 0.0}
     fitted = {"lambda_d": 3e4, "lambda_s": 3e4, "normal_exponent": 1.0, "n_sample_points": 2000}
     layered = {"compressibility": 0.0, "elastomer_thickness": 4e-3, "n_sample_points": 2000}
-    proximity = {"probe_radius": 1e-3, "twist_scalar": 0.0, "shear_coupling": 1.0}
-    voxel = {"contact_depth_query": "voxel", "voxel_size": 2.5e-4}
+    proximity = {"radius": 1e-3, "twist_scalar": 0.0, "shear_coupling": 1.0}
+    voxel = {"depth_query": "voxel", "voxel_size": 2.5e-4}
     settings = [
         Setting(name="L0 touch", model="contact_probe", options=_GRAZING),
         _depth("L1 depth", {}),
         _depth("L1 depth, voxel 0.25 mm", voxel),
-        _depth("L1 depth, ray", {"contact_depth_query": "ray"}),
+        _depth("L1 depth, ray", {"depth_query": "ray"}),
         Setting(name="L2 springs", model="kinematic_taxel", options=springs),
-        Setting(name="L2 springs, ray", model="kinematic_taxel", options={**springs, "contact_depth_query": "ray"}),
+        Setting(name="L2 springs, ray", model="kinematic_taxel", options={**springs, "depth_query": "ray"}),
         _points(proximity, 500),
         _points(proximity, 5000),
         _markers("L3 markers, defaults", {"n_sample_points": 500}),

@@ -86,7 +86,7 @@ class Truths:
 
     def _solve(self, case: Case) -> Observation:
         fine = fine_skin(self.skin, self.factor)
-        model = ElasticLayerTaxel(probe_local_pos=fine.positions(), **fine.layer, iterations=400, tolerance=TOLERANCE)
+        model = ElasticLayerTaxel(positions=fine.positions(), **fine.layer, iterations=400, tolerance=TOLERANCE)
         sim, body, sensor = build(fine, case, model)
         for pose in case.poses():
             sim.set_pose(body, **pose)
@@ -153,7 +153,7 @@ def _force(skin: TestSkin, shape, lowest: float, depth: float) -> float:
     pad = scene.add_body(None, name="pad", fixed=True)
     body = scene.add_body(shape, name="object", position=(0, 0, 1))
     options = {"iterations": 400, "tolerance": 1e-6, "displacement": False, "look_depth": 4 * depth}
-    model = ElasticLayerTaxel(probe_local_pos=skin.positions(), **skin.layer, **options)
+    model = ElasticLayerTaxel(positions=skin.positions(), **skin.layer, **options)
     sensor = scene.add_sensor(model, link=pad)
     sim = scene.build()
     sim.set_pose(body, position=(0, 0, TOP + lowest - depth))

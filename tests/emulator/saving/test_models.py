@@ -18,7 +18,7 @@ SPOILT = {
         "scan_time": 0.004,
     },
     "electronics": {
-        "probe_gain_resample_range": (0.8, 1.2), "probe_radius_noise": 1e-4, "random_walk": 1e-3, "bias": 0.1,
+        "gain_range": (0.8, 1.2), "radius_noise": 1e-4, "random_walk": 1e-3, "bias": 0.1,
         "noise_density": 1e-3, "temperature_course": [(0.0, 20.0), (0.1, 40.0)], "temperature_offset": 0.01,
         "resolution": 1e-3, "dead_taxel_probability": 0.1, "saturation_range": (-5.0, 5.0), "delay": 0.007,
         "jitter": 0.01, "delay_interpolation": "linear", "adjustable": ["noise", "dead"],
@@ -79,7 +79,7 @@ def test_of_a_model_of_ones_own_all_that_its_context_made_is_saved():
     ball = scene.add_body(tt.Sphere(radius=0.01))
     skin = scene.add_sensor(
         tt.KinematicTaxel(
-            probe_radius=0.002,
+            radius=0.002,
             imperfections=tt.ImperfectionOptions(hysteresis_strength=0.3),
             electronics=tt.ElectronicsOptions(random_walk=1e-3, history_length=3),
         ),
@@ -110,10 +110,10 @@ def test_of_a_model_of_ones_own_all_that_its_context_made_is_saved():
 
 
 def test_a_state_of_another_scene_is_refused_in_words(tmp_path):
-    here = story.build(scene("kinematic_taxel", {"probe_radius": 0.002}))
+    here = story.build(scene("kinematic_taxel", {"radius": 0.002}))
     with here:
         here.run(0.02)
         here.save(tmp_path / "state.npz")
-    other = story.build(scene("kinematic_taxel", {"probe_radius": 0.003}))
-    with other, pytest.raises(StateError, match=r"skin\[0\]\.options\.probe_radius: saved with 0\.002, here 0\.003"):
+    other = story.build(scene("kinematic_taxel", {"radius": 0.003}))
+    with other, pytest.raises(StateError, match=r"skin\[0\]\.options\.radius: saved with 0\.002, here 0\.003"):
         other.restore(tmp_path / "state.npz")

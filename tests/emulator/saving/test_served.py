@@ -96,8 +96,8 @@ def test_a_simulation_of_ones_own_is_forked_with_handles_of_its_own():
     scene.add_body(tt.Sphere(radius=0.01), position=(0, 0, 0.017), motion=motion)
     skin = scene.add_sensor(
         tt.KinematicTaxel(
-            probe_local_pos=[(0.002 * x, 0.002 * y, 0.005) for x, y in ((0, 0), (1, 0), (0, 1), (-1, 0), (0, -1))],
-            probe_radius=0.002,
+            positions=[(0.002 * x, 0.002 * y, 0.005) for x, y in ((0, 0), (1, 0), (0, 1), (-1, 0), (0, -1))],
+            radius=0.002,
             imperfections=tt.ImperfectionOptions(hysteresis_strength=0.3),
         ),
         link=pad,

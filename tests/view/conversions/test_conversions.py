@@ -53,7 +53,7 @@ link = "pad"
 position = [0, 0, 0.005]
 quaternion = [0.70710678, 0, 0, 0.70710678]
 model = "proximity_taxel"
-options = { probe_radius = 0.004, n_sample_points = 40, track_link_idx = "finger", noise = 0.01, draw_debug = true }
+options = { radius = 0.004, n_sample_points = 40, sense = "finger", noise = 0.01, draw_debug = true }
 port = "memory:a"
 faults = ["drop 20%"]
 
