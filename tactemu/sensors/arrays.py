@@ -1,7 +1,7 @@
 """The arrays of a sensor on the device, by the names of its reading's fields.
 
 They copy nothing and do not wait, and the next step writes into them. One conversion by
-``torch.from_dlpack(skin.arrays.force)``, or that of JAX, CuPy or NumPy, stays valid for all steps.
+``torch.from_dlpack(skin.arrays.force)``, or that of CuPy, NumPy or (of ``packed``) JAX, stays valid for all steps.
 """
 
 from __future__ import annotations
@@ -63,6 +63,7 @@ def _makers(sensor: Any, is_truth: bool) -> dict[str, Callable[[], WarpArray]]:
     return {
         **{name: partial(shaped, reading, columns) for name, columns in fields_of(sensor).items()},
         **{name: partial(derived, name) for name in outputs.derived},
+        "packed": partial(shaped, reading, slice(None)),
         "contacts": lambda: by_body(sensor._contact_flags()),
         "bad_poses": lambda: by_body(outputs.bad_poses),
     }
@@ -73,7 +74,7 @@ class SensorArrays:
 
     A field has the name, unit and shape that it has in ``read()``: ``([n_envs,] layout)``, of vectors ``([n_envs,]
     layout, 3)``; with a history ``([n_envs,] history, n_taxels[, 3])``. Its type is a Warp array of the kernels' float
-    type, and anything with ``from_dlpack`` reads it without a copy. A field that this sensor does not have raises
+    type, and what has ``from_dlpack`` reads it without a copy. A field that this sensor does not have raises
     :class:`~tactemu.base.errors.SceneError`, which names those that it has; ``dir()`` lists them.
     """
 
@@ -102,6 +103,9 @@ class SensorArrays:
     """Resistance [Ohm], of a transducer."""
     capacitance: WarpArray
     """Capacitance [F], of a transducer."""
+    packed: WarpArray
+    """All channels of a taxel side by side, in the order of ``skin.model.layouts``, ``([n_envs,] layout[, channels])``:
+    in one piece, for a library such as JAX that takes no strided array."""
     contacts: WarpArray
     """Contact flags of the bodies, uint8, ``([n_envs,] n_bodies)``: see :meth:`Sensor.touching`. Each step computes
     them once you have asked for them."""

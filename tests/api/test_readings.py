@@ -47,7 +47,7 @@ def pressed(model, n_envs=None, *, transducers=(), **options):
 def test_a_reading_has_the_same_fields_on_the_host_and_on_the_device(model, n_envs):
     _sim, _ball, _far, skin = pressed(model, n_envs, electronics=tt.ElectronicsOptions(noise=1e-6))
     names, unit = FIELDS[model]
-    assert skin.unit == unit and set(dir(skin.arrays)) == {*names, "contacts", "bad_poses"}
+    assert skin.unit == unit and set(dir(skin.arrays)) == {*names, "packed", "contacts", "bad_poses"}
     for reading, arrays in ((skin.read(), skin.arrays), (skin.read_ground_truth(), skin.ground_truth_arrays)):
         assert (reading._fields if len(names) > 1 else names) == names
         for name in names:
@@ -76,7 +76,9 @@ def test_with_transducers_the_reading_is_their_signal():
     assert isinstance(skin.read(), np.ndarray) and skin.read().shape == (2, 5, 6)
     assert np.array_equal(skin.arrays.resistance.numpy(), skin.read()) and skin.unit == "Ohm"
     assert skin.quantities == ("resistance",)
-    with pytest.raises(tt.SceneError, match="'skin' has no array 'force'; it has: resistance, contacts, bad_poses"):
+    with pytest.raises(
+        tt.SceneError, match="'skin' has no array 'force'; it has: resistance, packed, contacts, bad_poses"
+    ):
         _ = skin.arrays.force
 
 

@@ -1,4 +1,4 @@
-"""Environments of their own, for drivers that need other versions of a library than the rest, or that are heavy.
+"""Environments of their own, for drivers and libraries that need other versions of a library, or that are heavy.
 
 ``environments/NAME.txt`` is a lock: every package with its version, ``package==version``, what they need included, for
 nothing else is installed. The environment is kept below ``build/environments`` under the hash of lock and Python, so
