@@ -162,6 +162,22 @@ def test_the_first_of_those_reset_takes_the_seed_in_the_order_of_the_list_or_the
                 check(env, its)
 
 
+def test_numbers_may_come_in_an_array_with_dlpack():
+    rig = Rig(3)
+    for seed, env in (([4, 9, 7], 1), ([8], 1)):
+        rig.sim.reset(seed=wp.array(seed, dtype=wp.int32, device="cpu"))
+        assert rig.run(env) == alone(9)
+
+
+def test_the_temperature_follows_the_time_since_the_reset_also_without_a_seed():
+    warm = {"temperature_course": [(0.0, 25.0), (0.01, 35.0)], "temperature_offset": 0.1, "positions": GRID}
+    rig = Rig(2, skins=[from_flat(tt.ContactDepthProbe, warm)])
+    rig.sim.step(4)
+    rig.sim.reset([1])
+    rig.sim.step(2)
+    assert rig.skins[0].read()[:, 0, 0] == pytest.approx([0.6, 0.2])
+
+
 def test_the_others_go_on_to_the_bit():
     calm, reset = Rig(3), Rig(3)
     for k in range(12):
