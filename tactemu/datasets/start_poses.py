@@ -17,7 +17,7 @@ from tactemu.scene.building import read_engine
 from tactemu.scene.file import LoadedScene
 
 if TYPE_CHECKING:
-    from tactemu.geometry.motion import Motion
+    from tactemu.geometry.motion import Motion, Times
     from tactemu.scene.scene import Scene
     from tactemu.sensors.simulation import Simulation
 
@@ -110,10 +110,11 @@ class BodyMotions:
         self._bodies = [scene.body(name) for name in dict.fromkeys((*motions, *starts.tables))]
         scene.posers.append(self)
 
-    def __call__(self, simulation: Simulation, t_s: float) -> None:
-        """Set the poses of the bodies at a time [s]."""
+    def __call__(self, simulation: Simulation, _times: Times) -> None:
+        """Set the poses of the bodies at the simulation's time; no environment is reset alone."""
         if self._bodies:
-            simulation.world.put_all(self._places, np.stack([self._rows(body, t_s) for body in self._bodies]))
+            rows = [self._rows(body, simulation.time) for body in self._bodies]
+            simulation.world.put_all(self._places, np.stack(rows))
 
     @cached_property
     def _places(self) -> np.ndarray:

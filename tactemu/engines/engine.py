@@ -179,6 +179,8 @@ class MujocoEngine:
         Raises:
             PoseError: the model's state is no longer finite.
         """
+        if simulation.batched:  # one model for all environments
+            t_s = simulation.time
         dt = self.model.opt.timestep
         if t_s < self.data.time + self._left_out_s - dt / 2:
             self._restart()

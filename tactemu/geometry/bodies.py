@@ -13,15 +13,16 @@ from typing import Protocol
 import numpy as np
 
 from tactemu.base.errors import SceneError
-from tactemu.geometry.motion import Motion, Pose
+from tactemu.geometry.motion import Motion, Pose, Times
 from tactemu.geometry.shapes.shape import Shape
 
 
 class WorldMotion(Protocol):
     """A motion that you write yourself: world poses over time, not displacements as those of :class:`Motion`."""
 
-    def pose(self, t_s: float) -> Pose:
-        """Return the world pose and velocities at ``t_s`` [s]."""
+    def pose(self, t_s: Times) -> Pose:
+        """Return the world pose and velocities at ``t_s`` [s] since the reset; in a batch ``t_s`` is an array of the
+        environments' own times, ``(n_envs,)``, and the pose may have a row for each."""
         ...
 
 
@@ -42,8 +43,9 @@ class Body:
     motion: Motion | WorldMotion | None = None
     """The motion, evaluated at every step; ``None``: the body stays where it is put."""
 
-    def pose(self, t_s: float) -> Pose:
-        """Return the world pose and velocities at ``t_s`` [s] by the body's motion, or its start pose if it has none.
+    def pose(self, t_s: Times) -> Pose:
+        """Return the world pose and velocities at ``t_s`` [s], or at an array of times, by the body's motion;
+        without one, its start pose.
 
         Raises:
             SceneError: a motion that you wrote yourself returns no pose.
@@ -52,7 +54,8 @@ class Body:
             return self._start
         here = self.motion.pose(t_s)
         if not isinstance(here, Pose):
-            raise SceneError(f"body {self.name!r}: its motion at {t_s:g} s: expected a tactemu.Pose, got {here!r}")
+            when = f"{t_s:g}" if np.ndim(t_s) == 0 else "an array of times"
+            raise SceneError(f"body {self.name!r}: its motion at {when} s: expected a tactemu.Pose, got {here!r}")
         return self._start.displaced(here) if isinstance(self.motion, Motion) else here
 
     @cached_property

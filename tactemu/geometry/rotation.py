@@ -7,11 +7,37 @@ step needs several; and it rounds in another order, which would change readings.
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
+from tactemu.base.errors import SceneError
+
 IDENTITY = (1.0, 0.0, 0.0, 0.0)
+ORDERS = ("wxyz", "xyzw")
+"""Orders in which a quaternion's numbers may be given."""
 _NEXT, _LAST = [1, 2, 0], [2, 0, 1]
+
+
+def wxyz(quaternion: Any, order: str, where: str) -> Any:
+    """Return quaternions ``(..., 4)`` given in another order of their numbers as w, x, y, z.
+
+    Args:
+        quaternion: numbers of any shape ``(..., 4)``; ``None`` and what is no numbers is returned as it is.
+        order: ``wxyz`` or ``xyzw``.
+        where: the place for the message.
+
+    Raises:
+        SceneError: there is no such order.
+    """
+    if order not in ORDERS:
+        raise SceneError(f"{where}: order must be one of {', '.join(ORDERS)}, got {order!r}")
+    if quaternion is None or order == "wxyz":
+        return quaternion
+    try:
+        return np.roll(np.asarray(quaternion, np.float64), 1, axis=-1)
+    except (TypeError, ValueError):  # the caller's own message says what is wrong
+        return quaternion
 
 
 def normalised(quaternion) -> np.ndarray:
@@ -49,6 +75,21 @@ def multiply_many(a, b) -> np.ndarray:
     real = a[:, 0] * b[:, 0] - np.einsum("ij,ij->i", a[:, 1:], b[:, 1:])
     vector = a[:, :1] * b[:, 1:] + b[:, :1] * a[:, 1:] + cross_many(a[:, 1:], b[:, 1:])
     return np.concatenate([real[:, None], vector], axis=1)
+
+
+def rotate_many(q, v) -> np.ndarray:
+    """Return vectors turned each by its own unit quaternion, ``(n, 3)``; either argument may be a single one."""
+    q, v = np.atleast_2d(q), np.atleast_2d(v)
+    twice = 2.0 * cross_many(q[:, 1:], v)
+    return v + q[:, :1] * twice + cross_many(q[:, 1:], twice)
+
+
+def between_many(before: np.ndarray, after: np.ndarray) -> np.ndarray:
+    """Return the rotation vectors [rad] from one orientation to another, the shorter way, ``(n, 3)``."""
+    q = multiply_many(after, before * (1.0, -1.0, -1.0, -1.0))
+    q = np.where(q[:, :1] < 0, -q, q)
+    sine = np.linalg.norm(q[:, 1:], axis=1, keepdims=True)
+    return np.where(sine < 1e-12, 2.0, 2.0 * np.arctan2(sine, q[:, :1]) / np.maximum(sine, 1e-12)) * q[:, 1:]
 
 
 def cross_many(a: np.ndarray, b: np.ndarray) -> np.ndarray:

@@ -258,9 +258,13 @@ class Plan:
             stage: the stage, launched from the next run on.
             before: name of the stage in front of which it is inserted; default: at the end.
         """
-        self.stages = [each for each in self.stages if each.name != stage.name]
+        self.remove(stage.name)
         names = [each.name for each in self.stages]
         self.stages.insert(names.index(before) if before in names else len(names), stage)
+
+    def remove(self, name: str) -> None:
+        """Remove the stage of this name, if there is one."""
+        self.stages = [each for each in self.stages if each.name != name]
         self._graph, self._warm, self._legs = None, False, []
 
     @property

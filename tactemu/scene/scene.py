@@ -13,6 +13,7 @@ from tactemu.base.keywords import takes_words
 from tactemu.base.options import choice, number
 from tactemu.base.units import DEFAULT_STEP_S, StepSeconds
 from tactemu.base.words import Names
+from tactemu.geometry import rotation
 from tactemu.geometry.bodies import Body, WorldMotion, find_body
 from tactemu.geometry.shapes.registry import SHAPES
 from tactemu.geometry.shapes.shape import Shape
@@ -50,8 +51,9 @@ class Scene:
         self._names: set[str] = set()
         """Names of the bodies."""
         self.sensors: list[Sensor[Any]] = []
-        self.posers: list[Callable[[Simulation, float], None]] = []
-        """Functions that pose bodies at each step of the built scene, given its time [s]: other simulators."""
+        self.posers: list[Callable[[Simulation, Any], None]] = []
+        """Functions that pose bodies at each step of the built scene: other simulators. They get the time since its
+        reset [s], in a batch the times of all environments, ``(n_envs,)``."""
         self.planners: list[Callable[[Simulation], None]] = []
         """Functions that add stages to a scene when it is built: other simulators on its device."""
         self._built: Simulation | None = None
@@ -64,7 +66,8 @@ class Scene:
         name: str | None = None,
         fixed: bool = False,
         position: Sequence[float] = (0.0, 0.0, 0.0),
-        quaternion: Sequence[float] = (1.0, 0.0, 0.0, 0.0),
+        quaternion: Sequence[float] | None = None,
+        order: str = "wxyz",
         motion: Motion | WorldMotion | None = None,
     ) -> Body:
         """Add a rigid body.
@@ -74,7 +77,8 @@ class Scene:
             name: for messages and the plan; default: the shape's name and its index.
             fixed: the body never moves; a motion or :meth:`Simulation.set_pose` on it is an error.
             position: world position at the start [m].
-            quaternion: orientation there, (w, x, y, z), of any length > 0.
+            quaternion: orientation there, (w, x, y, z), of any length > 0; ``None``: not turned.
+            order: order of the quaternion's numbers, ``wxyz`` or ``xyzw``.
             motion: a motion of :mod:`tactemu.geometry.motion`, which displaces the body from its start, or an object
                 whose ``pose(t_s)`` returns world poses (:class:`tactemu.Pose`).
 
@@ -90,7 +94,8 @@ class Scene:
             raise SceneError(f"body {name!r}: there is already a body of this name; choose another name")
         if fixed and motion is not None:
             raise SceneError(f"body {name!r}: it is fixed and has a motion; remove one of the two")
-        xyz, wxyz = np.asarray(position, float), np.asarray(quaternion, float)
+        turn = (1.0, 0.0, 0.0, 0.0) if quaternion is None else rotation.wxyz(quaternion, order, f"body {name!r}")
+        xyz, wxyz = np.asarray(position, float), np.asarray(turn, float)
         if xyz.shape != (3,) or not np.isfinite(xyz).all():
             raise SceneError(f"body {name!r}: position must be 3 finite numbers, got {position!r}")
         with np.errstate(over="ignore"):
@@ -201,7 +206,8 @@ class Scene:
         Raises:
             SceneError: an option of a sensor is wrong, a mesh cannot be used, or the device does not exist.
         """
-        from tactemu.sensors.simulation import BuildOptions, Simulation
+        from tactemu.sensors.build_options import BuildOptions
+        from tactemu.sensors.simulation import Simulation
 
         options = BuildOptions(
             n_envs=n_envs, device=device, seed=seed, dtype=dtype, first_env=first_env, threads=threads

@@ -5,19 +5,19 @@
 
 import functools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 import warp as wp
 
 from tactemu.base.errors import SceneError
+from tactemu.geometry import rotation
 from tactemu.geometry.bodies import Body, find_body
 from tactemu.geometry.device_arrays import as_warp_array, check_device, scalar_view, view
 from tactemu.plan.plan import Context, Stage
 from tactemu.sensors.poses import POSE_WIDTH
 
-ORDERS = ("wxyz", "xyzw")
 FLOATS = (wp.float32, wp.float64)
 PARTS = {"position": 3, "quaternion": 4, "linear_velocity": 3, "angular_velocity": 3}
 """The parts of a pose that may be bound, and their widths."""
@@ -129,6 +129,13 @@ class BoundPoses:
     at: str
     """Kind of place: ``origin``, ``com`` or ``points``."""
 
+    def without(self, body: Body) -> "BoundPoses | None":
+        """Return the same without one body; ``None`` if none is left."""
+        kept = [k for k, each in enumerate(self.bodies) if each is not body]
+        names = ("bodies", "columns", "place_columns", *(["offsets"] if self.offsets else []))
+        rows = {name: tuple(getattr(self, name)[k] for k in kept) for name in names}
+        return replace(self, **rows) if kept else None
+
     def stage(self, context: Context, world: wp.array) -> Stage:
         """Return the stage that converts the arrays, the first of each step."""
         given = [self.arrays.get(name) for name in PARTS] + [self.places]
@@ -183,8 +190,7 @@ def make_bound_poses(
         given = {name: (array, starts[name]) for name in PARTS}
     if not given:
         raise SceneError(f"bind_poses: you gave no array; give poses, or any of {', '.join(PARTS)}")
-    if order not in ORDERS:
-        raise SceneError(f"bind_poses: order must be one of {', '.join(ORDERS)}, got {order!r}")
+    rotation.wxyz(None, order, "bind_poses")
     arrays = {name: _columns(value, name, context, PARTS[name]) for name, value in given.items()}
     widths = {name: array.shape[1] for name, array in arrays.items()}
     if len(set(widths.values())) > 1:
@@ -325,8 +331,6 @@ def _chosen(
     for body, k in pairs:
         if body.fixed:
             raise SceneError(f"bind_poses: body {body.name!r} is fixed; add it with fixed=False to move it")
-        if body.motion is not None:
-            raise SceneError(f"bind_poses: body {body.name!r} has a motion already")
         if isinstance(k, bool) or not isinstance(k, int) or not 0 <= k < n:
             raise SceneError(f"bind_poses: index of body {body.name!r} must be in 0..{n - 1}, got {k!r}")
     if not pairs:

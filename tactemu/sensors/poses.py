@@ -213,12 +213,18 @@ class RelativePoses:
         unusable."""
         return cast(wp.array, self.bad[self.links.index(link)])
 
+    @property
+    def ahead(self) -> int:
+        """Number of steps by which the time on the device lags behind that of the step being taken, before relative
+        poses: 0 if a stage of its own advances it."""
+        return int(self._context.threads == 1 and bool(self.links))
+
     def stages(self) -> list[Stage]:
         """Return the stages: relative poses, which also advances the step count and the time unless threads share the
         step; then, and where no link carries a skin, a stage of its own does."""
-        context = self._context
-        shared, before = context.threads > 1, []
-        if shared or not self.links:
+        context, before = self._context, []
+        shared = context.threads > 1
+        if not self.ahead:
             launch = record(tick, 1, [context.clock, self.dt_ns], [], context.device)
             reason = "advances before threads share the step" if shared else "advances; there is no skin"
             before = [Stage(name="time", reason=reason, launch=launch)]
@@ -228,7 +234,7 @@ class RelativePoses:
         links.world, links.links, links.middles, links.reaches = self.world, self._links, self._middles, self._reaches
         links.pose, links.velocity, links.spin = map(self._numbers, (self._pose, self._velocity, self._spin))
         links.link_spin, links.near, links.bad = self._link_spin, self._near, self.bad
-        kernel = relative_pose_kernel(context.real, self.with_twist, not shared)
+        kernel = relative_pose_kernel(context.real, self.with_twist, self.ahead > 0)
         reason = "poses of all bodies in the skin's frame, formed in float64"
         if self.with_twist:
             reason += "; velocities for " + ", ".join(self._reasons)

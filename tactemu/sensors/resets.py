@@ -41,11 +41,12 @@ class Resets:
             self._context.step.fill_(0)
             self._context.time_ns.fill_(0)
         if self._device.is_cpu:
-            self._clear(seeds)
             self._world.reset(self._mask.numpy())
-        elif envs is None:  # the host writes the poses, so its copy stays valid
             self._clear(seeds)
+        elif envs is None:  # the host writes the poses, so its copy stays valid
             self._world.reset(None)
+            self._world.upload()
+            self._clear(seeds)
         else:
             self._on_gpu(seeds)
 
@@ -70,8 +71,8 @@ class Resets:
             clear_rows(array, self._mask)
 
     def _all(self, seeds: wp.array | None) -> None:
-        self._clear(seeds)
         self._world.reset_rows(self._mask)
+        self._clear(seeds)  # which puts bodies to the start of their motions
 
     def _on_gpu(self, seeds: wp.array | None) -> None:
         is_seeded = seeds is not None

@@ -4,67 +4,34 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, ClassVar, Self
 
 import numpy as np
 import warp as wp
 
 from tactemu.base.errors import PoseError, SceneError
-from tactemu.base.kernels import start
 from tactemu.base.keywords import takes_words
 from tactemu.geometry.bodies import Body
 from tactemu.plan.plan import Context, Plan, Stage
+from tactemu.sensors.build_options import REAL, BuildOptions, device_of
+from tactemu.sensors.motions import Motions
 from tactemu.sensors.point_cloud import PointCloud
 from tactemu.sensors.pose_input import PoseInput
 from tactemu.sensors.poses import RelativePoses, pose_error_message
 from tactemu.sensors.resets import Resets
 from tactemu.sensors.sensor import Sensor
-from tactemu.sensors.sensor_compiler import MAX_LAUNCH_THREADS, SensorCompiler
+from tactemu.sensors.sensor_compiler import SensorCompiler
 from tactemu.sensors.thread_count import thread_count
-from tactemu.sensors.world import World
+from tactemu.sensors.world import World, on_host
 
 _COUNTS = ("time_ns", "step_count", "_dt_ns", "_checked_step")
 """The attributes that are saved beside the arrays."""
-
-_REAL = {"float32": wp.float32, "float64": wp.float64}
-
-
-def _device(name) -> wp.Device:
-    start()
-    try:
-        return wp.get_device(name)
-    except Exception as error:
-        known = ", ".join(str(device) for device in wp.get_devices())
-        raise SceneError(f"no device {name!r} on this machine ({error}); kernels run on: {known}") from None
 
 
 def _middle(points: np.ndarray) -> np.ndarray:
     """Return the centre of the box around points ``(n, 3)``; the origin if there are none."""
     return 0.5 * (points.min(0) + points.max(0)) if len(points) else np.zeros(3)
-
-
-@dataclass(frozen=True, kw_only=True)
-class BuildOptions:
-    """The options of :meth:`tactemu.Scene.build`, which describes them."""
-
-    n_envs: int | None
-    device: Any = "cpu"
-    seed: int = 0
-    dtype: str = "float32"
-    first_env: int = 0
-    threads: int | None = None
-
-    def __post_init__(self):
-        n_envs, first_env = self.n_envs, self.first_env
-        if n_envs is not None and (isinstance(n_envs, bool) or int(n_envs) != n_envs or n_envs < 1):
-            raise SceneError(f"build: n_envs must be None or a whole number >= 1, got {n_envs!r}")
-        if isinstance(first_env, bool) or int(first_env) != first_env or not 0 <= first_env < MAX_LAUNCH_THREADS:
-            raise SceneError(
-                f"build: first_env must be a whole number from 0 to {MAX_LAUNCH_THREADS - 1}, got {first_env!r}"
-            )
-        if self.dtype not in _REAL:
-            raise SceneError(f"build: dtype must be one of {', '.join(_REAL)}, got {self.dtype!r}")
 
 
 class Simulation(PoseInput):
@@ -84,7 +51,7 @@ class Simulation(PoseInput):
         options: BuildOptions,
         *,
         dt: float,
-        posers: Sequence[Callable[[Simulation, float], None]] = (),
+        posers: Sequence[Callable[[Simulation, Any], None]] = (),
         planners: Sequence[Callable[[Simulation], None]] = (),
         like: Simulation | None = None,
     ):
@@ -94,7 +61,7 @@ class Simulation(PoseInput):
         self.batched = options.n_envs is not None
         """Do readings have an environment axis?"""
         self.n_envs = 1 if options.n_envs is None else int(options.n_envs)
-        self.device = _device(options.device)
+        self.device = device_of(options.device)
         self.time_ns = 0
         self.step_count = 0
         self._options = options
@@ -102,7 +69,7 @@ class Simulation(PoseInput):
         self.context = Context(
             device=self.device,
             n_envs=self.n_envs,
-            real=_REAL[options.dtype],
+            real=REAL[options.dtype],
             seed=int(options.seed),
             first_env=int(options.first_env),
             constants={} if like is None else like.context.constants,
@@ -115,18 +82,19 @@ class Simulation(PoseInput):
         self._dt_ns = -1
         self._checked_step = 0
         attachments = self._compile(why)
-        self.world = World(self.bodies, self._poses.world)
-        self._moving = [body for body in self.bodies if body.motion is not None]
         self.resets = Resets(self.plan, self.context, self.world, self._compiler.arrays)
         self._bound = None
         self._in_graph = False
         self._added: list[Stage] = []
         """The stages that users asked for after the build; their arrays are no state."""
         self.posers = list(posers)
-        self.movers = [body.motion for body in self._moving] + [getattr(each, "__self__", None) for each in posers]
+        """Functions that pose bodies; each step calls them after the motions with its time [s], since the reset; in a
+        batch with the times of all environments, ``(n_envs,)``."""
+        self.movers = [body.motion for body in self.bodies] + [getattr(each, "__self__", None) for each in posers]
         """The objects that move the bodies, which may be parts with a state of their own."""
-        """Functions that pose bodies; each step calls them with its time [s], after the motions."""
-        self._move(0.0)
+        self.world.upload()
+        self.motions.show_start()
+        self._move()
         self._planners = list(planners)
         for plan in self._planners:
             plan(self)
@@ -136,8 +104,8 @@ class Simulation(PoseInput):
     # -- building ---------------------------------------------------------------------------------------------------
 
     def _compile(self, why_threads: str) -> list[Callable[[], None]]:
-        """Fill the plan, and return the functions that connect the sensors' handles, to be called once all else has
-        succeeded."""
+        """Make the world, fill the plan, and return the functions that connect the sensors' handles, to be called once
+        all else has succeeded."""
         links = sorted({sensor.link.index for sensor in self.sensors})
         reasons = [f"{s.name} ({why})" for s in self.sensors if (why := s.model.velocity_reason())]
         skins = {link: [s._probes.positions for s in self.sensors if s.link.index == link] for link in links}
@@ -145,6 +113,12 @@ class Simulation(PoseInput):
         self._poses = RelativePoses(links, len(self.bodies), reasons, middles, self.context)
         self.plan = Plan(device=self.device, threads=self.context.threads, why_threads=why_threads)
         self.plan.stages += self._poses.stages()
+        self.world = World(self.bodies, self._poses.world)
+        self.motions = Motions(
+            self.bodies, self.world, self.context, self._poses.dt_ns, ahead=self._poses.ahead, batched=self.batched
+        )
+        for stage in self.motions.stages():
+            self.plan.insert(stage, before="relative poses")
         self._compiler = SensorCompiler(self.bodies, self._poses, self.context)
         attachments = [self._compiler.compile(sensor, self) for sensor in self.sensors]
         self.plan.stages += self._compiler.stages
@@ -215,7 +189,7 @@ class Simulation(PoseInput):
     def _step(self) -> None:
         self.time_ns += self._dt_ns
         self.step_count += 1
-        self._move(self.time_ns * 1e-9)
+        self._move()
         self.world.upload()
         self.plan.run()
         if self._bad_view is not None and self._bad_view.any():
@@ -225,10 +199,8 @@ class Simulation(PoseInput):
         """Record a step in a graph that the caller captures; steps of that graph are counted on the device only."""
         if not self.plan.has_run:
             raise SceneError("step: take one step before you capture one; it loads what a graph cannot load")
-        if self._moving or self.posers:
-            raise SceneError(
-                "step: a graph cannot capture bodies with a motion or posed from Python; bind their poses instead"
-            )
+        if reason := self._python_moves():
+            raise SceneError(f"step: a graph cannot capture what Python computes: {reason}; bind their poses instead")
         if self.world.has_unsent:
             raise SceneError(
                 "step: poses that you set from the host are not sent yet; take a step before you capture one"
@@ -266,17 +238,22 @@ class Simulation(PoseInput):
         dt_ns = self.dt_ns
         steps = max((t_ns - self.time_ns) // dt_ns, 0) if dt_ns else 0
         if max_steps is None or steps <= max_steps:
-            self.step(steps)
+            self.step(max(steps, 0))
             return False
         self.step(dt=(steps - max_steps + 1) * dt_ns * 1e-9)
         self.step(max_steps - 1)
         return True
 
-    def _move(self, t_s: float) -> None:
-        for body in self._moving:
-            self.world.put(body.index, body.pose(t_s))
+    def _move(self) -> None:
+        self.motions.move(self.time_ns)
         for pose in self.posers:
-            pose(self, t_s)
+            pose(self, self.motions.times(self.time_ns))
+
+    def _python_moves(self) -> str:
+        """Return what Python moves at each step, as a phrase; empty if nothing."""
+        names = self.motions.in_python
+        moved = [f"the motions of {', '.join(names)}"] if names else []
+        return " and ".join([*moved, *["functions that pose bodies"][: len(self.posers)]])
 
     def check(self) -> None:
         """Wait for the device, and raise an error if a pose of the last step was not usable.
@@ -359,6 +336,7 @@ class Simulation(PoseInput):
                 else:
                     array.assign(values)
             self.world.after_restore()
+            self.motions.after_restore()
             for stage in self._added:
                 stage.launch()
 
@@ -366,8 +344,9 @@ class Simulation(PoseInput):
 
     @takes_words
     def reset(self, envs: Any = None, *, seed: Any = None) -> None:
-        """Clear all state, put bodies back where they started, and set readings to 0 until the next step. Bodies with
-        bound poses stay where the other simulator has them.
+        """Clear all state, put bodies back where they started, begin their motions anew, and set readings to 0 until
+        the next step. Bodies that you have posed are given back to their motions. Bodies with bound poses stay where
+        the other simulator has them.
 
         Args:
             envs: the environments to reset: indices, a mask, or a mask (bool or uint8) in an array on the simulation's
@@ -384,10 +363,18 @@ class Simulation(PoseInput):
 
         Raises:
             SceneError: an index is out of range; a mask has the wrong length, type or device; a seed is not a whole
-                number in range, or there are not as many as environments.
+                number in range, or there are not as many as environments; or the mask is on a GPU, and Python moves
+                bodies, which cannot know then whose motion begins.
         """
+        if not self.device.is_cpu and envs is not None and not on_host(envs) and (reason := self._python_moves()):
+            raise SceneError(
+                f"reset: a mask on the device does not tell Python which environments begin anew, but it computes "
+                f"{reason}; give indices, or a mask on the host"
+            )
         self.resets.reset(envs, seed)
         if envs is None:
             self.time_ns = self.step_count = self._checked_step = 0
-            self._move(0.0)
+        self.motions.after_reset(envs, self.time_ns)
+        for pose in self.posers if envs is None else ():
+            pose(self, self.motions.times(self.time_ns))
         self._take_bound()

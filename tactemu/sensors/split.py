@@ -12,9 +12,11 @@ from tactemu.base.errors import SceneError
 from tactemu.base.keywords import takes_words
 from tactemu.base.words import Names
 from tactemu.geometry.bodies import Body
+from tactemu.geometry.motion import Pose
+from tactemu.sensors.build_options import BuildOptions
 from tactemu.sensors.seeds import seeds_of
 from tactemu.sensors.sensor import Sensor
-from tactemu.sensors.simulation import BuildOptions, Simulation
+from tactemu.sensors.simulation import Simulation
 
 POSE = ("position", "quaternion", "linear_velocity", "angular_velocity")
 
@@ -90,6 +92,7 @@ class SplitSimulation:
         quaternion: Any = None,
         linear_velocity: Any = None,
         angular_velocity: Any = None,
+        order: str = "wxyz",
         envs: Sequence[int] | np.ndarray | None = None,
     ) -> None:
         """Set a body's pose (:meth:`Simulation.set_pose`); lists and NumPy arrays hold rows for all environments."""
@@ -100,7 +103,22 @@ class SplitSimulation:
             if not len(mine):
                 continue
             rows = {name: _rows(values, len(chosen), mine) for name, values in pose.items() if values is not None}
-            part.set_pose(body, envs=None if envs is None else chosen[mine] - a, **rows)
+            part.set_pose(body, envs=None if envs is None else chosen[mine] - a, order=order, **rows)
+
+    def pose(self, body: Body | str | int, env: int = 0) -> Pose:
+        """Return a body's pose and velocities in one environment (:meth:`Simulation.pose`)."""
+        (env,) = self._chosen([env])
+        k = int(np.searchsorted(self.starts, env, side="right")) - 1
+        return self.parts[k].pose(body, env - self.starts[k])
+
+    @takes_words
+    def release(self, body: Body | str | int, *, envs: Sequence[int] | np.ndarray | None = None) -> None:
+        """Give a body back to its motion (:meth:`Simulation.release`)."""
+        chosen = self._chosen(envs)
+        for part, a, b in self._shares():
+            mine = chosen[(chosen >= a) & (chosen < b)] - a
+            if len(mine):
+                part.release(body, envs=None if envs is None else mine)
 
     @takes_words
     def reset(

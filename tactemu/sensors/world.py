@@ -3,13 +3,14 @@
 # pyright: reportArgumentType=false, reportAssignmentType=false, reportGeneralTypeIssues=false
 
 import functools
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import cast
 
 import numpy as np
 import warp as wp
 
 from tactemu.base.errors import SceneError
+from tactemu.geometry import rotation
 from tactemu.geometry.bodies import Body
 from tactemu.geometry.motion import Pose
 from tactemu.sensors.poses import POSE_WIDTH, pose_row
@@ -51,7 +52,10 @@ class World:
         self._start = np.array([pose_row(body.position, body.quaternion) for body in bodies]).reshape(-1, POSE_WIDTH)
         self._dirty: set[int] = set()
         self._device_newer: set[int] = set()
-        self._start_rows = wp.array(self._start, dtype=wp.float64, device=device_array.device)
+        self.start_rows = wp.array(self._start, dtype=wp.float64, device=device_array.device)
+        """The start pose of each body, ``(n_bodies, 13)``."""
+        self._moved: set[int] = set()
+        """Bodies that the device moves by itself at each step."""
         self.bound: frozenset[int] = frozenset()
         """Bodies whose poses come from arrays on the device."""
         self._exposed = False
@@ -74,11 +78,28 @@ class World:
             raise SceneError(f"envs must be indices in 0..{self.n_envs - 1} or a mask of {self.n_envs}, got {envs!r}")
         return indices.astype(np.int64)
 
-    def put(self, b: int, pose) -> None:
-        """Set the pose and both velocities of a body in all environments: position, quaternion, two velocities."""
+    def put(self, b: int, pose: Pose, where: np.ndarray | None = None) -> None:
+        """Set the pose and both velocities of a body in some environments (``None``: all); each part may have a row
+        for each environment.
+
+        Raises:
+            SceneError: a part has another shape.
+        """
         self._before_write(b)
-        row = self._values[b]
-        row[:, 0:3], row[:, 3:7], row[:, 7:10], row[:, 10:13] = pose
+        rows = self._values[b]
+        try:
+            if where is None:
+                rows[:, 0:3], rows[:, 3:7], rows[:, 7:10], rows[:, 10:13] = pose
+            else:
+                whole = rows.copy()
+                whole[:, 0:3], whole[:, 3:7], whole[:, 7:10], whole[:, 10:13] = pose
+                rows[where] = whole[where]
+        except ValueError:
+            shapes = ", ".join(str(np.shape(part)) for part in pose)
+            raise SceneError(
+                f"body {self._names[b]!r}: its motion must return position, quaternion and two velocities of shapes "
+                f"(3,), (4,), (3,), (3,), or with {self.n_envs} rows, got {shapes}"
+            ) from None
 
     def put_all(self, bodies: np.ndarray, rows: np.ndarray) -> None:
         """Set the poses and velocities of several bodies: shape ``(n, 1 or n_envs, 13)``."""
@@ -86,11 +107,17 @@ class World:
             self._before_write(b)
         self._values[bodies] = rows
 
-    def set(self, body: Body, given, envs) -> None:
+    def set(self, body: Body, given, envs=None, order: str = "wxyz") -> None:
         """Set the given parts of a body's pose (``None``: unchanged) in the given environments.
 
+        Args:
+            body: the body.
+            given: position, quaternion and two velocities.
+            envs: the environments; ``None``: all.
+            order: order of the numbers of a quaternion in an array of a device.
+
         Raises:
-            SceneError: a shape is wrong, or an environment is out of range.
+            SceneError: a shape or the order is wrong, or an environment is out of range.
         """
         b = body.index
         if b in self.bound:
@@ -101,7 +128,7 @@ class World:
         rows = self.n_envs if envs is None else len(where)
         for (name, part), value in zip(PARTS.items(), given):
             if value is not None and not on_host(value):
-                value = self._from_device(b, name, part, value, envs)
+                value = self._from_device(b, name, part, value, envs, order if name == "quaternion" else "")
             if value is None:
                 continue
             width = part.stop - part.start
@@ -121,13 +148,13 @@ class World:
         got = value.shape if hasattr(value, "shape") else repr(value)
         return SceneError(f"set_pose({body!r}): {name} must be numbers of shape {expected}, got {got}")
 
-    def _from_device(self, b: int, name: str, part: slice, value, envs):
+    def _from_device(self, b: int, name: str, part: slice, value, envs, order: str):
         """Copy an array on the simulation's device into the world; an array that must go through the host is returned
         as numpy."""
         array = value if isinstance(value, wp.array) else cast(wp.array, wp.from_dlpack(value))
         rows = _as_rows(array)
         if array.device != self.device_array.device or envs is not None or rows is None:
-            return array.numpy()
+            return rotation.wxyz(array.numpy(), order or "wxyz", "set_pose")
         width = part.stop - part.start
         if rows.shape not in ((1, width), (self.n_envs, width)):
             raise self._shape_error(self._names[b], name, part, array, self.n_envs)
@@ -137,7 +164,8 @@ class World:
         if not self._shared:
             self._device_newer.add(b)
         target = self.device_array[:, b, part.start : part.stop]
-        wp.launch(_spread_kernel(rows.dtype), dim=target.shape, inputs=[rows], outputs=[target], device=target.device)
+        kernel = _spread_kernel(rows.dtype, 3 if order == "xyzw" else 0)
+        wp.launch(kernel, dim=target.shape, inputs=[rows], outputs=[target], device=target.device)
         return None
 
     def _before_write(self, b: int) -> None:
@@ -146,9 +174,9 @@ class World:
         if self._in_flight:
             wp.synchronize_event(self._sent)
             self._in_flight = False
-        if b in self._device_newer:
+        if b in self._device_newer and b not in self._dirty:
             self._values[b] = self.device_array[:, b].numpy()
-            if not self._exposed:
+            if not self._exposed and b not in self._moved:
                 self._device_newer.discard(b)
         self._dirty.add(b)
 
@@ -172,14 +200,16 @@ class World:
         """Return all poses as numpy, ``(n_envs, n_bodies, 13)``."""
         return self.device_array.numpy()
 
-    def pose(self, b: int) -> Pose:
-        """Return the pose of a body in environment 0, as last set."""
-        row = (self.device_array[0, b].numpy() if b in self._device_newer else self._values[b, 0]).copy()
+    def pose(self, b: int, env: int = 0) -> Pose:
+        """Return the pose of a body in an environment, as last set."""
+        newer = b in self._device_newer and b not in self._dirty
+        row = (self.device_array[env, b].numpy() if newer else self._values[b, env]).copy()
         position, quaternion, velocity, turning = (row[part] for part in PARTS.values())
         return Pose(position, quaternion / np.linalg.norm(quaternion), velocity, turning)
 
     def poses(self) -> np.ndarray:
         """Return position and quaternion of each body in environment 0, as last set, shape ``(n_bodies, 7)``."""
+        self.upload()
         values = self.device_array[0].numpy() if self._device_newer else self._values[:, 0]
         return values[:, :7].copy()
 
@@ -195,16 +225,23 @@ class World:
         self.changed_on_device()
         return self.device_array
 
+    def let_device_move(self, bodies: Iterable[int]) -> None:
+        """Expect the device to move these bodies, and no others, by itself at each step."""
+        self._moved = {*bodies}
+        if not self._shared:
+            self._device_newer |= self._moved
+
     def bind(self, bodies: frozenset[int]) -> None:
         """Let the device write the poses of these bodies from now on."""
         self.upload()
+        self._moved -= bodies
         self.bound = bodies
         if not self._shared:
             self._device_newer |= bodies
 
     def reset_rows(self, mask: wp.array) -> None:
         """Put all bodies back where they started, on the device, where the mask is true. A graph can capture it."""
-        inputs = [mask, self._start_rows]
+        inputs = [mask, self.start_rows]
         device = self.device_array.device
         dim = self.device_array.shape[:2]
         wp.launch(_restart_kernel, dim=dim, inputs=inputs, outputs=[self.device_array], device=device)
@@ -237,11 +274,13 @@ def _restart_kernel(
 
 
 @functools.cache
-def _spread_kernel(dtype):
+def _spread_kernel(dtype, first: int = 0):
+    """Return the kernel that copies rows, from number ``first`` on and round."""
+
     @wp.kernel(module="unique", enable_backward=False)
     def spread(source: wp.array2d(dtype=dtype), target: wp.array2d(dtype=wp.float64)):
         e, k = wp.tid()
-        target[e, k] = wp.float64(source[wp.min(e, source.shape[0] - 1), k])
+        target[e, k] = wp.float64(source[wp.min(e, source.shape[0] - 1), (k + first) % source.shape[1]])
 
     return spread
 

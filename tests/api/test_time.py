@@ -1,12 +1,14 @@
 """The time of a simulation: steps are counted, seconds are named."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
 import tactemu as tt
 
 
-def built(n_envs=None, **options):
+def built(n_envs=None, **options) -> Any:
     """A simulation of one ball."""
     scene = tt.Scene(dt=2e-3)
     scene.add_body(tt.Sphere(radius=0.01), name="ball")

@@ -24,8 +24,8 @@ from tactemu.plan.plan import Dtype
 from tactemu.scene import file
 from tactemu.scene.building import build_scene, make_devices
 from tactemu.scene.schema import SceneTable
+from tactemu.sensors.build_options import BuildOptions
 from tactemu.sensors.models import MODELS, model_class
-from tactemu.sensors.simulation import BuildOptions
 from tactemu.transducers.registry import TRANSDUCERS, transducer_class
 
 TYPES = {name: kind for name, kind in vars(units).items() if hasattr(kind, "__metadata__")}

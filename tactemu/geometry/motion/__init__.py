@@ -15,8 +15,9 @@ from __future__ import annotations
 from tactemu.geometry.motion.combined import Sequence, Together
 from tactemu.geometry.motion.driven import Joint
 from tactemu.geometry.motion.free import FromFunction, Keyframes, Placed
-from tactemu.geometry.motion.pose import Motion, Pose
+from tactemu.geometry.motion.pose import Motion, Pose, Times
 from tactemu.geometry.motion.strokes import Hold, Press, Roll, Slide, Spin
+from tactemu.geometry.motion.track import PlainMotion
 
 MOTIONS: dict[str, type[Motion]] = {
     m.kind: m for m in (Hold, Press, Slide, Roll, Spin, Keyframes, Joint, Sequence, Together)
@@ -24,6 +25,6 @@ MOTIONS: dict[str, type[Motion]] = {
 """The class of each ``kind`` in a scene file."""
 
 __all__ = [
-    "MOTIONS", "FromFunction", "Hold", "Joint", "Keyframes", "Motion", "Placed", "Pose", "Press", "Roll", "Sequence",
-    "Slide", "Spin", "Together",
+    "MOTIONS", "FromFunction", "Hold", "Joint", "Keyframes", "Motion", "Placed", "PlainMotion", "Pose", "Press", "Roll",
+    "Sequence", "Slide", "Spin", "Times", "Together",
 ]  # fmt: skip

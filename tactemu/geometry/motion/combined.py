@@ -7,8 +7,10 @@ import math
 from dataclasses import dataclass
 from functools import cached_property
 
+import numpy as np
+
 from tactemu.base.errors import SceneError
-from tactemu.geometry.motion.pose import Motion, Pose
+from tactemu.geometry.motion.pose import Motion, Pose, Times
 
 
 def _check_motions(combined: Motion, parts: tuple[Motion, ...]) -> None:
@@ -33,7 +35,7 @@ class Sequence(Motion):
             raise SceneError(f"sequence: to repeat, it must last a finite time > 0 s, got {self.duration_once} s")
 
     @cached_property
-    def _starts(self) -> list[tuple[float, Pose]]:
+    def starts(self) -> list[tuple[float, Pose]]:
         """The start time [s] of each motion, and the displacement that the motions before it left."""
         t, pose, found = 0.0, Pose(), []
         for motion in self.motions:
@@ -53,12 +55,26 @@ class Sequence(Motion):
     def duration(self) -> float:
         return math.inf if self.repeat else self.duration_once
 
-    def pose(self, t_s: float) -> Pose:
+    def pose(self, t_s: Times) -> Pose:
+        if isinstance(t_s, np.ndarray):
+            return self._poses(t_s)
         if self.repeat and t_s > 0:
             t_s %= self.duration_once
-        at = max(bisect.bisect_right(self._starts, t_s, key=lambda entry: entry[0]) - 1, 0)
-        start, left = self._starts[at]
+        at = max(bisect.bisect_right(self.starts, t_s, key=lambda entry: entry[0]) - 1, 0)
+        start, left = self.starts[at]
         return left.displaced(self.motions[at].pose(t_s - start))
+
+    def _poses(self, times: np.ndarray) -> Pose:
+        """Return the pose at each of an array of times."""
+        if self.repeat:
+            times = np.where(times > 0, times % self.duration_once, times)
+        at = np.searchsorted([start for start, _ in self.starts], times, side="right") - 1
+        found = Pose(*(np.zeros((len(times), width)) for width in (3, 4, 3, 3)))
+        for k in np.unique(at.clip(0)):
+            here, (start, left) = at.clip(0) == k, self.starts[k]
+            for part, values in zip(found, left.displaced(self.motions[k].pose(times[here] - start))):
+                part[here] = values
+        return found
 
 
 @dataclass(frozen=True)
@@ -75,7 +91,7 @@ class Together(Motion):
     def duration(self) -> float:
         return max(m.duration for m in self.motions)
 
-    def pose(self, t_s: float) -> Pose:
+    def pose(self, t_s: Times) -> Pose:
         pose = Pose()
         for motion in self.motions:
             pose = pose.displaced(motion.pose(t_s))

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from typing import ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from tactemu.geometry import rotation
 
+Times = float | Any
+"""A time [s]; in a batch an array of the environments' own times, float64, shape ``(n_envs,)``."""
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 
@@ -19,7 +21,10 @@ ZERO.flags.writeable = UNTURNED.flags.writeable = False  # shared by all poses
 
 
 class Pose(NamedTuple):
-    """The pose and the velocities of a body: float64 arrays, in the world frame."""
+    """The pose and the velocities of a body: float64 arrays, in the world frame.
+
+    In a batch each may have a row for each environment: ``(n_envs, 3)``, ``(n_envs, 4)``.
+    """
 
     position: np.ndarray = ZERO
     """Position of the body's origin [m], shape ``(3,)``."""
@@ -34,11 +39,13 @@ class Pose(NamedTuple):
         """Return this pose shifted along the world's axes and turned about its own origin by ``by``."""
         turned = by.quaternion is not UNTURNED
         spin = self.angular_velocity
+        many = turned and np.ndim(by.quaternion) + np.ndim(self.quaternion) > 2
         if turned and spin is not ZERO:
-            spin = rotation.rotate(by.quaternion, spin)
+            spin = rotation.rotate_many(by.quaternion, spin) if many else rotation.rotate(by.quaternion, spin)
+        multiply = rotation.multiply_many if many else rotation.multiply
         return Pose(
             self.position + by.position,
-            rotation.multiply(by.quaternion, self.quaternion) if turned else self.quaternion,
+            multiply(by.quaternion, self.quaternion) if turned else self.quaternion,
             self.linear_velocity + by.linear_velocity,
             by.angular_velocity + spin if spin is not ZERO else by.angular_velocity,
         )
@@ -52,8 +59,8 @@ class Motion(ABC):
     __pydantic_config__: ClassVar[dict] = {"extra": "forbid"}
 
     @abstractmethod
-    def pose(self, t_s: float) -> Pose:
-        """Return displacement and velocities at ``t_s`` [s] since the motion began.
+    def pose(self, t_s: Times) -> Pose:
+        """Return displacement and velocities at ``t_s`` [s] since the motion began, in a batch at an array of times.
 
         The body stands still before 0 and after the end.
         """

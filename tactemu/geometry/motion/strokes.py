@@ -1,11 +1,9 @@
-"""The basic motions: hold, press, slide, roll, spin; and a distance over time, which most of them follow."""
+"""The basic motions: hold, press, slide, roll, spin."""
 
 from __future__ import annotations
 
-import bisect
 import math
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Annotated
 
 import numpy as np
@@ -25,42 +23,8 @@ from tactemu.base.units import (
     Repeats,
     Seconds,
 )
-from tactemu.geometry import rotation
-from tactemu.geometry.motion.pose import UNTURNED, ZERO, Motion, Pose, Vector
-
-
-class DistanceProfile:
-    """A distance over time, linear between knots and repeated, with its exact value and slope."""
-
-    def __init__(self, knots: list[tuple[float, float]], repeat: int | None, delay: float):
-        """Build the profile from ``knots``: pairs (time since the knot before [s], distance [m])."""
-        self.times = [0.0]
-        self.values = [knots[0][1]]
-        for span, value in knots[1:]:
-            if span > 0:
-                self.times.append(self.times[-1] + span)
-                self.values.append(value)
-        self.delay = delay
-        self.period = self.times[-1]
-        self.repeat = repeat if repeat else math.inf
-        self.duration = delay + self.period * self.repeat if self.period else delay
-
-    def at(self, t_s: float) -> tuple[float, float]:
-        """Return the distance [m] and the speed [m/s] at ``t_s``."""
-        if t_s < self.delay:
-            return self.values[0], 0.0
-        if t_s >= self.duration:
-            return self.values[-1], 0.0
-        t = (t_s - self.delay) % self.period
-        k = bisect.bisect_right(self.times, t) - 1
-        slope = (self.values[k + 1] - self.values[k]) / (self.times[k + 1] - self.times[k])
-        return self.values[k] + slope * (t - self.times[k]), slope
-
-
-def travel_profile(distance: float, speed: float, repeat: int | None, delay: float) -> DistanceProfile:
-    """Return the profile of a travel that is made once, or there and back ``repeat`` times (``None``: for ever)."""
-    there = [(0.0, 0.0), (distance / speed, distance)]
-    return DistanceProfile(there if repeat == 1 else [*there, (distance / speed, 0.0)], repeat, delay)
+from tactemu.geometry.motion.pose import Motion, Vector
+from tactemu.geometry.motion.track import Knot, PlainMotion, Track, travel
 
 
 def unit_vector(vector) -> np.ndarray:
@@ -70,7 +34,7 @@ def unit_vector(vector) -> np.ndarray:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Hold(Motion):
+class Hold(PlainMotion):
     """A pause: the body stays where it is."""
 
     kind = "hold"
@@ -81,43 +45,12 @@ class Hold(Motion):
         if self.seconds != math.inf:
             number(self.kind, "seconds", self.seconds, Seconds)
 
-    @property
-    def duration(self) -> float:
-        return self.seconds
-
-    def pose(self, t_s: float) -> Pose:
-        return Pose()
-
-
-class Travel(Motion):
-    """A motion along a line, of which the distance follows a profile over time; not one of a scene file itself.
-
-    A subclass has the fields that the profile needs.
-    """
-
-    distance: float
-    speed: float
-    direction: Vector
-    repeat: int | None
-    delay: float
-
-    @cached_property
-    def _profile(self) -> DistanceProfile:
-        """The distance over time: once, or there and back."""
-        return travel_profile(self.distance, self.speed, self.repeat, self.delay)
-
-    @property
-    def duration(self) -> float:
-        return self._profile.duration
-
-    def pose(self, t_s: float) -> Pose:
-        distance, speed = self._profile.at(t_s)
-        axis = unit_vector(self.direction)
-        return Pose(axis * distance, UNTURNED, axis * speed, ZERO)
+    def _make_track(self) -> Track:
+        return Track((Knot(0.0, 0.0, 0.0),), duration=self.seconds)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Press(Travel):
+class Press(PlainMotion):
     """An approach, a press by ``depth``, a dwell, a return and a pause, ``repeat`` times."""
 
     kind = "press"
@@ -148,17 +81,16 @@ class Press(Travel):
         deepest = Bounds(unit=LENGTH_UNIT, low=0.0 - self.approach, high=MAX_DEPTH_M)
         number(self.kind, "depth", self.depth, Annotated[float, deepest])
 
-    @cached_property
-    def _profile(self) -> DistanceProfile:
+    def _make_track(self) -> Track:
         far = self.approach + self.depth
         knots = [(0.0, 0.0), (far / self.speed, far), (self.dwell, far)]
         if self.release:
             knots += [(far / (self.release_speed or self.speed), 0.0), (self.pause, 0.0)]
-        return DistanceProfile(knots, self.repeat if self.release else 1, self.delay)
+        return travel(knots, self.repeat if self.release else 1, self.delay, unit_vector(self.direction))
 
 
 @dataclass(frozen=True, kw_only=True)
-class Slide(Travel):
+class Slide(PlainMotion):
     """A travel along a line without turning; with ``repeat`` other than 1, there and back."""
 
     kind = "slide"
@@ -177,9 +109,12 @@ class Slide(Travel):
         check_declared(self.kind, self)
         check_direction(self, "direction")
 
+    def _make_track(self) -> Track:
+        return travel(_there(self), self.repeat, self.delay, unit_vector(self.direction))
+
 
 @dataclass(frozen=True, kw_only=True)
-class Roll(Travel):
+class Roll(PlainMotion):
     """A roll without slipping over a flat surface: a slide, with the rotation that a body of ``radius`` then has."""
 
     kind = "roll"
@@ -203,23 +138,15 @@ class Roll(Travel):
         check_direction(self, "direction")
         check_direction(self, "normal")
 
-    def pose(self, t_s: float) -> Pose:
-        distance, speed = self._profile.at(t_s)
-        axis, turn = self._axes
-        return Pose(axis * distance, rotation.from_rotation_vector(turn * distance), axis * speed, turn * speed)
-
-    @cached_property
-    def _axes(self) -> tuple[np.ndarray, np.ndarray]:
-        """The direction of travel, and the rotation vector per metre.
-
-        The touching point does not slip: v + w x (-radius normal) = 0.
-        """
+    def _make_track(self) -> Track:
         axis = unit_vector(self.direction)
-        return axis, np.cross(unit_vector(self.normal), axis) / self.radius
+        # the touching point does not slip: v + w x (-radius normal) = 0
+        turn = np.cross(unit_vector(self.normal), axis) / self.radius
+        return travel(_there(self), self.repeat, self.delay, axis, turn)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Spin(Motion):
+class Spin(PlainMotion):
     """A rotation about an axis through the body's origin at a constant rate."""
 
     kind = "spin"
@@ -236,16 +163,21 @@ class Spin(Motion):
         check_declared(self.kind, self)
         check_direction(self, "axis")
 
-    @property
-    def duration(self) -> float:
-        return math.inf if self.angle is None or self.rate == 0 else self.delay + self.angle / abs(self.rate)
-
-    def pose(self, t_s: float) -> Pose:
-        turning = self.delay <= t_s < self.duration
-        elapsed = min(max(t_s, self.delay), self.duration) - self.delay
+    def _make_track(self) -> Track:
         axis = unit_vector(self.axis)
-        turn = rotation.from_rotation_vector(axis * math.remainder(self.rate * elapsed, 4 * math.pi))
-        return Pose(ZERO, turn, ZERO, axis * self.rate if turning else ZERO)
+        knots, duration = [Knot(0.0, 0.0, self.rate, turn=axis)], math.inf
+        if self.angle is not None and self.rate:
+            duration = self.delay + self.angle / abs(self.rate)
+            span = duration - self.delay
+            knots.append(Knot(span, self.rate * span, 0.0, turn=axis))
+        return Track(tuple(knots), delay=self.delay, duration=duration, turn_period=4 * math.pi)
+
+
+def _there(motion: Slide | Roll) -> list[tuple[float, float]]:
+    """Return the distance over time of a travel that is made once, or there and back."""
+    seconds = motion.distance / motion.speed
+    there = [(0.0, 0.0), (seconds, motion.distance)]
+    return there if motion.repeat == 1 else [*there, (seconds, 0.0)]
 
 
 def check_direction(motion: Motion, name: str) -> None:
