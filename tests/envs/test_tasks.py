@@ -21,7 +21,14 @@ def test_the_task_of_the_page():
     envs = names["envs"]
     observation, _ = envs.reset(seed=0)
     assert observation["tip_depth"].shape == (64, 5, 5) and observation in envs.observation_space
-    balls = envs.task.sim.pose_array.numpy()[:, names["envs"].task.ball.index, :2]
+    mask = np.arange(64) < 5
+    before = envs.task.goal.copy()
+    envs.reset(options={"reset_mask": mask})
+    assert ((envs.task.goal != before)[:, :2].all(-1) == mask).all(), "only those have another ball"
+    balls = envs.task.goal[:, :2]
+    assert np.allclose(envs.task.sim.pose_array.numpy()[:, envs.task.ball.index, :2], balls)
+    observation, _ = envs.reset(options={"reset_mask": ~mask})
+    balls = envs.task.goal[:, :2]
     total = 0.0
     for _ in range(30):
         towards = np.clip((balls - observation["place"]) / 1e-3, -1, 1)
