@@ -37,10 +37,14 @@ import tactemu as tt
 from tactemu.cli.app import app
 
 try:
-    from tactemu.base.option_groups import from_flat as make
-except ImportError:  # the base, whose models take all options side by side, in other words
-    WAS = {"positions": "probe_local_pos", "radius": "probe_radius"}
-    make = lambda model, options: model(**{WAS.get(name, name): value for name, value in options.items()})
+    from tactemu.base.option_groups import from_flat
+except ImportError:  # a base whose models take all options side by side
+    from_flat = lambda model, options: model(**options)
+WAS = {"positions": "probe_local_pos", "radius": "probe_radius"}
+
+def make(model, options):
+    own = model.__dataclass_fields__  # a base has other names
+    return from_flat(model, {name if name in own or name not in WAS else WAS[name]: options[name] for name in options})
 
 def run(name, words, folder):
     log = Path(folder) / f"{name}.jsonl"
@@ -71,8 +75,9 @@ def read(model, options):
             turned = [np.cos(turn), 0, 0, np.sin(turn)]
             sim.set_pose(body, position=np.array([place] * 2), quaternion=np.array([turned] * 2))
         sim.step()
-        for values in (sensor.read(), sensor.read_ground_truth()):
-            seen.update(np.ascontiguousarray(values).tobytes())
+        for reading in (sensor.read(), sensor.read_ground_truth()):
+            for values in reading if isinstance(reading, tuple) else (reading,):
+                seen.update(np.ascontiguousarray(values).tobytes())
     return seen.hexdigest()
 
 for line in sys.stdin:
