@@ -21,11 +21,14 @@ Model = TypeVar("Model")
 
 
 class OptionsClass(ABCMeta):
-    """The type of such a dataclass; ``help()`` shows its options and methods, those of all models last."""
+    """The type of such a dataclass; ``help()`` shows its options, and the contract of an abstract base there alone."""
 
     def __dir__(cls) -> Iterable[str]:
-        described = set(getattr(cls, "__dataclass_fields__", ())) - {each.name for each in _fields(cls)}  # ClassVars
-        return [name for name in super().__dir__() if not name.startswith("_") and name not in described]
+        options = {each.name for each in _fields(cls)}
+        hidden = set(getattr(cls, "__dataclass_fields__", ()))  # options, and ClassVars that describe the class
+        for base in filter(inspect.isabstract, cls.__mro__[1:]):
+            hidden |= vars(base).keys()
+        return [name for name in super().__dir__() if name in options or (name not in hidden and name[0] != "_")]
 
     @property
     def __signature__(cls) -> inspect.Signature:

@@ -24,7 +24,7 @@ GROUPS = {
 @pytest.mark.parametrize("model", CLASSES)
 def test_help_of_a_model_fits_two_screens(model):
     text = pydoc.plain(pydoc.render_doc(model)).splitlines()
-    assert len(text) <= 115, len(text)
+    assert len(text) <= 100, len(text)
     assert not any("noise" in line or "debug_probe_color" in line for line in text)
 
 
