@@ -79,6 +79,8 @@ def in_our_words(given: Mapping[str, Any], known: Collection[str] = tuple(GENESI
         if word in known or ours not in known:
             ours = word
         elif word in CONVERTED:
+            if given.get("order", "wxyz") != "wxyz":
+                raise SceneError(f"{word}: angles have no order of a quaternion's numbers; leave out `order`")
             try:
                 value = CONVERTED[word](value)
             except SceneError as error:

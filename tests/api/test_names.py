@@ -103,6 +103,8 @@ def test_wrong_words_in_a_scene_of_genesis_words():
         scene.add_body(None, pos=(0, 0, 0), position=(0, 0, 0))
     with pytest.raises(SceneError, match=r"euler: expected three angles \[degrees\], got \(1, 2\)"):
         scene.add_body(None, euler=(1, 2))
+    with pytest.raises(SceneError, match="euler: angles have no order"):
+        scene.add_body(None, euler=(0, 0, 90), order="xyzw")
     with pytest.raises(SceneError, match="link_idx_local: a body has one link, so it can only be 0, got 1"):
         scene.add_sensor(tt.ContactProbe, entity_idx=0, link_idx_local=1)
     with pytest.raises(SceneError, match="Scene: names must be one of tactemu, genesis, got 'mujoco'"):

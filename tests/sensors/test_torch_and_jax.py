@@ -144,7 +144,7 @@ def test_jax_sees_a_field_of_a_model_with_one(jax, model):
     built = tt.Scene()
     pad = built.add_body(tt.Box(size=(0.02, 0.02, 0.02)), fixed=True)
     built.add_body(tt.Sphere(radius=0.01), position=(0, 0, 0.0195))
-    skin = built.add_sensor(model(probe_local_pos=[(0, 0, 0.01), (0.002, 0, 0.01)], probe_radius=0.002), link=pad)
+    skin = built.add_sensor(model(positions=[(0, 0, 0.01), (0.002, 0, 0.01)], radius=0.002), link=pad)
     built.build(n_envs=3).step()
     (name,) = model.layouts
     array = getattr(skin.arrays, name)
