@@ -22,7 +22,7 @@ Press, move, break or read a running emulator.
 
 \b
   tactemu poke                                         list emulators and commands
-  tactemu poke press --depth 1mm --for 2s
+  tactemu poke press --depth 1mm --dwell 2s
   tactemu poke press index_tip --depth 1mm --taxel 7   one of several skins
   tactemu poke fault 'drop 5% for 1s'
   tactemu poke unplug --for 500ms

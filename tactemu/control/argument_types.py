@@ -153,6 +153,7 @@ def _vector_reader(units: Mapping[str, float]) -> Callable[[list[str]], Any]:
 
 
 Depth = Annotated[float, _number(units.Depth, "LENGTH", "number [m]", _unit_reader(LENGTHS_M))]
+Distance = Annotated[float, _number(units.Distance, "LENGTH", "number [m]", _unit_reader(LENGTHS_M))]
 Seconds = Annotated[float, _number(units.Seconds, "TIME", "number [s]", _unit_reader(TIMES_S))]
 Speed = Annotated[float, _number(units.MetresPerSecond, "SPEED", "number [m/s]", _unit_reader(SPEEDS_M_S))]
 Number = Annotated[float, _number(units.Number, "NUMBER", "number", _unit_reader({}))]

@@ -28,7 +28,7 @@ def connect(name: str | None = None) -> Connection:
     ::
 
         with tactemu.connect() as skin:
-            skin.press(depth=1e-3, seconds=0.5)
+            skin.press(depth=1e-3, dwell=0.5)
             print(skin.sample().measured)
 
     Raises:

@@ -28,7 +28,7 @@ from tactemu.emulator.saving import snapshots
 from tactemu.emulator.scenario import apply_event
 from tactemu.scene.placement import PlacedSkin
 from tactemu.scene.schema import Event
-from tactemu.scene.steering import Steered, Waypoint, nearest_body, press_path
+from tactemu.scene.steering import Steered, Waypoint, lift_path, nearest_body, press_path
 from tactemu.transports.pty import PtyTransport
 from tactemu.truth import COMMAND, Sample
 from tactemu.truth.tap import Tap
@@ -147,8 +147,9 @@ class Control:
     def _press(
         self,
         depth: float,
+        approach: float,
         speed: float,
-        seconds: float | None = None,
+        dwell: float | None = None,
         taxel: int | None = None,
         body: str | None = None,
         skin: str | None = None,
@@ -162,12 +163,13 @@ class Control:
         here = self.steered[name].world(self._now_s)
         k = taxels.select_taxel(taxel, here.position, self._now_s)
         target, normal = taxels.positions(self._now_s)[k], taxels.normals(self._now_s)[k]
-        gap = float(channel.device.layout.pitches[k])
-        shape = self._scene.body(name)
-        legs, back = press_path(shape, here, target, normal, depth=depth, clearance=gap, speed=speed)
-        if seconds is not None:
+        legs, back = press_path(
+            self._scene.body(name), here, target, normal, depth=depth, approach=approach, speed=speed,
+            clearance=float(channel.device.layout.pitches[k]),
+        )  # fmt: skip
+        if dwell is not None:
             down = legs[-1].position
-            legs += [Waypoint(seconds, down), Waypoint(float(np.linalg.norm(back - down)) / speed, back)]
+            legs += [Waypoint(dwell, down), *lift_path(down, back, speed)]
         task_result = self._go(name, legs, wait)
         self.steered[name].back = back
         return task_result
@@ -175,9 +177,9 @@ class Control:
     def _release(self, speed: float, body: str | None = None, wait: bool = True) -> TaskResult:
         name = self._body(body)
         here = self.steered[name].world(self._now_s)
-        lifted = self.steered[name].back
-        back = here.position if lifted is None else lifted
-        return self._go(name, [Waypoint(float(np.linalg.norm(back - here.position)) / speed, back)], wait)
+        back = self.steered[name].back
+        stays = [Waypoint(0.0, here.position)]
+        return self._go(name, stays if back is None else lift_path(here.position, back, speed), wait)
 
     def _move(
         self,

@@ -14,6 +14,7 @@ from typing import Any
 from tactemu.control.argument_types import (
     AngularVelocity,
     Depth,
+    Distance,
     File,
     Flag,
     Name,
@@ -29,15 +30,13 @@ from tactemu.control.argument_types import (
     Velocity,
 )
 from tactemu.control.command_registry import CONTROL_COMMANDS, control_command
+from tactemu.geometry.motion import Press
 from tactemu.truth.entries import Sample
-
-DEFAULT_SPEED_M_S = 0.05
-"""Speed of bodies that are moved [m/s], unless the caller gives another."""
 
 DEFAULT_WATCH_RATE_HZ = 10.0
 """Rate at which a client watches the state, unless it gives another."""
 
-__all__ = ["CONTROL_COMMANDS", "DEFAULT_SPEED_M_S", "DEFAULT_WATCH_RATE_HZ", "ControlCommands"]
+__all__ = ["CONTROL_COMMANDS", "DEFAULT_WATCH_RATE_HZ", "ControlCommands"]
 
 
 class ControlCommands(ABC):
@@ -53,36 +52,38 @@ class ControlCommands(ABC):
     def press(
         self,
         depth: Depth,
-        seconds: Seconds | None = None,
         *,
+        approach: Distance = Press.approach,
+        dwell: Seconds | None = None,
+        speed: Speed = Press.speed,
         taxel: NonNegativeInt | None = None,
         body: Name | None = None,
         skin: Name | None = None,
-        speed: Speed = DEFAULT_SPEED_M_S,
         wait: Flag = True,
     ) -> None:
-        """Bring a body over a taxel and press it in.
+        """Bring a body over a taxel and press it in, as the motion `press` of a scene does.
 
         A body that moves by itself is taken from its motion; :meth:`give_back` returns it.
 
         Args:
             depth: how far its foremost point goes below the skin
-            seconds: how long it stays at depth; then it is released; default: until `release`
+            approach: free travel before the first touch
+            dwell: how long it stays at depth; then it is released; default: until `release`
+            speed: of the approach, the press and the return; it comes and leaves at 50 mm/s, or faster
             taxel: number of the taxel; default: the one nearest to the body
             body: which body; default: of those in hand, else of all that you may move, the one nearest to the taxel
             skin: which skin; default: the only one
-            speed: of the body
             wait: return when the body is at depth (or released) and every skin has sampled it, not at once
         """
         ...
 
     @control_command("body")
-    def release(self, body: Name | None = None, *, speed: Speed = DEFAULT_SPEED_M_S, wait: Flag = True) -> None:
+    def release(self, body: Name | None = None, *, speed: Speed = Press.speed, wait: Flag = True) -> None:
         """Lift a body to where it was over the skin, and hold it there.
 
         Args:
             body: which body; default: the one that pressed last
-            speed: of the body
+            speed: until it is out of the skin; it goes on at 50 mm/s, or faster
             wait: return when the body is there and every skin has sampled it, not at once
         """
         ...
@@ -116,6 +117,7 @@ class ControlCommands(ABC):
     def set_pose(
         self,
         body: Name,
+        *,
         position: Position | None = None,
         quaternion: Quaternion | None = None,
         linear_velocity: Velocity | None = None,

@@ -5,7 +5,7 @@
     def test_my_driver(tactile_device):
         with tactile_device("anyskin", rate_hz=100, faults=["flip 5%"], seed=7) as dev:
             driver = MyDriver(dev.port)
-            dev.press(depth=1e-3, seconds=2)
+            dev.press(depth=1e-3, dwell=2)
             assert driver.bad_frames == dev.truth.injected["flip"]
 
 ``--tactemu-seed N`` is the seed of devices whose test names none. ``--tactemu-truth-dir DIR`` keeps a truth log and a

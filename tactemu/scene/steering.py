@@ -15,6 +15,9 @@ from tactemu.geometry.motion import Hold, Joint, Keyframes, Motion, Placed, Pose
 from tactemu.scene.file import LoadedScene
 from tactemu.scene.placement import PlacedSkin
 
+TRAVEL_SPEED_M_S = 0.05
+"""Speed at which a body comes to the start of a press and leaves it [m/s], unless it presses faster."""
+
 
 @dataclass(frozen=True)
 class Waypoint:
@@ -51,7 +54,8 @@ class Steered(Motion):
         self.moved_s = -1.0
         """The time of the last command to move [s]."""
         self.back: np.ndarray | None = None
-        """The world position to which the body is lifted after a press [m]."""
+        """The world positions over which the body is lifted after a press [m], shape ``(2, 3)``: at the start of its
+        approach, and clear of the skin."""
 
     @property
     def is_steered(self) -> bool:
@@ -111,9 +115,17 @@ def reach(body: Body, quaternion: np.ndarray, direction: np.ndarray) -> float:
 
 
 def press_path(
-    body: Body, here: Pose, target: np.ndarray, normal: np.ndarray, *, depth: float, clearance: float, speed: float
+    body: Body,
+    here: Pose,
+    target: np.ndarray,
+    normal: np.ndarray,
+    *,
+    depth: float,
+    approach: float,
+    clearance: float,
+    speed: float,
 ) -> tuple[list[Waypoint], np.ndarray]:
-    """Return the waypoints of a press and the position to which the body is lifted afterwards.
+    """Return the waypoints of a press, and the positions over which the body is lifted afterwards, shape ``(2, 3)``.
 
     The path leads from ``here`` over ``target`` (a point of the skin) to ``depth`` below it.
 
@@ -123,21 +135,36 @@ def press_path(
         target: point of the skin, world [m].
         normal: normal of the skin there, world.
         depth: depth of the body's foremost point below the skin [m].
-        clearance: gap over the skin at which the body travels [m].
-        speed: speed along the path [m/s].
+        approach: free travel before the first touch [m].
+        clearance: gap over the skin at which the body travels, if that is more [m].
+        speed: speed of the approach and the press [m/s]; the body comes there at :data:`TRAVEL_SPEED_M_S` or faster.
     """
     stand_off = reach(body, here.quaternion, -normal)
-    over = target + normal * (stand_off + clearance)
-    down = target + normal * (stand_off - depth)
+    over, start, down = (
+        target + normal * (stand_off + gap) for gap in (max(clearance, approach, -depth), max(approach, -depth), -depth)
+    )
     height = float((here.position - over) @ normal)
     lifted = here.position + normal * max(0.0, -height)
-    waypoints, before = [], here.position
-    for position in (lifted, over, down):
+    path = waypoints_along(here.position, [lifted, over, start], max(speed, TRAVEL_SPEED_M_S))
+    return path + (waypoints_along(start, [down], speed) or [Waypoint(0.0, down)]), np.stack([start, over])
+
+
+def waypoints_along(here: np.ndarray, positions: Sequence[np.ndarray], speed: float) -> list[Waypoint]:
+    """Return a waypoint for each position that is not the one before, at a speed [m/s]."""
+    waypoints, before = [], here
+    for position in positions:
         distance = float(np.linalg.norm(position - before))
         if distance > 0:
             waypoints.append(Waypoint(distance / speed, position))
         before = position
-    return waypoints or [Waypoint(0.0, down)], over
+    return waypoints
+
+
+def lift_path(here: np.ndarray, back: np.ndarray, speed: float) -> list[Waypoint]:
+    """Return the waypoints of a body that is lifted from a press: out of the skin at ``speed`` [m/s], then on."""
+    start, over = back
+    path = waypoints_along(here, [start], speed) + waypoints_along(start, [over], max(speed, TRAVEL_SPEED_M_S))
+    return path or [Waypoint(0.0, over)]
 
 
 def steered(loaded: LoadedScene, names: Sequence[str] = (), *, by_hand: bool = False) -> LoadedScene:

@@ -4,7 +4,7 @@
 
     with tactemu.serve("anyskin") as dev:
         driver = MyDriver(dev.port)
-        dev.press(depth=1e-3, seconds=0.5)
+        dev.press(depth=1e-3, dwell=0.5)
         assert driver.latest().max() > 0
 
 The emulator runs in one background thread; everything here may be called from any other.

@@ -19,7 +19,7 @@ from tactemu.truth import Truth
 
 COMMANDS = [
     # when [s], what, with what
-    (0.10, "press", {"depth": 1e-3, "taxel": 0, "seconds": 0.2}),
+    (0.10, "press", {"depth": 1e-3, "taxel": 0, "dwell": 0.2}),
     (0.13, "fault", {"fault": "flip 20% for 0.3s"}),
     (0.25, "set", {"options": {"noise": 0.02}, "taxels": [1], "seconds": 0.3}),
     (0.25, "dead", {"taxels": [2], "value": 0.5, "seconds": 0.1}),
@@ -81,7 +81,7 @@ def test_a_run_in_real_time_is_felt_again(tmp_path):
     log = tmp_path / "log.jsonl"
     with tt.serve("anyskin", "memory:", seed=3, truth=log, rate_hz=200, by_hand=False) as dev:
         for k in range(6):
-            dev.press(1e-3, seconds=0.01, taxel=k % 5, speed=0.2)
+            dev.press(1e-3, dwell=0.01, taxel=k % 5, speed=0.2)
             dev.set_pose("ball", position=(0, 0, 0.03))
             time.sleep(0.0137)
         dev.wait(0.05)

@@ -102,7 +102,7 @@ def test_a_driver_that_asks_is_answered_while_time_stands_and_always_the_same():
 
 def test_what_needs_time_waits_for_it():
     with tt.serve("anyskin", "memory:", clock="lockstep") as dev:
-        dev.press(1e-3, seconds=0.1, taxel=2)  # does not wait for itself
+        dev.press(1e-3, dwell=0.1, taxel=2)  # does not wait for itself
         assert dev.step(10) == 0.01
         assert dev.step() == 0.011
         assert dev.step(until=0.5) == 0.5

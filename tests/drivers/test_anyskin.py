@@ -51,4 +51,4 @@ def test_a_press_reaches_the_driver_as_it_was_felt():
 
 def _press_until(dev, done: threading.Event) -> None:
     while not done.is_set():
-        dev.press(depth=1e-3, seconds=0.1, taxel=0, speed=0.1)
+        dev.press(depth=1e-3, dwell=0.1, taxel=0, speed=0.1)

@@ -136,7 +136,7 @@ def test_uskin_is_seen_by_candump_python_can_and_cantools():
         reader = can.BufferedReader()
         with Candump() as dump, can.Notifier(bus, [reader]):
             cansend("201#0700")
-            dev.press(depth=1e-3, seconds=0.3)
+            dev.press(depth=1e-3, dwell=0.3)
             cansend("201#0701")
             dev.wait(0.2)
         samples = {sample.counts.astype(np.uint16).tobytes() for sample in dev.truth.samples}

@@ -86,7 +86,7 @@ def test_the_device_behind_a_port_is_pressed_by_hand():
     port = Serial(None, timeout=5)
     port.port = "tactemu://anyskin?by_hand=yes&rate_hz=200&seed=3&fault=drop every 5"
     port.open()
-    port.served.press(1e-3, seconds=0.1)
+    port.served.press(1e-3, dwell=0.1)
     assert port.served.truth.injected["drop"] > 1
     port.close()
     assert port.served is None
@@ -99,7 +99,7 @@ def test_the_device_goes_with_the_last_bus():
     device = one.served
     assert other.served is device
     one.shutdown()
-    other.served.press(1e-3, seconds=0.05)
+    other.served.press(1e-3, dwell=0.05)
     other.shutdown()
     assert device._thread is None
     other.shutdown()

@@ -72,7 +72,7 @@ def test_a_press_ends_at_its_depth_and_never_enters_the_skin_on_its_way(normal):
     body = Scene().add_body(Sphere(radius=0.01), position=(0.03, 0.02, -0.01))
     target = np.array((0.005, -0.004, 0.002))
     here = Pose(np.array(body.position))
-    legs, over = press_path(body, here, target, normal, depth=1e-3, clearance=2e-3, speed=0.05)
+    legs, over = press_path(body, here, target, normal, depth=1e-3, approach=2e-3, clearance=1e-3, speed=0.05)
     gaps = [float((leg.position - target) @ normal) - 0.01 for leg in legs]
     assert gaps[-1] == pytest.approx(-1e-3)
     assert min(gaps[:-1]) >= 2e-3 - 1e-12

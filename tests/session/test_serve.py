@@ -8,6 +8,7 @@ import pytest
 import serial
 
 from tactemu.base.errors import SceneError, TactemuError, TransportError
+from tactemu.geometry.motion import Press
 from tactemu.session.serving import serve
 
 FRAME = 82
@@ -60,13 +61,13 @@ def test_a_press_that_is_done_has_been_sampled_also_by_a_loop_that_is_late(dev):
 
 
 def test_press_for_a_time_returns_released(dev):
-    dev.press(1e-3, seconds=0.1, taxel=0)
+    dev.press(1e-3, dwell=0.1, taxel=0)
     assert not dev.sample().ideal.any()
     with serve("anyskin", "memory:", rate_hz=200, clock="lockstep") as held:  # no stall leaves samples out
-        held.press(1e-3, seconds=0.1, taxel=0)
+        held.press(1e-3, dwell=0.1, taxel=0)
         held.step(seconds=1)
         felt = [sample.t_ns for sample in held.truth.samples if sample.ideal[0].any()]
-    assert felt[-1] - felt[0] == pytest.approx(0.1e9 + 2 * 1e-3 / 0.05 * 1e9, abs=2 / 200 * 1e9)
+    assert felt[-1] - felt[0] == pytest.approx(0.1e9 + 2 * 1e-3 / Press.speed * 1e9, abs=2 / 200 * 1e9)
 
 
 def test_move_puts_the_body_where_it_is_told(dev):
@@ -79,7 +80,7 @@ def test_move_puts_the_body_where_it_is_told(dev):
 
 
 def test_calls_from_many_threads(dev):
-    threads = [threading.Thread(target=dev.press, args=(1e-3, 0.01), kwargs={"taxel": k}) for k in range(5)]
+    threads = [threading.Thread(target=dev.press, args=(1e-3,), kwargs={"dwell": 0.01, "taxel": k}) for k in range(5)]
     for thread in threads:
         thread.start()
     for thread in threads:
@@ -142,7 +143,7 @@ def test_an_error_in_the_background_reaches_the_test():
         (lambda dev: dev.press(depth=1), r"press: depth must be >= -0.5 and <= 0.5 m \(6 mm is 0.006\), got 1"),
         (lambda dev: dev.press(depth=True), "press: depth must be"),
         (lambda dev: dev.press("1mm"), "press: depth must be"),
-        (lambda dev: dev.press(1e-3, seconds=-1), "press: seconds must be >= 0"),
+        (lambda dev: dev.press(1e-3, dwell=-1), "press: dwell must be >= 0"),
         (lambda dev: dev.press(1e-3, speed=0), "press: speed must be"),
         (lambda dev: dev.press(1e-3, taxel=77), "taxel: expected 0..4, got 77"),
         (lambda dev: dev.release(speed=-1), "release: speed must be"),

@@ -194,12 +194,12 @@ if __name__ == "__main__":
         if not os.fork():
             sys.exit(0)  # runs exit handlers, leaves the `with`, writes out what is buffered
         os.wait()
-        dev.press(1e-3, seconds=0.1)
+        dev.press(1e-3, dwell=0.1)
         assert os.path.lexists(dev.port)
         if not os.fork():
             os._exit(0)
         os.wait()
-        dev.press(1e-3, seconds=0.1)
+        dev.press(1e-3, dwell=0.1)
         assert os.path.lexists(dev.port)
     assert not os.path.lexists(dev.port)
 """

@@ -82,7 +82,7 @@ class Panel:
         self._on(
             press,
             lambda: [
-                ("press", {"depth": depth.value * 1e-3, "seconds": seconds.value, "taxel": int(self._taxel.value),
+                ("press", {"depth": depth.value * 1e-3, "dwell": seconds.value, "taxel": int(self._taxel.value),
                            "skin": self._skin.value, "wait": False})
             ],
         )  # fmt: skip
