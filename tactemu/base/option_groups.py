@@ -11,7 +11,7 @@ import dataclasses
 import inspect
 from abc import ABCMeta
 from collections.abc import Iterable, Iterator, Mapping
-from typing import Any, Self, TypeVar
+from typing import Any, ClassVar, Self, TypeVar
 
 from tactemu.base.errors import SceneError
 from tactemu.base.options import check_declared
@@ -41,6 +41,9 @@ class OptionsClass(ABCMeta):
 class Options(metaclass=OptionsClass):
     """A base of dataclasses of options: an unknown keyword is an error that names the valid one, and so is a value that
     is not of the option's declared type."""
+
+    other_words: ClassVar[Mapping[str, str]] = {}
+    """Words that other simulators have for its options, each with what to give here; messages say so."""
 
     def __new__(cls, *args: Any, **given: Any) -> Self:
         """Return a new object, once all keywords are known.
@@ -128,10 +131,12 @@ def _fields(options: Any) -> Iterator[dataclasses.Field]:
     )
 
 
-def _hint(cls: type, name: str) -> str:
+def _hint(cls: type[Options], name: str) -> str:
     """Return the end of the message of an unknown keyword: the group that it belongs to, or the nearest keyword."""
     known = defaults(cls)
     ours = GENESIS.get(name, name)
+    if name in cls.other_words:
+        return f"; give {cls.other_words[name]}"
     told = "" if name in known else hint(name, known)
     for group, default in groups(cls).items():
         if ours in {each.name for each in _fields(default)}:

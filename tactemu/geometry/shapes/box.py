@@ -19,6 +19,9 @@ class Box(Shape):
 
     size: Annotated[tuple[Length, Length, Length], "full extents along x, y, z [m]"]
 
+    other_words = dict.fromkeys(
+        ("half_extents", "half_size", "hx", "hy", "hz", "extents", "lower", "upper"), "size=(x, y, z), full extents [m]"
+    )
     mujoco_geom = "box"
 
     def row(self, name: str, device) -> Row:

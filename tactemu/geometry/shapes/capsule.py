@@ -21,6 +21,9 @@ class Capsule(Shape):
     radius: Annotated[Length, "[m]"]
     length: Annotated[Length, "of the straight part, along z [m]"]
 
+    other_words = dict.fromkeys(
+        ("half_height", "half_length", "height", "size"), "length=, the full extent of the straight part along z [m]"
+    )
     mujoco_geom = "capsule"
 
     def row(self, name: str, device) -> Row:

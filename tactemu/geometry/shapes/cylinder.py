@@ -22,6 +22,9 @@ class Cylinder(Shape):
     radius: Annotated[Length, "[m]"]
     length: Annotated[Length, "along z [m]"]
 
+    other_words = dict.fromkeys(
+        ("half_height", "half_length", "height", "size"), "length=, the full extent along z [m]"
+    )
     mujoco_geom = "cylinder"
 
     def row(self, name: str, device) -> Row:

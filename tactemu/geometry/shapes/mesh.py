@@ -37,6 +37,11 @@ class Mesh(Shape):
     scale: float | Sequence[float] = 1.0
     """Factor from the file's unit to metres (0.001 for millimetres), one number or one per axis."""
 
+    other_words = {
+        **dict.fromkeys(("vertices", "points", "faces", "indices", "triangles"), "source=(vertices, faces)"),
+        **dict.fromkeys(("file", "filename", "path"), "source=, the file"),
+    }
+
     def row(self, name: str, device) -> Row:
         from tactemu.geometry.shapes.mesh_query import build_query
 

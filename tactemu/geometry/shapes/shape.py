@@ -12,7 +12,7 @@ imported within the functions that build kernels, so that describing a scene doe
 import dataclasses
 import functools
 import itertools
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,7 +21,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from tactemu.base.errors import SceneError
-from tactemu.base.options import check_declared
+from tactemu.base.option_groups import Options
 
 FAR = 1.0e18
 """The distance that means 'no surface anywhere' [m]; its square still fits float32."""
@@ -83,14 +83,11 @@ class Row:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Shape(ABC):
+class Shape(Options):
     """A rigid solid in the frame of its body."""
 
     mujoco_geom: ClassVar[str | None] = None
     """MuJoCo's name for the shape, if it has one."""
-
-    def __post_init__(self):
-        check_declared(type(self).__name__, self)
 
     @abstractmethod
     def row(self, name: str, device) -> Row:

@@ -18,6 +18,7 @@ class Sphere(Shape):
 
     radius: Annotated[Length, "[m]"]
 
+    other_words = dict.fromkeys(("diameter", "size"), "radius= [m]")
     mujoco_geom = "sphere"
 
     def row(self, name: str, device) -> Row:
