@@ -21,11 +21,11 @@ from tactemu.exec.environment import exec_environment as exec_environment
 from tactemu.geometry.bodies import Body as Body
 from tactemu.geometry.motion import FromFunction as FromFunction
 from tactemu.geometry.motion import Hold as Hold
+from tactemu.geometry.motion import InTurn as InTurn
 from tactemu.geometry.motion import Keyframes as Keyframes
 from tactemu.geometry.motion import Pose as Pose
 from tactemu.geometry.motion import Press as Press
 from tactemu.geometry.motion import Roll as Roll
-from tactemu.geometry.motion import Sequence as Sequence
 from tactemu.geometry.motion import Slide as Slide
 from tactemu.geometry.motion import Spin as Spin
 from tactemu.geometry.motion import Together as Together

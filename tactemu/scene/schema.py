@@ -40,7 +40,7 @@ from tactemu.base.units import (
     Whole,
 )
 from tactemu.base.words import Names
-from tactemu.geometry.motion import MOTIONS, Motion, Sequence, Together
+from tactemu.geometry.motion import MOTIONS, InTurn, Motion, Together
 from tactemu.geometry.shapes.registry import REGISTRY as SHAPE_CLASSES
 from tactemu.geometry.shapes.registry import shape_class
 from tactemu.geometry.shapes.shape import Shape
@@ -100,7 +100,7 @@ def _table_of(motion: type[Motion]) -> type[Table]:
     return create_model(f"{motion.__name__}Motion", __base__=Table, __doc__=motion.__doc__, **fields)
 
 
-_PLAIN = {kind: _table_of(motion) for kind, motion in MOTIONS.items() if motion not in (Sequence, Together)}
+_PLAIN = {kind: _table_of(motion) for kind, motion in MOTIONS.items() if motion not in (InTurn, Together)}
 
 
 def make_motion(tables: dict | list) -> Motion:
@@ -110,7 +110,7 @@ def make_motion(tables: dict | list) -> Motion:
         SceneError, pydantic.ValidationError: the table describes no motion.
     """
     if isinstance(tables, list):
-        return Sequence(tuple(make_motion(table) for table in tables))
+        return InTurn(tuple(make_motion(table) for table in tables))
     if not isinstance(tables, dict):
         raise ValueError("expected a table with a `kind`, or a list of such tables")
     kind = tables.get("kind", "")
@@ -119,7 +119,7 @@ def make_motion(tables: dict | list) -> Motion:
     if kind in ("sequence", "together"):
         checked = _CombinedTable.model_validate(tables)
         parts = tuple(make_motion(table) for table in checked.motions)
-        return Sequence(parts, checked.repeat) if kind == "sequence" else Together(parts)
+        return InTurn(parts, checked.repeat) if kind == "sequence" else Together(parts)
     values = _PLAIN[kind].model_validate(tables).model_dump(exclude={"kind"})
     return MOTIONS[kind](**values)
 

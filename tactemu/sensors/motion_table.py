@@ -6,14 +6,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence as Many
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import warp as wp
 
 from tactemu.geometry.bodies import Body
-from tactemu.geometry.motion import Motion, Sequence, Together
+from tactemu.geometry.motion import InTurn, Motion, Together
 from tactemu.geometry.motion.track import PlainMotion, Track
 from tactemu.plan.clock import Clock
 
@@ -55,7 +55,7 @@ class _Table:
         if isinstance(motion, Together):
             for part in motion.motions:
                 self.add(part, depth)
-        elif isinstance(motion, Sequence):
+        elif isinstance(motion, InTurn):
             self._add_sequence(motion, depth)
         else:
             assert isinstance(motion, PlainMotion)
@@ -66,7 +66,7 @@ class _Table:
         self._number(track.delay, track.duration, float(track.repeats), track.turn_period)
         self.knots += [np.hstack(knot) for knot in track.knots]
 
-    def _add_sequence(self, sequence: Sequence, depth: int) -> None:
+    def _add_sequence(self, sequence: InTurn, depth: int) -> None:
         ends = [start for start, _ in sequence.starts[1:]] + [math.inf]
         period = sequence.duration_once if sequence.repeat else 0.0
         for k, (part, (start, left), end) in enumerate(zip(sequence.motions, sequence.starts, ends)):
@@ -82,13 +82,13 @@ class _Table:
 
 def is_plain(motion: Any, depth: int = 0) -> bool:
     """Return True for a motion that the kernel can evaluate."""
-    if isinstance(motion, Sequence | Together):
-        depth += isinstance(motion, Sequence)
+    if isinstance(motion, InTurn | Together):
+        depth += isinstance(motion, InTurn)
         return depth < MAX_DEPTH and all(is_plain(part, depth) for part in motion.motions)
     return isinstance(motion, PlainMotion)
 
 
-def paths_of(bodies: Many[Body], starts: wp.array, driven: wp.array, device: wp.Device) -> Any:
+def paths_of(bodies: Sequence[Body], starts: wp.array, driven: wp.array, device: wp.Device) -> Any:
     """Return the table of the bodies' motions, which are plain.
 
     Args:

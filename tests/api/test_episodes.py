@@ -13,7 +13,7 @@ from tactemu.geometry.motion import Motion, PlainMotion, Pose
 
 GRID = [(x * 2e-3, y * 2e-3, 0.0) for x in (-1, 0, 1) for y in (-1, 0, 1)]
 PRESS = tt.Press(approach=1e-3, depth=1e-3, speed=0.05, dwell=0.02, repeat=None)
-SEQUENCE = tt.Sequence(
+SEQUENCE = tt.InTurn(
     (
         tt.Press(depth=1e-3, speed=0.05, dwell=0.01, release=False),
         tt.Together((tt.Roll(distance=5e-3, radius=0.01, speed=0.1), tt.Spin(rate=3.0, axis=(1, 2, 3)))),
@@ -161,7 +161,7 @@ class Swinging(Motion):
         tt.FromFunction(function=lambda t: (0, 0, -0.1 * t)),
         tt.FromFunction(function=lambda t: (np.zeros(3), (np.cos(t), np.sin(t), 0, 0))),
         tt.Together((PRESS, Swinging())),
-        tt.Sequence((tt.Slide(distance=1e-3, speed=0.1), Swinging())),
+        tt.InTurn((tt.Slide(distance=1e-3, speed=0.1), Swinging())),
     ],
     ids=["world", "own", "function", "turning function", "together", "sequence"],
 )
@@ -294,8 +294,8 @@ def random_motion(random, depth):
     if random.random() < 0.4:
         return tt.Together(tuple(parts))
     parts = [part for part in parts[:-1] if math.isfinite(part.duration)] + parts[-1:]
-    once = tt.Sequence(tuple(parts))
-    return tt.Sequence(tuple(parts), repeat=True) if 0 < once.duration_once < math.inf else once
+    once = tt.InTurn(tuple(parts))
+    return tt.InTurn(tuple(parts), repeat=True) if 0 < once.duration_once < math.inf else once
 
 
 @pytest.mark.parametrize("depth", [0, 1, 3])

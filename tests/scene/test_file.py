@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from tactemu.base.errors import DeviceError, SceneError
-from tactemu.geometry.motion import Press, Sequence
+from tactemu.geometry.motion import InTurn, Press
 from tactemu.scene import file, schema
 from tactemu.scene.building import make_devices
 from tactemu.scene.engine_tables import ENGINES
@@ -39,7 +39,7 @@ dead = [3]
 def test_a_file_becomes_tables_and_motions():
     loaded = file.parse(GOOD)
     motion = loaded.motions["ball"]
-    assert isinstance(motion, Sequence) and isinstance(motion.motions[0], Press)
+    assert isinstance(motion, InTurn) and isinstance(motion.motions[0], Press)
     assert motion.motions[0] == Press(depth=0.001, approach=0.004, release=False)
     assert loaded.tables.body[0].size == (0.08, 0.08, 0.02)
     assert loaded.tables.skin[0].faults == ("drop 1%",)

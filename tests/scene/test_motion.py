@@ -10,11 +10,11 @@ from tactemu.geometry import rotation
 from tactemu.geometry.motion import (
     FromFunction,
     Hold,
+    InTurn,
     Keyframes,
     Pose,
     Press,
     Roll,
-    Sequence,
     Slide,
     Spin,
     Together,
@@ -37,7 +37,7 @@ MOTIONS = {
     "function": FromFunction(
         function=lambda t: ((0.01 * math.sin(t), 0, t * t), rotation.from_rotation_vector((0, 0.3 * t, 0.1)))
     ),
-    "sequence": Sequence(
+    "sequence": InTurn(
         (
             Press(depth=1e-3, speed=0.01, dwell=0.1, release=False),
             Roll(distance=0.01, radius=0.005, speed=0.05),
@@ -134,10 +134,10 @@ def test_long_spins_lose_no_accuracy():
         (lambda: Slide(distance=-1), "slide: distance must be >= 0 and <= 10 m"),
         (lambda: Keyframes(times=(0, 0)), "keyframes: times must be"),
         (lambda: Keyframes(times=(0, 1), quaternions=((0, 0, 0, 0), (1, 0, 0, 0))), "keyframes.quaternions"),
-        (lambda: Sequence((Spin(rate=1), Hold())), "only the last motion may be endless; 'spin' never ends"),
-        (lambda: Sequence((Hold(),), repeat=True), "it must last a finite time > 0 s, got inf s"),
-        (lambda: Sequence((Hold(seconds=0.0),), repeat=True), "it must last a finite time > 0 s, got 0.0 s"),
-        (lambda: Sequence(()), "sequence: expected one or more motions"),
+        (lambda: InTurn((Spin(rate=1), Hold())), "only the last motion may be endless; 'spin' never ends"),
+        (lambda: InTurn((Hold(),), repeat=True), "it must last a finite time > 0 s, got inf s"),
+        (lambda: InTurn((Hold(seconds=0.0),), repeat=True), "it must last a finite time > 0 s, got 0.0 s"),
+        (lambda: InTurn(()), "sequence: expected one or more motions"),
         (lambda: Together((None,)), "together: expected one or more motions"),
         (lambda: Press(depth=1), r"press: depth must be .* <= 0.5 m \(6 mm is 0.006\), got 1"),
         (lambda: Press(depth=1e-3, dwell=1e300), "press: dwell must be >= 0 and <= 1e\\+06 s"),

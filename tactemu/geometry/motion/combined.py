@@ -19,7 +19,7 @@ def _check_motions(combined: Motion, parts: tuple[Motion, ...]) -> None:
 
 
 @dataclass(frozen=True)
-class Sequence(Motion):
+class InTurn(Motion):
     """Motions one after another, each starting where the one before it ended; ``repeat`` starts them over again."""
 
     kind = "sequence"
