@@ -200,7 +200,7 @@ class Control:
 
     def _set_pose(self, body: str, **pose: list[float]) -> None:
         if body in self.steered:
-            self.steered[body].put(self._now_s, **pose)
+            self._in_hand(body).put(self._now_s, **pose)
         elif self.simulation is None:
             raise TactemuError("nothing is simulated: there are no bodies")
         else:
@@ -208,10 +208,16 @@ class Control:
 
     def _give_back(self, body: str | None = None) -> None:
         for name in self.steered if body is None else [self._body(body)]:
-            self.steered[name].give_back()
+            self._in_hand(name).give_back()
+
+    def _in_hand(self, name: str) -> Steered:
+        """Return the motion by which a hand moves a body, and let it move the body, also one that a program posed."""
+        if self.simulation is not None:
+            self.simulation.release(name)
+        return self.steered[name]
 
     def _go(self, name: str, legs: Sequence[Waypoint], wait: bool) -> TaskResult:
-        end_s = self.steered[name].follow(self._now_s, legs)
+        end_s = self._in_hand(name).follow(self._now_s, legs)
         return TaskResult(round(end_s * 1e9), until_sampled=True) if wait and not self._lockstep else TaskResult()
 
     def _body(self, name: str | None) -> str:

@@ -95,7 +95,7 @@ class Partition:
             wp.synchronize_stream(wp.get_stream(self.simulation.device))
         for reader in self._readers:
             yield reader.column.name, reader.read(self._hosts)
-        poses = self.simulation.world.download() if self._posed else np.empty(0)
+        poses = self.simulation._world.download() if self._posed else np.empty(0)
         for body in self._posed:
             yield f"pose.{body.name}", poses[:, body.index, :7]
 

@@ -114,7 +114,7 @@ class BodyMotions:
         """Set the poses of the bodies at the simulation's time; no environment is reset alone."""
         if self._bodies:
             rows = [self._rows(body, simulation.time) for body in self._bodies]
-            simulation.world.put_all(self._places, np.stack(rows))
+            simulation._world.put_all(self._places, np.stack(rows))
 
     @cached_property
     def _places(self) -> np.ndarray:

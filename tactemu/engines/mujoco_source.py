@@ -326,9 +326,9 @@ class MujocoSource:
         if len(per_env) not in (1, sim.n_envs):
             raise SceneError(f"MujocoSource.update: expected 1 or {sim.n_envs} MjData, got {len(per_env)}")
         for one in per_env:
-            self._refresh(one, sim.uses_velocity)
-        rows = np.stack([self._rows(one, sim.uses_velocity) for one in per_env], axis=1)
-        sim.world.put_all(self._places, rows)
+            self._refresh(one, sim._uses_velocity)
+        rows = np.stack([self._rows(one, sim._uses_velocity) for one in per_env], axis=1)
+        sim._world.put_all(self._places, rows)
 
     def bind(self, sim: Simulation, data: Any) -> None:
         """Bind the scene's poses to MuJoCo Warp's data, which are read at each step on the device.
@@ -343,7 +343,7 @@ class MujocoSource:
         index = {body: int(model.geom_bodyid[geom]) for geom, body in self._geoms.items()}
         index |= {body: link for link, body in self._links.items()}
         velocities: dict[str, Any] = {}
-        if sim.uses_velocity:
+        if sim._uses_velocity:
             velocities = {"linear_velocity": (data.cvel, 3), "angular_velocity": (data.cvel, 0)}
             velocities |= {"velocity_at": data.subtree_com, "velocity_at_index": model.body_rootid}
         offsets = {body: (model.geom_pos[geom], model.geom_quat[geom]) for geom, body in self._geoms.items()}

@@ -128,7 +128,7 @@ class _Worlds:
             self._warp.com_vel(self._model, self.data)
 
     def bind(self, simulation: Simulation) -> None:
-        self._with_velocity = simulation.uses_velocity
+        self._with_velocity = simulation._uses_velocity
         self.refresh()
         self._source.bind(simulation, self.data)
 

@@ -280,7 +280,7 @@ class NewtonSource:
         carried = {k: body for k, body in self._shapes.items() if self._on[k] >= 0}
         index = {body: int(self._on[k]) for k, body in carried.items()} | {b: k for k, b in self._links.items()}
         velocities: dict[str, Any] = {}
-        if sim.uses_velocity:
+        if sim._uses_velocity:
             velocities = {"linear_velocity": (state.body_qd, 0), "angular_velocity": (state.body_qd, 3)}
             com = self.model.body_com.numpy()[: self._n_bodies].astype(np.float64)
             velocities |= {"velocity_at": "com", "com": com}

@@ -187,7 +187,7 @@ class SceneContext:
 
     def poses(self) -> np.ndarray:
         """Return position and quaternion (w, x, y, z) of each body in environment 0, shape ``(n_bodies, 7)``."""
-        return self._simulation.world.poses() if self._simulation else np.zeros((0, 7))
+        return self._simulation._world.poses() if self._simulation else np.zeros((0, 7))
 
     def description(self) -> dict[str, Any]:
         """Return the :class:`SceneDescription` as an object of JSON."""
@@ -199,7 +199,7 @@ class SceneContext:
             return []
         sensors = [part.sensor for skin in self._skins.values() for part in skin.parts]
         drawn = next((sensor.model.draw for sensor in sensors if sensor.model.draw.draw_debug), None)
-        clouds = {cloud.body: _points(cloud.positions, drawn) for cloud in self._simulation.clouds if drawn}
+        clouds = {cloud.body: _points(cloud.positions, drawn) for cloud in self._simulation._clouds if drawn}
         return [
             BodyDescription(
                 name=body.name,

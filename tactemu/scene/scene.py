@@ -169,7 +169,7 @@ class Scene:
     def _outdate(self, why: str) -> None:
         """Mark the simulation built before as outdated: its sensors' handles no longer read it."""
         if self._built is not None:
-            self._built.outdated, self._built = why, None
+            self._built._outdated, self._built = why, None
 
     def body(self, which: Body | str | int) -> Body:
         """Return a body of this scene, given the body itself, its name or its index.

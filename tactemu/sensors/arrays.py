@@ -54,7 +54,7 @@ def _makers(sensor: Any, is_truth: bool) -> dict[str, Callable[[], WarpArray]]:
 
     def derived(name: str) -> WarpArray:
         array, stage = outputs.derived[name](reading, "truth" if is_truth else "measured")
-        sensor._simulation.add_stage(stage)
+        sensor._simulation._add_stage(stage)
         return shaped(array, slice(None))
 
     def by_body(flags: wp.array) -> WarpArray:

@@ -26,10 +26,10 @@ class PoseInput:
     bodies: tuple[Body, ...]
     context: Context
     plan: Plan
-    world: World
+    _world: World
     names: Names = "tactemu"
     """The words that its methods take."""
-    motions: Motions
+    _motions: Motions
     _bound: tuple[BoundPoses, Stage] | None = None
 
     @takes_words
@@ -66,15 +66,15 @@ class PoseInput:
         body = self._body("set_pose", body)
         if body.fixed:
             raise SceneError(f"set_pose: body {body.name!r} is fixed; add it with fixed=False to move it")
-        is_driven = self.motions.drives(body, envs)
+        is_driven = self._motions.drives(body, envs)
         if is_driven:
             linear_velocity = (0.0, 0.0, 0.0) if linear_velocity is None else linear_velocity
             angular_velocity = (0.0, 0.0, 0.0) if angular_velocity is None else angular_velocity
         if on_host(quaternion):
             quaternion, order = rotation.wxyz(quaternion, order, "set_pose"), "wxyz"
-        self.world.set(body, (position, quaternion, linear_velocity, angular_velocity), envs, order)
+        self._world.set(body, (position, quaternion, linear_velocity, angular_velocity), envs, order)
         if is_driven:
-            self.motions.take(body, envs)
+            self._motions.take(body, envs)
 
     @takes_words
     def release(self, body: Body | str | int, *, envs: Sequence[int] | np.ndarray | None = None) -> None:
@@ -89,13 +89,13 @@ class PoseInput:
             SceneError: the body is unknown, or ``envs`` are some of those in which its poses are bound.
         """
         body = self._body("release", body)
-        if body.index in self.world.bound:
+        if body.index in self._world.bound:
             if envs is not None:
                 raise SceneError(f"release({body.name!r}): its poses are bound in all environments; leave envs out")
             assert self._bound is not None
             self._bind(self._bound[0].without(body))
         elif body.motion is not None:
-            self.motions.give_back(body, envs)
+            self._motions.give_back(body, envs)
 
     def _body(self, verb: str, which: Body | str | int) -> Body:
         if isinstance(which, Body) and which not in self.bodies:
@@ -114,7 +114,7 @@ class PoseInput:
         the body; :meth:`set_pose` takes it from its motion.
         ``torch.from_dlpack(sim.pose_array)`` copies nothing.
         """
-        return self.world.exposed()
+        return self._world.exposed()
 
     @takes_words
     def bind_poses(
@@ -175,13 +175,13 @@ class PoseInput:
         """Take poses from these arrays from now on, and give other bodies back to their motions."""
         bodies = bound.bodies if bound is not None else ()
         for body in bodies:
-            if self.motions.drives(body, None):
-                self.world.set(body, (None, None, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)))
-        self.motions.bind(bodies)
-        self.world.bind(frozenset(body.index for body in bodies))
+            if self._motions.drives(body, None):
+                self._world.set(body, (None, None, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)))
+        self._motions.bind(bodies)
+        self._world.bind(frozenset(body.index for body in bodies))
         self._bound = None
         if bound is not None:
-            stage = bound.stage(self.context, self.world.device_array)
+            stage = bound.stage(self.context, self._world.device_array)
             self._bound = bound, stage
             self.plan.insert(stage, before="relative poses")
             self._take_bound()
@@ -192,7 +192,7 @@ class PoseInput:
         """Copy the bound poses from the other simulator's arrays now."""
         if self._bound is not None:
             bound, stage = self._bound
-            self.world.bind(frozenset(body.index for body in bound.bodies))
+            self._world.bind(frozenset(body.index for body in bound.bodies))
             stage.launch()
 
     def pose(self, body: Body | str | int, env: int = 0) -> Pose:
@@ -205,5 +205,5 @@ class PoseInput:
         Raises:
             SceneError: the body or the environment is unknown.
         """
-        (env,) = np.arange(self.world.n_envs)[self.world.env_indices([env])]
-        return self.world.pose(self._body("pose", body).index, int(env))
+        (env,) = np.arange(self._world.n_envs)[self._world.env_indices([env])]
+        return self._world.pose(self._body("pose", body).index, int(env))

@@ -39,7 +39,7 @@ class Built(Protocol):
     device: wp.Device
     plan: Plan
 
-    def before_read(self) -> None:
+    def _before_read(self) -> None:
         """Raise the error that the last step found, if any."""
         ...
 
@@ -47,7 +47,7 @@ class Built(Protocol):
         """Return a body's pose and velocities in the world of environment 0."""
         ...
 
-    def add_stage(self, stage: Stage) -> None:
+    def _add_stage(self, stage: Stage) -> None:
         """Add a stage to the end of each step, and run it now."""
         ...
 
@@ -291,11 +291,11 @@ class Sensor(Adjustments, Generic[R]):
         """Return the contact flags of all bodies, ``(n_envs, n_bodies)``; the first call adds their stage."""
         if self._flags is None:
             self._flags, stage = self._built.contacts()
-            self._simulation.add_stage(stage)
+            self._simulation._add_stage(stage)
         return self._flags
 
     def _numpy(self, array: Any) -> np.ndarray:
-        self._simulation.before_read()
+        self._simulation._before_read()
         return array.numpy()
 
     def _present(self, array: wp.array, out: wp.array | np.ndarray | None = None) -> Any:
@@ -325,7 +325,7 @@ class Sensor(Adjustments, Generic[R]):
                 f"read of sensor {self.name!r}: out must be an array of the host of shape {expected}, in one piece, as "
                 f"host_array() makes it; got {got}"
             )
-        self._simulation.before_read()
+        self._simulation._before_read()
         wp.copy(host, array)
         if array.device.is_cuda:
             wp.synchronize_stream(wp.get_stream(array.device))

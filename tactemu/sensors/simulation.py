@@ -75,14 +75,15 @@ class Simulation(PoseInput):
             constants={} if like is None else like.context.constants,
             threads=n_threads,
         )
+        """The device, the number of environments and the time, as stages of a plan read them."""
         self.context.dt.fill_(dt)
-        self.outdated = ""
+        self._outdated = ""
         """The reason why it must not be stepped any more: its scene has changed, or was built again. Empty while it
         may."""
         self._dt_ns = -1
         self._checked_step = 0
         attachments = self._compile(why)
-        self.resets = Resets(self.plan, self.context, self.world, self._compiler.arrays)
+        self._resets = Resets(self.plan, self.context, self._world, self._compiler.arrays)
         self._bound = None
         self._in_graph = False
         self._added: list[Stage] = []
@@ -90,10 +91,10 @@ class Simulation(PoseInput):
         self.posers = list(posers)
         """Functions that pose bodies; each step calls them after the motions with its time [s], since the reset; in a
         batch with the times of all environments, ``(n_envs,)``."""
-        self.movers = [body.motion for body in self.bodies] + [getattr(each, "__self__", None) for each in posers]
+        self._movers = [body.motion for body in self.bodies] + [getattr(each, "__self__", None) for each in posers]
         """The objects that move the bodies, which may be parts with a state of their own."""
-        self.world.upload()
-        self.motions.show_start()
+        self._world.upload()
+        self._motions.show_start()
         self._move()
         self._planners = list(planners)
         for plan in self._planners:
@@ -113,11 +114,11 @@ class Simulation(PoseInput):
         self._poses = RelativePoses(links, len(self.bodies), reasons, middles, self.context)
         self.plan = Plan(device=self.device, threads=self.context.threads, why_threads=why_threads)
         self.plan.stages += self._poses.stages()
-        self.world = World(self.bodies, self._poses.world)
-        self.motions = Motions(
-            self.bodies, self.world, self.context, self._poses.dt_ns, ahead=self._poses.ahead, batched=self.batched
+        self._world = World(self.bodies, self._poses.world)
+        self._motions = Motions(
+            self.bodies, self._world, self.context, self._poses.dt_ns, ahead=self._poses.ahead, batched=self.batched
         )
-        for stage in self.motions.stages():
+        for stage in self._motions.stages():
             self.plan.insert(stage, before="relative poses")
         self._compiler = SensorCompiler(self.bodies, self._poses, self.context)
         attachments = [self._compiler.compile(sensor, self) for sensor in self.sensors]
@@ -126,18 +127,18 @@ class Simulation(PoseInput):
         return attachments
 
     @property
-    def clouds(self) -> list[PointCloud]:
+    def _clouds(self) -> list[PointCloud]:
         """The points that were sampled on bodies."""
         return list(self._compiler.clouds.values())
 
     @property
-    def uses_velocity(self) -> bool:
+    def _uses_velocity(self) -> bool:
         """Does any sensor need the velocities of bodies?"""
         return self._poses.with_twist
 
     # -- stepping ---------------------------------------------------------------------------------------------------
 
-    def add_stage(self, stage: Stage) -> None:
+    def _add_stage(self, stage: Stage) -> None:
         """Add a stage to the end of each step, and run it now."""
         self.plan.insert(stage)
         self._added.append(stage)
@@ -157,8 +158,8 @@ class Simulation(PoseInput):
                 not 0, or too short for what sensors keep of the past (delay, scan).
             SceneError: the scene has changed since it was built, or was built again.
         """
-        if self.outdated:
-            raise SceneError(f"step: {self.outdated}; use the simulation that scene.build() returns now")
+        if self._outdated:
+            raise SceneError(f"step: {self._outdated}; use the simulation that scene.build() returns now")
         if isinstance(n, bool) or not isinstance(n, int | np.integer) or n < 0:
             raise ValueError(
                 f"step: n is a number of steps, a whole number >= 0, got {n!r}; a step's length [s] is dt="
@@ -190,7 +191,7 @@ class Simulation(PoseInput):
         self.time_ns += self._dt_ns
         self.step_count += 1
         self._move()
-        self.world.upload()
+        self._world.upload()
         self.plan.run()
         if self._bad_view is not None and self._bad_view.any():
             self.check()
@@ -201,7 +202,7 @@ class Simulation(PoseInput):
             raise SceneError("step: take one step before you capture one; it loads what a graph cannot load")
         if reason := self._python_moves():
             raise SceneError(f"step: a graph cannot capture what Python computes: {reason}; bind their poses instead")
-        if self.world.has_unsent:
+        if self._world.has_unsent:
             raise SceneError(
                 "step: poses that you set from the host are not sent yet; take a step before you capture one"
             )
@@ -245,13 +246,13 @@ class Simulation(PoseInput):
         return True
 
     def _move(self) -> None:
-        self.motions.move(self.time_ns)
+        self._motions.move(self.time_ns)
         for pose in self.posers:
-            pose(self, self.motions.times(self.time_ns))
+            pose(self, self._motions.times(self.time_ns))
 
     def _python_moves(self) -> str:
         """Return what Python moves at each step, as a phrase; empty if nothing."""
-        names = self.motions.in_python
+        names = self._motions.in_python
         moved = [f"the motions of {', '.join(names)}"] if names else []
         return " and ".join([*moved, *["functions that pose bodies"][: len(self.posers)]])
 
@@ -270,10 +271,10 @@ class Simulation(PoseInput):
         bad = np.asarray(self._poses.bad.numpy().any(axis=0))
         if not bad.any():
             return
-        values = self.world.download()
+        values = self._world.download()
         raise PoseError(pose_error_message(self.bodies, values, bad, self.step_count, self.context.real))
 
-    def before_read(self) -> None:
+    def _before_read(self) -> None:
         """Check the poses of the last step on a GPU, where a step does not wait for the device."""
         if self._bad_view is None and self.step_count:
             self.check()
@@ -304,7 +305,7 @@ class Simulation(PoseInput):
 
     def state(self) -> dict[str, Any]:
         """Return the state that lasts from step to step, arrays copied to the host."""
-        self.world.upload()
+        self._world.upload()
         counts = {name: getattr(self, name) for name in _COUNTS}
         return counts | {"memory": tuple(array.numpy().copy() for array in self.context.memory)}
 
@@ -335,8 +336,8 @@ class Simulation(PoseInput):
                     array.numpy()[...] = values
                 else:
                     array.assign(values)
-            self.world.after_restore()
-            self.motions.after_restore()
+            self._world.after_restore()
+            self._motions.after_restore()
             for stage in self._added:
                 stage.launch()
 
@@ -371,10 +372,10 @@ class Simulation(PoseInput):
                 f"reset: a mask on the device does not tell Python which environments begin anew, but it computes "
                 f"{reason}; give indices, or a mask on the host"
             )
-        self.resets.reset(envs, seed)
+        self._resets.reset(envs, seed)
         if envs is None:
             self.time_ns = self.step_count = self._checked_step = 0
-        self.motions.after_reset(envs, self.time_ns)
+        self._motions.after_reset(envs, self.time_ns)
         for pose in self.posers if envs is None else ():
-            pose(self, self.motions.times(self.time_ns))
+            pose(self, self._motions.times(self.time_ns))
         self._take_bound()

@@ -98,7 +98,7 @@ def test_poses_are_those_after_the_step(model):
     mujoco.mj_step(model, data)
     stale = data.geom("ball").xpos.copy()
     source.update(sim, data)
-    at = sim.world.download()[0, source.geom("ball").index, :3]
+    at = sim._world.download()[0, source.geom("ball").index, :3]
     assert at == pytest.approx(data.qpos[model.joint(1).qposadr[0] :][:3]) and at[2] < stale[2] - 4e-3
 
 

@@ -198,7 +198,7 @@ def test_readings_are_numbers_or_the_step_says_whose_pose_is_not(calls, dtype):
             assert "environment" in str(error) and f"step {sim.step_count}" in str(error)
             bad = True
         values = [depth.read(), ray.read(), *springs.read()]
-        world = sim.world.download()
+        world = sim._world.download()
         fine = np.isfinite(world).all((1, 2)) & (np.abs(world) < 1e12).all((1, 2))
         fine &= (np.linalg.norm(world[..., 3:7], axis=-1) >= 1e-6).all(1)
         assert not (bad and fine.all())

@@ -41,6 +41,14 @@ def test_a_press_is_felt_and_released(dev):
     assert not dev.sample().ideal.any()
 
 
+def test_a_press_takes_a_body_that_a_program_has_posed(dev):
+    body = next(body for body in dev.simulation.bodies if body.motion is not None)
+    dev.in_loop(lambda: dev.simulation.set_pose(body, position=(0, 0, 0.5)))
+    dev.press(1e-3, taxel=2)
+    np.testing.assert_allclose(dev.sample().ideal[2], (0, 0, -1.0), atol=1e-4)
+    dev.release()
+
+
 def test_a_press_that_is_done_has_been_sampled_also_by_a_loop_that_is_late(dev):
     busy = True
 
