@@ -156,8 +156,6 @@ class Scene:
         sensor: Sensor[Any] = Sensor(
             name, model, self.body(link), tuple(transducers), model.convention or self.convention
         )
-        for each in sensor.transducers:
-            each.check_all(f"sensor {name!r}")
         if sensor.transducers:
             require_on_skin([sensor], f"sensor {name!r}: transducers sense")
         _ = sensor._chain  # raises if the transducers do not fit

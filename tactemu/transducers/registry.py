@@ -56,11 +56,11 @@ def make_transducer(where: str, table: Mapping[str, Any]) -> Transducer:
             hint = nearest(name, known) or f" (options: {', '.join(known)})"
             raise SceneError(f"{where}: {kind} has no {name!r}{hint}")
     try:
-        transducer = made(**{name: _fixed(value) for name, value in options.items()})
-        transducer.check_all(where)
+        return made(**{name: _fixed(value) for name, value in options.items()})
+    except SceneError as error:
+        raise SceneError(f"{where}: {error}") from None
     except (TypeError, ValueError) as error:
         raise SceneError(f"{where}: {kind}: {error}") from None
-    return transducer
 
 
 def _fixed(value: Any) -> Any:

@@ -11,7 +11,7 @@ It is called for the ground truth and for the measured branch, unless the two ar
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Literal
@@ -19,7 +19,7 @@ from typing import ClassVar, Literal
 import numpy as np
 import warp as wp
 
-from tactemu.base.options import check_declared
+from tactemu.base.option_groups import Options
 from tactemu.plan.plan import Context, Stage
 
 Channels = Literal["scalar", "force", "displacement"]
@@ -90,7 +90,7 @@ class TransducerSite:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Transducer(ABC):
+class Transducer(Options):
     """The options of one transducer, in SI units, with vectors in the frame of the link."""
 
     takes: ClassVar[tuple[str, ...]]
@@ -100,14 +100,9 @@ class Transducer(ABC):
     source: ClassVar[str] = ""
     """The source of its equations."""
 
-    def check_all(self, where: str) -> None:
-        """Check every option against its declared type, then by :meth:`check`.
-
-        Raises:
-            SceneError: an option has another type or shape than declared, or a meaningless value.
-        """
-        check_declared(where, self)
-        self.check(where)
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self.check(type(self).__name__)
 
     def check(self, where: str) -> None:
         """Check the options beyond type and finiteness, as the class needs.

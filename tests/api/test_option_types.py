@@ -1,4 +1,4 @@
-"""A value of a wrong type is refused where it is given: by a model, a group of options or a shape, when it is made."""
+"""A value of a wrong type is refused where it is given: when a model, a transducer or a shape is made."""
 
 import dataclasses
 import typing
@@ -10,6 +10,8 @@ import pytest
 import tactemu as tt
 from tactemu.geometry.shapes.registry import SHAPES, shape_class
 from tactemu.sensors.models import MODELS, model_class
+from tactemu.transducers.material import Material
+from tactemu.transducers.registry import TRANSDUCERS, transducer_class
 
 GROUPS = (tt.ImperfectionOptions, tt.ElectronicsOptions, tt.DrawOptions)
 NEEDED: dict[str, dict[str, Any]] = {
@@ -25,6 +27,7 @@ CLASSES: dict[str, tuple[type, dict[str, Any]]] = {
     **{name: (model_class(name), {}) for name in MODELS},
     **{group.__name__: (group, {}) for group in GROUPS},
     **{name: (shape_class(name), NEEDED.get(name, {})) for name in SHAPES},
+    **{name: (transducer_class(name), {}) for name in TRANSDUCERS},
 }
 OPTIONS = [
     (name, each.name)
@@ -71,6 +74,7 @@ def test_no_option_takes_an_object_of_another_kind(name, option):
         ),
         (lambda: py.ElectronicsOptions(noise=["loud"]), "ElectronicsOptions: noise must be numbers, got ['loud']"),
         (lambda: py.ElectronicsOptions(scan_order="spiral"), "scan_order must be one of taxel, row, column"),
+        (lambda: Material(last=1e-3), "Material: last must be after first"),
         (lambda: py.Box(size=(1, 2)), "Box: size must be 3 numbers, got (1, 2)"),
         (lambda: py.Sphere(radius="1 mm"), "Sphere: radius must be > 0 m, got '1 mm'"),
         (lambda: py.Mesh(source="part.stl", scale="mm"), "Mesh: scale must be a finite number, got 'mm'"),

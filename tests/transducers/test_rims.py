@@ -36,7 +36,7 @@ def test_no_number_of_a_transducer_may_be_none(kind):
     assert found
     for name in found:
         for value in (np.nan, np.inf, "x", True, [1, [2]]):
-            with pytest.raises(SceneError, match=f"here: {name}"):
+            with pytest.raises(SceneError, match=f"here: .*: {name}"):
                 make_transducer("here", {"kind": kind, name: value})
 
 
@@ -50,7 +50,7 @@ def test_no_number_of_a_transducer_may_be_none(kind):
     ],
 )  # fmt: skip
 def test_shapes_of_a_magnetic_skin_are_checked(options):
-    with pytest.raises(SceneError, match=r"^here: (earth|grid|moments|neighbours)"):
+    with pytest.raises(SceneError, match=r"^here: Magnetic: (earth|grid|moments|neighbours)"):
         make_transducer("here", {"kind": "magnetic", **options})
 
 
