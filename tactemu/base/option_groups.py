@@ -101,15 +101,18 @@ def from_flat(model: type[Model], given: Mapping[str, Any], called: str = "", na
         names: ``genesis`` takes Genesis's words, too.
 
     Raises:
-        SceneError: the model has no such option; the message names the nearest, and lists all.
+        SceneError: the model has no such option; the message names the nearest, and lists the model's own.
     """
     known = defaults(model)
     if names == "genesis":
         given = in_our_words(given, known)
     for name in given:
         if name not in known:
-            listed = ", ".join(known)
-            raise SceneError(f"{called or model.__name__} has no {name!r}{hint(name, known)} (options: {listed})")
+            listed = ", ".join(each.name for each in _fields(model) if not isinstance(each.default, OptionGroup))
+            raise SceneError(
+                f"{called or model.__name__} has no {name!r}{hint(name, known)} (options: {listed}; and those of every "
+                "model: docs/sensors.md)"
+            )
     own, grouped = dict(given), groups(model)
     for group, default in grouped.items():
         within = {each.name: own.pop(each.name) for each in _fields(default) if each.name in own}

@@ -42,7 +42,10 @@ def physics(
     page: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the tables as a Markdown page.")] = None,
     out: Out = None,
 ) -> None:
-    """Measure a step and a read of each sensor, beside their targets and the figures of Genesis in its own scene."""
+    """Measure the time of a step and of a read of each sensor.
+
+    The table has their targets, and the figures of Genesis in its own scene.
+    """
     from tactemu.base.kernels import start_quietly
     from tactemu.tune.speed.physics import markdown_page, run
 
@@ -57,7 +60,10 @@ def physics(
 def wire(
     repeats: Annotated[int, typer.Option(metavar="N", min=1, help="Number of runs of each stage.")] = 7, out: Out = None
 ) -> None:
-    """Measure the time of a frame from device to port, and how many a core can send."""
+    """Measure the time of a frame from device to port.
+
+    It also prints how many frames a core can send.
+    """
     from tactemu.tune.speed.wire import run
 
     save(run(typer.echo, repeats=repeats), out)
@@ -95,7 +101,10 @@ def realism(
     parameters: Annotated[Path | None, typer.Option(metavar="FILE", help="Write fitted parameters as JSON.")] = None,
     out: Out = None,
 ) -> None:
-    """Fit the laws of real sensors to recordings, and measure how well they predict each one left out."""
+    """Fit the laws of real sensors to recordings.
+
+    It measures how well they predict each recording that is left out.
+    """
     from tactemu.fit.realism import run
 
     save(run(typer.echo, data=data, held=held, page=page, parameters=parameters), out)

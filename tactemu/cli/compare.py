@@ -24,7 +24,9 @@ MAX_PRINTED = 40
 
 @commands.command()
 def compare(
-    device: Annotated[str, typer.Argument(help="A name of `tactemu devices`, or path/to/device.py:Class.")],
+    device: Annotated[
+        str, typer.Argument(metavar="DEVICE", help="A name of `tactemu devices`, or path/to/device.py:Class.")
+    ],
     source: Annotated[
         str,
         typer.Option(

@@ -46,6 +46,11 @@ def main(words: Sequence[str]) -> None:
     Raises:
         TactemuError: the command cannot be done.
     """
+    make_app()(list(words), prog_name="tactemu poke")
+
+
+def make_app() -> typer.Typer:
+    """Return the command line of ``tactemu poke``, with a sub-command for each control command."""
     app = typer.Typer(
         help=HELP, rich_markup_mode=None, pretty_exceptions_enable=False, add_completion=False,
         context_settings={"help_option_names": ["-h", "--help"]}, invoke_without_command=True,
@@ -54,11 +59,11 @@ def main(words: Sequence[str]) -> None:
     for verb in CONTROL_COMMANDS.values():
         negative = any(argument.type.words > 1 for argument in verb.arguments.values())  # -1mm is no option
         settings = {"ignore_unknown_options": negative}
-        app.command(verb.name, help=_help(verb), context_settings=settings)(_command(verb))
+        app.command(verb.name, help=_help(verb), short_help=verb.brief, context_settings=settings)(_command(verb))
     app.command("watch", help="Print states as lines of JSON until Ctrl-C.\n\n\b\n  tactemu poke watch --rate 30")(
         _watch
     )
-    app(list(words), prog_name="tactemu poke")
+    return app
 
 
 def _list(
@@ -76,7 +81,7 @@ def _list(
         print(f"{owner.name:<14} {owner.target}  (process {owner.pid})")
     print("" if there else "no emulator runs; start one: tactemu run anyskin\n")
     for verb in CONTROL_COMMANDS.values():
-        print(f"  {verb.name:<10} {verb.about}")
+        print(f"  {verb.name:<10} {verb.brief}")
     print(f"  {'watch':<10} Print states as lines of JSON until Ctrl-C.\n\ntactemu poke VERB --help")
 
 

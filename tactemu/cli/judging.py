@@ -8,12 +8,19 @@ from typing import Annotated
 import typer
 
 from tactemu.cli.parameters import Faults, Options, Ports, Seconds, Seed, Target, TruthFile
+from tactemu.cli.sections import in_sections
 from tactemu.cli.words import budget_of, options_of, ports_of
 
 commands = typer.Typer(rich_markup_mode=None)
 
 
-@commands.command()
+@commands.command(
+    cls=in_sections({
+        "Driver": "reads port columns no_contact patience",
+        "Trials": "budget only replay seed success",
+        "Reports": "fail_on html junit json baseline cases record",
+    })
+)  # fmt: skip
 def judge(
     context: typer.Context,
     target: Target,

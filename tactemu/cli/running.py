@@ -24,6 +24,7 @@ from tactemu.cli.parameters import (
     WebHost,
     WebPort,
 )
+from tactemu.cli.sections import in_sections
 from tactemu.cli.words import network_ports_of, options_of, ports_of, rate_of
 
 if TYPE_CHECKING:
@@ -32,7 +33,14 @@ if TYPE_CHECKING:
 commands = typer.Typer(rich_markup_mode=None)
 
 
-@commands.command()
+@commands.command(
+    cls=in_sections({
+        "Port and time": "port rate clock seconds preempt",
+        "Simulation and faults": "seed device measured fault adjustable",
+        "Logs and saved states": "truth truth_keep again save save_at restore",
+        "Output": "json plain web web_port web_host rerun rerun_to",
+    })
+)  # fmt: skip
 def run(
     target: Target,
     options: Options = None,
@@ -190,7 +198,14 @@ def see(
     show_runs(place.stem, _page(host, port))
 
 
-@commands.command("exec")
+@commands.command(
+    "exec",
+    cls=in_sections({
+        "Port and rate": "node port rate way expose",
+        "Simulation and faults": "seed device measured fault",
+        "Logs and output": "truth truth_keep quiet",
+    }),
+)  # fmt: skip
 def execute(
     context: typer.Context,
     target: Target,

@@ -10,6 +10,7 @@ import typer
 from tactemu.base.errors import TactemuError
 from tactemu.cli import INTERRUPTED
 from tactemu.cli.parameters import Compute, Target, number_of
+from tactemu.cli.sections import in_sections
 from tactemu.cli.words import pairs_of
 
 if TYPE_CHECKING:
@@ -58,7 +59,12 @@ def tune(
         typer.echo(encoder.dumps([as_dict(choice) for choice in choices], indent=1))
 
 
-@commands.command()
+@commands.command(
+    cls=in_sections({
+        "Contents": "steps envs every shift turn bytes_envs seed",
+        "Output and machines": "out compression device strands cluster",
+    })
+)  # fmt: skip
 def dataset(
     target: Target,
     steps: Annotated[int, typer.Option(metavar="N", help="Steps of the simulation in each environment.")],

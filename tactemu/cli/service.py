@@ -39,10 +39,10 @@ def install(
     ] = None,
     dry_run: DryRun = False,
 ) -> None:
-    """Install a service that runs `tactemu run TARGET ...` from power-up on, and start it.
+    """Install and start a service that runs a device from power-up on.
 
-    Prints each step, and undoes them all if one fails. Needs root. A CAN interface gets the bit rates of the device
-    first. Paths are relative to the present folder.
+    It runs `tactemu run TARGET ...`. It prints each step, and undoes them all if one fails. It needs root. A CAN
+    interface gets the bit rates of the device first. Paths are relative to the present folder.
 
     \b
       tactemu service install anyskin --port serial:/dev/ttyUSB0 --dry-run

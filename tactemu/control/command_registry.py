@@ -49,6 +49,12 @@ class ControlCommand:
         """The first paragraph of the method's docstring, on one line."""
         return " ".join((self.function.__doc__ or "").split("\n\n")[0].split())
 
+    @property
+    def brief(self) -> str:
+        """The first sentence of the method's docstring, which fits into a list of commands."""
+        sentence, end, _ = self.about.partition(". ")
+        return sentence + end.strip()
+
     @cached_property
     def arguments(self) -> dict[str, Argument]:
         """The arguments by name."""

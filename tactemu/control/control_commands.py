@@ -61,7 +61,7 @@ class ControlCommands(ABC):
         skin: Name | None = None,
         wait: Flag = True,
     ) -> None:
-        """Bring a body over a taxel and press it in, as the motion `press` of a scene does.
+        """Bring a body over a taxel and press it in. Its arguments are those of the motion `press` of a scene.
 
         A body that moves by itself is taken from its motion; :meth:`give_back` returns it.
 
@@ -100,7 +100,7 @@ class ControlCommands(ABC):
         body: Name | None = None,
         wait: Flag = True,
     ) -> None:
-        """Move a body to a place in the world, or by a distance, along a straight line.
+        """Move a body along a straight line. It goes to a place in the world, or by a distance.
 
         Args:
             position: in the world; default: where the body is
@@ -123,7 +123,7 @@ class ControlCommands(ABC):
         linear_velocity: Velocity | None = None,
         angular_velocity: AngularVelocity | None = None,
     ) -> None:
-        """Put a body at a pose, from the next step of the simulation on.
+        """Put a body at a pose. It is there from the next step of the simulation on.
 
         Args:
             body: which body, or the body itself
@@ -136,7 +136,7 @@ class ControlCommands(ABC):
 
     @control_command("body")
     def give_back(self, body: Name | None = None) -> None:
-        """Return a body to its own motion, at the pose that the motion has by now.
+        """Return a body to its own motion. It jumps to the pose that the motion has by now.
 
         Args:
             body: which body; default: all
@@ -147,7 +147,7 @@ class ControlCommands(ABC):
 
     @control_command("event", name="happen")
     def inject_event(self, **event: Any) -> None:
-        """Inject an event, as an entry `[[scenario]]` of a scene file does; its times count from now.
+        """Inject an event. Its keys are those of an entry `[[scenario]]` of a scene file; its times count from now.
 
         ``dev.inject_event(fault="unplug for 0.5s")``, ``dev.inject_event(dead=[4])``,
         ``dev.inject_event(at=1, until=2, hang=True)``, ``dev.inject_event(reset=True)``,
@@ -158,7 +158,7 @@ class ControlCommands(ABC):
 
     @control_command("fault")
     def fault(self, fault: Text, skin: Name | None = None) -> None:
-        """Inject a fault of bytes or frames from now on; `tactemu faults` lists them.
+        """Inject a fault of bytes or frames from now on. `tactemu faults` lists them.
 
         Args:
             fault: such as 'drop 5% for 1s'
@@ -178,7 +178,7 @@ class ControlCommands(ABC):
 
     @control_command("fault")
     def mend(self, fault: Text | None = None, skin: Name | None = None) -> None:
-        """End faults of bytes and frames; a port that is unplugged comes back.
+        """End faults of bytes and frames. A port that is unplugged comes back.
 
         Args:
             fault: only faults of this kind, such as drop; default: all
@@ -195,7 +195,7 @@ class ControlCommands(ABC):
         seconds: Seconds | None = None,
         skin: Name | None = None,
     ) -> None:
-        """Change imperfections, such as gain=0.9; those that were off at the start must be `adjustable`.
+        """Change imperfections, such as gain=0.9. Those that were off at the start must be `adjustable`.
 
         Args:
             options: sensor options and their values
@@ -240,7 +240,7 @@ class ControlCommands(ABC):
 
     @control_command(name="lines")
     def set_lines(self, *, dtr: Flag, rts: Flag, skin: Name | None = None) -> None:
-        """Set the modem lines of a pseudo terminal, which its driver cannot set.
+        """Set the modem lines of a pseudo terminal. Its driver cannot set them.
 
         Args:
             dtr: data terminal ready
@@ -264,7 +264,7 @@ class ControlCommands(ABC):
     def step(
         self, n: NonNegativeInt | None = None, *, seconds: Seconds | None = None, until: Seconds | None = None
     ) -> float:
-        """Advance a clock in lockstep; return the time [s] when everything that is due by then is done.
+        """Advance a clock in lockstep. It returns the time [s] when everything that is due by then is done.
 
         Args:
             n: by this number of steps of the simulation; default: one
@@ -277,7 +277,7 @@ class ControlCommands(ABC):
 
     @control_command("file", changes=False)
     def save(self, file: File) -> int:
-        """Save the complete state to a file, for `restore`; return the size of the file [byte].
+        """Save the complete state to a file, for `restore`. It returns the size of the file [byte].
 
         Args:
             file: the file to write
@@ -286,7 +286,7 @@ class ControlCommands(ABC):
 
     @control_command("file", changes=False)
     def restore(self, file: File) -> None:
-        """Restore a saved state of the same scene; the time is then that of the state.
+        """Restore a saved state of the same scene. The time is then that of the state.
 
         Args:
             file: a file that `save` wrote
@@ -297,7 +297,7 @@ class ControlCommands(ABC):
 
     @control_command("skin", changes=False)
     def sample(self, skin: Name | None = None) -> Sample:
-        """Return the latest sample of a skin: ideal and measured reading, and counts.
+        """Return the latest sample of a skin. It has the ideal and the measured reading, and the counts.
 
         Args:
             skin: which; default: the only one
@@ -309,7 +309,7 @@ class ControlCommands(ABC):
 
     @control_command("skin", changes=False)
     def stats(self, skin: Name | None = None) -> dict[str, Any]:
-        """Return the statistics of every device since the start: samples, lateness, frames, injected faults.
+        """Return the statistics of every device since the start. They count samples, lateness, frames, injected faults.
 
         Args:
             skin: whose; default: all
@@ -318,10 +318,10 @@ class ControlCommands(ABC):
 
     @control_command(changes=False)
     def state(self) -> dict[str, Any]:
-        """Return the time, every body with its pose, every skin with its port and latest reading."""
+        """Return the present state. It has the time, each body with its pose, each skin with its port and reading."""
         ...
 
     @control_command(changes=False)
     def describe(self) -> dict[str, Any]:
-        """Return the scene's bodies and skins, and the frames, commands, options and faults of each device."""
+        """Return a description. It has bodies and skins, and the frames, commands, options, faults of devices."""
         ...

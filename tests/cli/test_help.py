@@ -9,7 +9,7 @@ import pytest
 from typer.main import get_command
 
 import firmware_protocols
-from tactemu.cli import listing
+from tactemu.cli import control, listing
 from tactemu.cli.app import app
 from tactemu.cli.datasheet import taxel_map
 from tests.cli.command import ROOT, environment, here
@@ -153,3 +153,50 @@ def test_an_early_interrupt_is_no_traceback(monkeypatch):
     monkeypatch.setattr(sys, "meta_path", [InterruptsImports(), *sys.meta_path])
     done = here("faults")
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "")
+
+
+def every_command(group, path=()):
+    """Yield the words and the command of each command, those of groups and of `poke` too."""
+    for name, command in group.commands.items():
+        if name == "poke":
+            yield from every_command(get_command(control.make_app()), ("poke",))
+        elif hasattr(command, "commands"):
+            yield from every_command(command, (*path, name))
+        else:
+            yield (*path, name), command
+
+
+EVERY = dict(every_command(get_command(app)))
+GROUPS = {(): get_command(app), ("poke",): get_command(control.make_app())} | {
+    (name,): command for name, command in get_command(app).commands.items() if hasattr(command, "commands")
+}
+
+
+def help_at_80(command, words):
+    """The lines of the help of a command on a terminal of 80 columns."""
+    with command.context_class(command, info_name=" ".join(("tactemu", *words)), terminal_width=80) as context:
+        return command.get_help(context).splitlines()
+
+
+@pytest.mark.parametrize("words", GROUPS, ids=" ".join)
+def test_summaries_are_whole_at_80_columns(words):
+    lines = help_at_80(GROUPS[words], words)
+    listed = lines[lines.index("Commands:") + 1 :]
+    assert listed and not [line for line in listed if line.endswith("...")]
+    assert max(map(len, listed)) <= 80
+
+
+@pytest.mark.parametrize("words", EVERY, ids=" ".join)
+def test_a_help_has_an_example_and_few_options_in_a_row(words):
+    lines = help_at_80(EVERY[words], words)
+    example = f"    tactemu {' '.join(words)}"
+    in_group = [line for line in help_at_80(GROUPS[words[:-1]], words[:-1]) if line.startswith(example)]
+    assert in_group or any(line.startswith((example, example.replace("tactemu", "sudo tactemu"))) for line in lines), (
+        lines
+    )
+    sections: dict[str, int] = {}
+    for line in lines:
+        if line and line[0] != " ":
+            title = line
+        sections[title] = sections.get(title, 0) + line.startswith("  -")
+    assert max(sections.values()) <= 11, sections
