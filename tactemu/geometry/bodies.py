@@ -41,7 +41,8 @@ class Body:
     quaternion: tuple[float, float, float, float]
     """The orientation there, (w, x, y, z)."""
     motion: Motion | WorldMotion | None = None
-    """The motion, evaluated at every step; ``None``: the body stays where it is put."""
+    """The motion, evaluated at every step from the reset of each environment on; ``None``: the body stays where it is
+    put."""
 
     def pose(self, t_s: Times) -> Pose:
         """Return the world pose and velocities at ``t_s`` [s], or at an array of times, by the body's motion;

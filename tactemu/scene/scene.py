@@ -80,7 +80,8 @@ class Scene:
             quaternion: orientation there, (w, x, y, z), of any length > 0; ``None``: not turned.
             order: order of the quaternion's numbers, ``wxyz`` or ``xyzw``.
             motion: a motion of :mod:`tactemu.geometry.motion`, which displaces the body from its start, or an object
-                whose ``pose(t_s)`` returns world poses (:class:`tactemu.Pose`).
+                whose ``pose(t_s)`` returns world poses (:class:`tactemu.Pose`). Each environment's begins when that
+                is reset; in a batch your own object gets the times of all environments, ``(n_envs,)``.
 
         Raises:
             SceneError: an option is wrong, or the name is taken.
