@@ -64,6 +64,7 @@ def on_post_page(output: str, page: Any, config: Any) -> str:
 def on_page_markdown(markdown: str, page: Any, config: Any, files: Files) -> str:
     """Links out of the pages become names, the place of the chart the chart; contents are beside the page already."""
     markdown = re.sub(r"<!-- contents -->\n.*?\n\n", "", markdown, flags=re.DOTALL)
+    markdown = re.sub(r"^```(\w+) (\S+)$", r'```\1 title="\2"', markdown, flags=re.MULTILINE)
     if page.file.src_uri == "devices.md":
         markdown = _DEVICE_LINK.sub(r"[`\1`](devices/\1.md)", markdown)
     if "/" not in page.file.src_uri:  # those above are in the repository, not on the site
