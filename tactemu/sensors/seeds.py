@@ -2,8 +2,6 @@
 
 # pyright: reportIndexIssue=false, reportAssignmentType=false, reportGeneralTypeIssues=false, reportArgumentType=false
 
-from __future__ import annotations
-
 import functools
 from typing import Any
 

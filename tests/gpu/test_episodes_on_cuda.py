@@ -38,7 +38,7 @@ def turns(device, motion, *, captured=False):
         else:
             sim.reset(done)
             sim.step()
-        poses = sim.pose_array.numpy()[:, 1]
+        poses = sim.pose_array.numpy()[:, 1].copy()  # on a CPU it is a view
         found.append((skin.read().reshape(N_ENVS, -1), poses, sim.env_time[:, None]))
     return [np.array(each) for each in zip(*found)]
 

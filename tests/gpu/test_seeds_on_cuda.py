@@ -105,9 +105,8 @@ def test_a_mask_and_numbers_on_the_device(given, dtype):
         for env in np.flatnonzero(DONE)[[0, 1, -1]]:
             assert [each[env].tobytes() for each in steps] == alone(int(numbers[env]))
     rig.sim.reset(mask)  # without a seed: the next episode of the same number, by the other graph
-    rig.press(0)
     env = int(np.flatnonzero(DONE)[0])
-    assert rig.seen(env) != alone(int(numbers[env]))[0]
+    assert rig.run(env, steps=5)[-1] != alone(int(numbers[env]))[-1]
 
 
 def test_all_environments_by_numbers_on_the_device():
@@ -115,6 +114,21 @@ def test_all_environments_by_numbers_on_the_device():
     rig.run(steps=3)
     rig.sim.reset(seed=on_device(np.arange(N_ENVS) + 5, wp.int64))
     assert rig.run(env=9, steps=5) == alone(14)
+
+
+def rested(rig: Rig, mask: wp.array, seed, poses: wp.array) -> None:
+    """Reset with a seed, and take steps with the ball where it was; a delay ends in them."""
+    rig.sim.reset(mask, seed=seed)
+    wp.copy(rig.sim.pose_array, poses)
+    rig.sim.step(5)
+
+
+def alone_at_rest(seed: int) -> bytes:
+    """The reading of one environment after :func:`rested`."""
+    rig = Rig(1, device=DEVICE)
+    rig.press(0)
+    rested(rig, on_device([True], wp.bool), on_device([seed], wp.int64), wp.clone(rig.sim.pose_array))
+    return rig.seen(0)
 
 
 @pytest.mark.parametrize("given", ["one on the device", "each on the device"])
@@ -131,15 +145,14 @@ def test_a_graph_takes_the_numbers_that_the_array_has_when_it_is_launched(given)
     rig.press(0)
     poses = wp.clone(rig.sim.pose_array)  # of the press, which a reset ends
     with wp.ScopedCapture(DEVICE) as capture:
-        rig.sim.reset(mask, seed=seed)
-        wp.copy(rig.sim.pose_array, poses)
-        rig.sim.step()
+        rested(rig, mask, seed, poses)
     env = int(np.flatnonzero(DONE)[4])
     for first in (40, 900, 40):
         seed.assign(np.full(seed.shape, first))
         wp.capture_launch(capture.graph)
         number = first + 4 if given == "one on the device" else first
-        assert rig.seen(env) == alone(number)[0]
+        assert rig.seen(env) == alone_at_rest(number)
+    assert alone_at_rest(40) != alone_at_rest(900)
 
 
 @pytest.mark.parametrize("seed, envs", [(4, "mask"), (list(range(N_ENVS)), "mask"), ("array", None), ("array", [1, 2])])
