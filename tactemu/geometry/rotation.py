@@ -7,15 +7,15 @@ step needs several; and it rounds in another order, which would change readings.
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, Literal, get_args
 
 import numpy as np
 
 from tactemu.base.errors import SceneError
 
 IDENTITY = (1.0, 0.0, 0.0, 0.0)
-ORDERS = ("wxyz", "xyzw")
-"""Orders in which a quaternion's numbers may be given."""
+Order = Literal["wxyz", "xyzw"]
+"""An order in which a quaternion's numbers may be given."""
 _NEXT, _LAST = [1, 2, 0], [2, 0, 1]
 
 
@@ -30,8 +30,8 @@ def wxyz(quaternion: Any, order: str, where: str) -> Any:
     Raises:
         SceneError: there is no such order.
     """
-    if order not in ORDERS:
-        raise SceneError(f"{where}: order must be one of {', '.join(ORDERS)}, got {order!r}")
+    if order not in get_args(Order):
+        raise SceneError(f"{where}: order must be one of {', '.join(get_args(Order))}, got {order!r}")
     if quaternion is None or order == "wxyz":
         return quaternion
     try:

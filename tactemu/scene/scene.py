@@ -67,7 +67,7 @@ class Scene:
         fixed: bool = False,
         position: Sequence[float] = (0.0, 0.0, 0.0),
         quaternion: Sequence[float] | None = None,
-        order: str = "wxyz",
+        order: rotation.Order = "wxyz",
         motion: Motion | WorldMotion | None = None,
     ) -> Body:
         """Add a rigid body.

@@ -6,13 +6,13 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-import warp as wp
 
 from tactemu.base.errors import SceneError
 from tactemu.base.keywords import takes_words
 from tactemu.base.words import Names
 from tactemu.geometry import rotation
 from tactemu.geometry.bodies import Body, find_body
+from tactemu.geometry.device_arrays import WarpArray
 from tactemu.geometry.motion import Pose
 from tactemu.plan.plan import Context, Plan, Stage
 from tactemu.sensors.bound_poses import BoundPoses, VelocityPoints, make_bound_poses
@@ -37,11 +37,11 @@ class PoseInput:
         self,
         body: Body | str | int,
         *,
-        position=None,
-        quaternion=None,
-        linear_velocity=None,
-        angular_velocity=None,
-        order: str = "wxyz",
+        position: Any = None,
+        quaternion: Any = None,
+        linear_velocity: Any = None,
+        angular_velocity: Any = None,
+        order: rotation.Order = "wxyz",
         envs: Sequence[int] | np.ndarray | None = None,
     ) -> None:
         """Set a body's pose and velocities from the next step on. Parts that you do not give stay unchanged.
@@ -106,7 +106,7 @@ class PoseInput:
         return find_body(self.bodies, which)
 
     @property
-    def pose_array(self) -> wp.array:
+    def pose_array(self) -> WarpArray:
         """Poses of all bodies, float64, shape ``(n_envs, n_bodies, 13)``: position [m], quaternion (w, x, y, z),
         velocity of the body's origin [m/s], angular velocity [rad/s], in the world.
 
@@ -119,16 +119,16 @@ class PoseInput:
     @takes_words
     def bind_poses(
         self,
-        poses=None,
+        poses: Any = None,
         *,
-        position=None,
-        quaternion=None,
-        linear_velocity=None,
-        angular_velocity=None,
-        order: str = "wxyz",
+        position: Any = None,
+        quaternion: Any = None,
+        linear_velocity: Any = None,
+        angular_velocity: Any = None,
+        order: rotation.Order = "wxyz",
         velocity_at: Any = "origin",
         velocity_at_index: Sequence[int] | np.ndarray | None = None,
-        com=None,
+        com: Any = None,
         index: Mapping[Any, int] | None = None,
         offsets: Mapping[Any, tuple[Any, Any]] | None = None,
     ) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 from tactemu.base.errors import SceneError
 from tactemu.base.keywords import takes_words
 from tactemu.base.words import Names
+from tactemu.geometry import rotation
 from tactemu.geometry.bodies import Body
 from tactemu.geometry.motion import Pose
 from tactemu.sensors.build_options import BuildOptions
@@ -92,7 +93,7 @@ class SplitSimulation:
         quaternion: Any = None,
         linear_velocity: Any = None,
         angular_velocity: Any = None,
-        order: str = "wxyz",
+        order: rotation.Order = "wxyz",
         envs: Sequence[int] | np.ndarray | None = None,
     ) -> None:
         """Set a body's pose (:meth:`Simulation.set_pose`); lists and NumPy arrays hold rows for all environments."""
