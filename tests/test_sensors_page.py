@@ -27,7 +27,7 @@ HEAD = """# Sensor models
 <!-- written from the models' declarations: python tests/test_sensors_page.py --write -->
 
 A sensor model turns contact into the readings of taxels. A scene file names one (`model = "kinematic_taxel"`, or
-`"module:Class"` of your own), Python makes one (`tt.KinematicTaxel(...)`); without a name a skin takes the cheapest
+`path/to/file.py:Class`), Python makes one (`tt.KinematicTaxel(...)`); without a name a skin takes the cheapest
 model that gives the quantity of its device. Positions, normals and readings are in the frame of the link, normals
 point out of the skin, units are SI. Forces and torques of every model act on the skin: a press is a force along minus
 the normal, a body that slides drags the skin along (`convention="genesis"` gives Genesis's signs). Costs and errors

@@ -25,7 +25,9 @@ def explain(
     target: Annotated[str | None, typer.Argument(metavar="DEVICE_OR_SCENE")] = None,
     device: Compute = None,
     cost: Annotated[bool, typer.Option(help="Measure the time of each stage on this machine.")] = True,
-    code: Annotated[bool, typer.Option(help="Run the Python files that the scene names, or refuse them.")] = True,
+    code: Annotated[
+        bool, typer.Option(help="Run code of others that the scene names (files, installed packages), or refuse it.")
+    ] = True,
     schema: Annotated[bool, typer.Option("--schema", help="Print the JSON schema of scene files.")] = False,
 ) -> None:
     """Show the stages that a scene simulates, and why.

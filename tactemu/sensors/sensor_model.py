@@ -18,7 +18,7 @@ A model is a dataclass of options in one file, derived from :class:`SensorModel`
             stage = Stage(name=f"{site.name}: my taxel", reason="MyTaxel reads force", launch=launch)
             return Compiled(truth=raw, raw=raw, stages=[stage])
 
-A model of your own imports these names from :mod:`tactemu.models`, and scene files name it ``"module:Class"``. One line
+A model of your own imports these names from :mod:`tactemu.models`, and scene files name its file and class. One line
 in :mod:`tactemu.sensors.models` registers a model of this package for scene files, ``tactemu tune``, the benches and
 ``docs/sensors.md``; ``docs/adding-a-sensor-model.md`` shows all steps. A model's ``compile`` gets a :class:`Site`:
 
