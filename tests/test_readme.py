@@ -105,6 +105,13 @@ def test_every_page_is_linked():
         assert f"(docs/{page.name})" in text, page.name
 
 
+def test_pages_name_who_does_what():
+    """Pages say "no node", "a client", "the driver"; code is exempt, as `nobody listens` stands in truth logs."""
+    for page in (README, *(README.parent / "docs").glob("*.md")):
+        prose = re.sub(r"(?ms)^```.*?^```$|`[^`\n]*`", "", page.read_text())
+        assert re.findall(r"(?i)\b(?:nobody|somebody|whoever|of theirs|for who)\b", prose) == [], page.name
+
+
 def test_every_command_that_the_documentation_shows_exists():
     from typer.main import get_command
 

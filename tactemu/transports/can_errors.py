@@ -22,10 +22,10 @@ _BUS_ERROR = 0x80
 _CONTROLLER_STATES = {0x03: "controller_overflow", 0x0C: "error_warning", 0x30: "error_passive"}
 """Bits of byte 1: a full buffer, and a counter of errors beyond 96 or 127, each of receiving or sending."""
 _AT_ACK_SLOT = 0x19
-"""The place of a protocol error, in byte 3: nobody has acknowledged the frame."""
+"""The place of a protocol error, in byte 3: no node has acknowledged the frame."""
 ADVICE = {
-    "error_passive": "is error-passive: nobody acknowledges. Is the other end on, at the same bit rate, and is there a "
-    "120 Ohm terminator at both ends of the bus?",
+    "error_passive": "is error-passive: no node acknowledges. Is the other end on, at the same bit rate, and is there "
+    "a 120 Ohm terminator at both ends of the bus?",
     "bus_off": "is bus-off, and takes no part until it is restarted: sudo ip link set {name} down && sudo ip link set "
     "{name} up. An adapter that can restarts by itself: sudo ip link set {name} type can restart-ms 100",
 }

@@ -316,7 +316,7 @@ class SerialPortTransport(BytePort):
     # -- bytes out -------------------------------------------------------------------------------------------------
 
     def write(self, frame: WireFrame) -> bool:
-        """Write one frame; ``False`` where nobody reads, or where it would wait in the kernel for too long."""
+        """Write one frame; ``False`` without a reader, or where it would wait in the kernel for too long."""
         if not isinstance(frame, bytes):
             raise TransportError(f"a serial port cannot carry the CAN frame {frame}")
         if self._fd < 0 or not self._has_reader or not self._finish(self._fd) or self._unsent_s() > MAX_UNSENT_S:

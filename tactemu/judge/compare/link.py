@@ -55,7 +55,7 @@ class RealUdp:
                 try:
                     found.append(self.port.recv(MAX_DATAGRAM_BYTES))
                 except ConnectionRefusedError as error:
-                    raise TransportError(f"nobody receives datagrams there: {error}") from None
+                    raise TransportError(f"no program receives datagrams there: {error}") from None
         return found
 
     def write(self, data: WireFrame) -> None:

@@ -26,7 +26,7 @@ _LIMITS = (1, 256, 1, 128, 128, 1, 1024, 1)
 """Bit timing in time quanta: segment 1 and 2 (least, most), largest jump; prescaler: least, most, step."""
 _DATA_LIMITS = (1, 32, 1, 16, 16, 1, 32, 1)
 ACK_ERROR, PASSIVE_ERROR = 0x20, 0x04
-"""Classes of error frames (``linux/can/error.h``): nobody acknowledged, a controller is in trouble."""
+"""Classes of error frames (``linux/can/error.h``): no node acknowledged, a controller is in trouble."""
 _PASSIVE = 0x30
 _UPGRADE = 0xE0
 """The number of the string of the interface for firmware upgrades."""
