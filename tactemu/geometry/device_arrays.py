@@ -2,18 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, TypeAlias, cast
+from typing import Any, cast
 
 import numpy as np
 import warp as wp
 
 from tactemu.base.errors import SceneError
-
-if TYPE_CHECKING:
-    WarpArray: TypeAlias = wp.array[Any, Any]
-else:
-    WarpArray = wp.array
-"""A Warp array of any type of number and any number of axes, complete for a type checker."""
 
 MASK_TYPES = (wp.bool, wp.uint8, wp.int8)
 """Number types that a mask may have."""

@@ -7,7 +7,7 @@ launches. On the CPU each stage is a recorded launch, and threads may share the 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 from html import escape
@@ -18,6 +18,7 @@ from typing import Any, Literal
 import numpy as np
 import warp as wp
 
+from tactemu.plan.array_types import WarpArray
 from tactemu.plan.clock import begin, clock_of
 from tactemu.plan.launches import Launch, Launches, record, record_blocks
 from tactemu.plan.thread_pool import ThreadPool, cores
@@ -99,22 +100,22 @@ class Context:
     # These methods make every array that a stage writes or that may be set while it runs. Scratch, which a step fills
     # before it reads it, and constants are plain arrays.
 
-    def zeros(self, shape, dtype) -> wp.array:
+    def zeros(self, shape: int | tuple[int, ...] | list[int], dtype: Any) -> WarpArray:
         """Return a new array of zeros that is part of the state."""
         return self._kept(wp.zeros(shape, dtype=dtype, device=self.device))
 
-    def full(self, shape, value, dtype) -> wp.array:
+    def full(self, shape: int | tuple[int, ...] | list[int], value: float, dtype: Any) -> WarpArray:
         """Return a new array of one value that is part of the state; a value that is not finite may occur in it again
         later."""
         if not np.isfinite(value):
             self.infinite.add(len(self.memory))
         return self._kept(wp.full(shape, dtype(value), dtype=dtype, device=self.device))
 
-    def array(self, values, dtype) -> wp.array:
+    def array(self, values: Any, dtype: Any) -> WarpArray:
         """Return a new array of these values that is part of the state."""
         return self._kept(wp.array(values, dtype=dtype, device=self.device))
 
-    def _kept(self, array: wp.array) -> wp.array:
+    def _kept(self, array: wp.array) -> WarpArray:
         self.memory.append(array)
         return array
 
@@ -124,7 +125,15 @@ class Context:
         ends = [self.n_envs * k // self.threads for k in range(self.threads + 1)]
         return list(pairwise(ends))
 
-    def record(self, kernel, dim, inputs: list, outputs: list, *, block_dim: int | None = None) -> Launches:
+    def record(
+        self,
+        kernel: Any,
+        dim: int | Sequence[int],
+        inputs: list[Any],
+        outputs: list[Any],
+        *,
+        block_dim: int | None = None,
+    ) -> Launches:
         """Return a recorded launch over environments, which are the first axis of ``dim``.
 
         Args:
@@ -142,7 +151,9 @@ class Context:
         how = (self.device, block_dim)
         return Launches([[record(kernel, d, [e, *inputs], outputs, *how)] for (e, _end), d in launches])
 
-    def record_blocks(self, kernel, n_slots: int, inputs: list, outputs: list, block_dim: int) -> Launches:
+    def record_blocks(
+        self, kernel: Any, n_slots: int, inputs: list[Any], outputs: list[Any], block_dim: int
+    ) -> Launches:
         """Return a recorded launch of a kernel whose blocks of threads take environments in turn, each block with its
         own slot of scratch.
 

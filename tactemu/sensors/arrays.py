@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Any, cast
 import warp as wp
 
 from tactemu.base.errors import SceneError
-from tactemu.geometry.device_arrays import WarpArray, view
+from tactemu.geometry.device_arrays import view
+from tactemu.plan.array_types import WarpArray
 
 
 def in_layout(array: wp.array, columns: slice, layout: tuple[int, ...], batched: bool) -> wp.array:

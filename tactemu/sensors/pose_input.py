@@ -6,14 +6,15 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tactemu.base.errors import SceneError
 from tactemu.base.keywords import takes_words
 from tactemu.base.words import Names
 from tactemu.geometry import rotation
 from tactemu.geometry.bodies import Body, find_body
-from tactemu.geometry.device_arrays import WarpArray
 from tactemu.geometry.motion import Pose
+from tactemu.plan.array_types import DeviceNumbers, Numbers, WarpArray
 from tactemu.plan.plan import Context, Plan, Stage
 from tactemu.sensors.bound_poses import BoundPoses, VelocityPoints, make_bound_poses
 from tactemu.sensors.motions import Motions
@@ -37,12 +38,12 @@ class PoseInput:
         self,
         body: Body | str | int,
         *,
-        position: Any = None,
-        quaternion: Any = None,
-        linear_velocity: Any = None,
-        angular_velocity: Any = None,
+        position: Numbers | None = None,
+        quaternion: Numbers | None = None,
+        linear_velocity: Numbers | None = None,
+        angular_velocity: Numbers | None = None,
         order: rotation.Order = "wxyz",
-        envs: Sequence[int] | np.ndarray | None = None,
+        envs: Sequence[int] | NDArray[Any] | None = None,
     ) -> None:
         """Set a body's pose and velocities from the next step on. Parts that you do not give stay unchanged.
 
@@ -77,7 +78,7 @@ class PoseInput:
             self._motions.take(body, envs)
 
     @takes_words
-    def release(self, body: Body | str | int, *, envs: Sequence[int] | np.ndarray | None = None) -> None:
+    def release(self, body: Body | str | int, *, envs: Sequence[int] | NDArray[Any] | None = None) -> None:
         """Give a body back from :meth:`set_pose` or :meth:`bind_poses` to its motion, from the next step on: where the
         motion would have it at its environment's own time if you had never posed it.
 
@@ -119,16 +120,16 @@ class PoseInput:
     @takes_words
     def bind_poses(
         self,
-        poses: Any = None,
+        poses: DeviceNumbers | None = None,
         *,
-        position: Any = None,
-        quaternion: Any = None,
-        linear_velocity: Any = None,
-        angular_velocity: Any = None,
+        position: DeviceNumbers | tuple[DeviceNumbers, int] | None = None,
+        quaternion: DeviceNumbers | tuple[DeviceNumbers, int] | None = None,
+        linear_velocity: DeviceNumbers | tuple[DeviceNumbers, int] | None = None,
+        angular_velocity: DeviceNumbers | tuple[DeviceNumbers, int] | None = None,
         order: rotation.Order = "wxyz",
         velocity_at: Any = "origin",
-        velocity_at_index: Sequence[int] | np.ndarray | None = None,
-        com: Any = None,
+        velocity_at_index: Sequence[int] | NDArray[Any] | None = None,
+        com: DeviceNumbers | tuple[DeviceNumbers, int] | None = None,
         index: Mapping[Any, int] | None = None,
         offsets: Mapping[Any, tuple[Any, Any]] | None = None,
     ) -> None:

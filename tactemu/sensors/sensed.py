@@ -3,6 +3,7 @@
 # pyright: reportIndexIssue=false, reportArgumentType=false, reportOperatorIssue=false
 
 import functools
+from typing import Any
 
 import warp as wp
 
@@ -10,7 +11,7 @@ from tactemu.geometry.shapes.shape import table_type
 
 
 @functools.cache
-def sensed_type(real):
+def sensed_type(real: Any) -> Any:
     """Return the Warp struct of the bodies that a sensor senses; :attr:`~tactemu.sensors.sensor_model.Site.sensed` is
     an instance."""
 

@@ -15,9 +15,11 @@ from tactemu.base.errors import SceneError
 from tactemu.base.keywords import takes_words
 from tactemu.base.words import GENESIS
 from tactemu.geometry.bodies import Body, find_body
-from tactemu.geometry.device_arrays import WarpArray, as_warp_array
+from tactemu.geometry.device_arrays import as_warp_array
 from tactemu.geometry.motion import Pose
 from tactemu.imperfections import Adjustments, Imperfections
+from tactemu.imperfections.adjustments import Chosen
+from tactemu.plan.array_types import WarpArray
 from tactemu.plan.plan import Plan, Stage
 from tactemu.sensors.arrays import SensorArrays
 from tactemu.sensors.probe_layout import Probes
@@ -231,13 +233,15 @@ class Sensor(Adjustments, Generic[R]):
     # -- imperfections ----------------------------------------------------------------------------------------------
 
     @takes_words
-    def set(self, option: str, value, envs=None, taxels=None) -> None:
+    def set(self, option: str, value: Any, envs: Chosen | None = None, taxels: Chosen | None = None) -> None:
         """Change an imperfection by its option's name (see :class:`~tactemu.imperfections.Adjustments`)."""
         option = GENESIS.get(option, option) if self.names == "genesis" else option
         self._required_imperfections.set(option, value, envs, taxels)
 
     @takes_words
-    def set_dead(self, taxels, dead: bool = True, value: float | None = None, envs=None) -> None:
+    def set_dead(
+        self, taxels: int | Chosen, dead: bool = True, value: float | None = None, envs: Chosen | None = None
+    ) -> None:
         """Make taxels dead, or revive them; a dead taxel reads ``value``, or its last reading where no value is
         given."""
         self._required_imperfections.set_dead(taxels, dead, value, envs)

@@ -65,6 +65,7 @@ from tactemu.geometry.bodies import Body
 from tactemu.imperfections import ElectronicsOptions, ImperfectionOptions
 from tactemu.imperfections.info import Channels
 from tactemu.imperfections.options import Law
+from tactemu.plan.array_types import WarpArray
 from tactemu.plan.plan import Context, Dtype, Stage
 from tactemu.sensors.drawing import DrawOptions
 from tactemu.sensors.point_cloud import PointCloud
@@ -85,7 +86,7 @@ else:
 
 DepthQuery = Literal["sdf", "raycast", "band", "voxel", "ray"]
 WhichBody = Body | str | int
-Derive = Callable[[wp.array, str], tuple[wp.array, Stage]]
+Derive = Callable[[WarpArray, str], tuple[WarpArray, Stage]]
 """A function of a reading and its branch, ``truth`` or ``measured``, that returns a derived array and the stage that
 fills it."""
 
@@ -95,25 +96,25 @@ class Site:
     """The place where a model is compiled: everything that it may use of the scene. See the module's docstring."""
 
     name: str
-    model: SensorModel
+    model: SensorModel[Any]
     context: Context
     link: Body
     probes: Probes
     n_channels: int
     view: LinkView
     target_bodies: tuple[Body, ...]
-    targets: wp.array
+    targets: WarpArray
     shapes: ShapeTables
     clouds: dict[tuple[int, int], PointCloud]
     """Points on bodies, by body and number: sensors that ask for the same number on the same body share them."""
-    positions: wp.array
-    normals: wp.array
-    radii: wp.array
+    positions: WarpArray
+    normals: WarpArray
+    radii: WarpArray
     on_skin: bool = True
     """Do all forces and torques of the reading act on the skin (:mod:`tactemu.sensors.signs`)? Only a model that has
     Genesis's signs needs to look."""
-    gain: wp.array | None = None
-    radius: wp.array | None = None
+    gain: WarpArray | None = None
+    radius: WarpArray | None = None
 
     @cached_property
     def table(self) -> ShapeTable:
@@ -122,7 +123,7 @@ class Site:
         return self.shapes.table(self.target_bodies, model.depth_query, model.voxel_size)
 
     @cached_property
-    def sensed(self):
+    def sensed(self) -> Any:
         """The bodies to sense, as kernels take them."""
         sensed = sensed_type(self.context.real)()
         sensed.shapes, sensed.targets = self.table.struct, self.targets
@@ -135,11 +136,11 @@ class Site:
         return self.shapes.table((self.link,))
 
     @property
-    def vec3(self):
+    def vec3(self) -> Any:
         """The context's vector type."""
         return wp.types.vector(3, self.context.real)
 
-    def zeros(self, channels: int | None = None) -> wp.array:
+    def zeros(self, channels: int | None = None) -> WarpArray:
         """Return a new array ``(n_envs, n_taxels, channels)`` of the context's type."""
         shape = (self.context.n_envs, self.probes.n, channels or self.n_channels)
         return self.context.zeros(shape, self.context.real)
@@ -174,15 +175,15 @@ class TouchPoints:
 class Compiled:
     """The result of a model's :meth:`SensorModel.compile`."""
 
-    truth: wp.array
+    truth: WarpArray
     """Ground truth, ``(n_envs, n_taxels, channels)``."""
-    raw: wp.array
+    raw: WarpArray
     """The measured branch before imperfections; the same array as ``truth`` unless ``site.separate``."""
     stages: list[Stage]
-    finish: Callable[[wp.array, str], tuple[wp.array, list[Stage]]] | None = None
+    finish: Callable[[WarpArray, str], tuple[WarpArray, list[Stage]]] | None = None
     """A function that is applied to each branch, ``finish(array, "truth" | "measured")``, after the imperfections and
     before the delay."""
-    present: Callable[[np.ndarray], Any] | None = None
+    present: Callable[[NDArray[Any]], Any] | None = None
     """A function used instead of :meth:`SensorModel.present` where presenting needs the compiled arrays."""
     derived: Mapping[str, Derive] = field(default_factory=dict)
     """Quantities derived from a reading, by name, of which users may ask for arrays on the device

@@ -12,7 +12,7 @@ from tactemu.geometry.shapes.band import band_row
 from tactemu.geometry.shapes.distance import ShapeFunctions, shape_functions
 from tactemu.geometry.shapes.mesh import MESH
 from tactemu.geometry.shapes.nearest_feature import upload_surfaces
-from tactemu.geometry.shapes.shape import FAR, Row, kind_codes, table_type
+from tactemu.geometry.shapes.shape import FAR, Row, ShapeKind, kind_codes, table_type
 from tactemu.geometry.shapes.voxel_grid import VOXELS
 from tactemu.geometry.shapes.voxelise import voxelise
 from tactemu.plan.plan import Context
@@ -30,7 +30,7 @@ class ShapeTable:
 
     struct: object
     """The kernel's ``shapes`` argument; its type is ``table_type(real)``."""
-    kinds: frozenset
+    kinds: frozenset[ShapeKind]
     functions: ShapeFunctions
     rows: list[Row] = field(repr=False, default_factory=list)
 

@@ -30,7 +30,7 @@ class LinePieces(NamedTuple):
 
 
 @functools.cache
-def line_pieces(real) -> LinePieces:
+def line_pieces(real: Any) -> LinePieces:
     """Return the pieces for one float type."""
     import warp as wp
 
@@ -113,7 +113,7 @@ def bound_function(real):
     return begin
 
 
-def traced_ray(real, distance, near=None):
+def traced_ray(real: Any, distance: Any, near: Any = None) -> Any:
     """Return the ray function of a shape that is known by its distance alone: it steps along a line by the distance.
 
     A shape that is solid from ``-start`` to the skin is entered at ``-start``; ``last`` is 1e18 for every hit.
@@ -163,7 +163,7 @@ def traced_ray(real, distance, near=None):
 
 
 @functools.cache
-def ray_function(real, kinds: frozenset):
+def ray_function(real: Any, kinds: frozenset[Any]) -> Any:
     """Return the Warp function ``enters(shapes, b, pose, r, m, reach, margin) -> s``.
 
     ``s`` is where the line ``r + s m`` (link frame) enters body ``b``, searched from ``reach`` behind ``r`` on. A body

@@ -90,7 +90,7 @@ class Shape(Options):
     """MuJoCo's name for the shape, if it has one."""
 
     @abstractmethod
-    def row(self, name: str, device) -> Row:
+    def row(self, name: str, device: Any) -> Row:
         """Return the shape's row in the table on a Warp ``device``; messages name the body ``name``.
 
         Raises:
@@ -142,7 +142,7 @@ def box_outline(low: np.ndarray, high: np.ndarray) -> dict[str, Any]:
 
 
 @functools.cache
-def table_type(real):
+def table_type(real: Any) -> Any:
     """Return the Warp struct that holds all shapes of a scene, one row per body."""
     import warp as wp
 

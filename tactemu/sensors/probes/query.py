@@ -9,6 +9,7 @@ distance is that to the nearest surface, or with ``depth_query="ray"`` that alon
 # pyright: reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false, reportOperatorIssue=false
 
 import functools
+from typing import Any
 
 import warp as wp
 
@@ -87,7 +88,7 @@ def nearest_of_function(real, kinds: frozenset):
 
 
 @functools.cache
-def nearest_function(real, kinds: frozenset):
+def nearest_function(real: Any, kinds: frozenset[Any]) -> Any:
     """Return ``nearest(sensed, e, r, margin) -> (distance, normal, body)``.
 
     It finds the sensed body in environment ``e`` nearest to the point ``r`` of the link's frame, and its normal there
