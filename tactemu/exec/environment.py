@@ -110,7 +110,7 @@ class ExecEnvironment:
             keep = [dev for dev in self.devices if dev.running]
             for dev in self.devices:
                 if dev not in keep:
-                    dev.session.before_opening = self._put_on_buses
+                    dev._session.before_opening = self._put_on_buses
                     undo.enter_context(dev)
             self._keeper.wait()
             connections = [each for dev in self.devices for each in self._connections_of(dev)]

@@ -61,7 +61,7 @@ class DriverRig:
         self.served: Served = serve(
             target, port, seed=seed, rate_hz=rate_hz, device_options=options, source=self.excitation, by_hand=False
         )
-        self.served.session.before_opening = lambda emulator: self.recorder.listen(emulator.truth)
+        self.served._session.before_opening = lambda emulator: self.recorder.listen(emulator.truth)
         self._faults: list[tuple[Wire, Any]] = []
         self._undo: list[Callable[[], object]] = []
 

@@ -82,7 +82,7 @@ class Served(ControlCommands):
     """
 
     def __init__(self, session: Session):
-        self.session = session
+        self._session = session
         self._thread: threading.Thread | None = None
         self._owner_pid = 0
         """Id of the process in which the thread runs."""
@@ -100,7 +100,7 @@ class Served(ControlCommands):
         """
         if self._thread is not None:
             return self
-        self.session.build().open()
+        self._session.build().open()
         self._owner_pid = os.getpid()
         self._thread = threading.Thread(target=self._run, name="tactemu", daemon=True)
         self._thread.start()
@@ -114,10 +114,10 @@ class Served(ControlCommands):
         self.emulator.call(self.emulator.stop)
         self._thread.join()
         self._thread = None
-        self.session.close()
+        self._session.close()
         self._raise()
         if lost := self.truth.lost:
-            path = self.session.options.truth
+            path = self._session.options.truth
             raise TactemuError(f"{path}: the truth log lacks {lost} entries: the disk was full, or too slow")
 
     def __enter__(self) -> Served:
@@ -128,7 +128,7 @@ class Served(ControlCommands):
 
     def _run(self) -> None:
         try:
-            self.session.run()
+            self._session.run()
         except BaseException as error:  # raised by the waiting thread, or by stop()
             self._error = error
 
@@ -144,7 +144,7 @@ class Served(ControlCommands):
     @property
     def emulator(self) -> Emulator:
         """The emulator; it belongs to the background thread, use ``emulator.call``."""
-        return self.session.emulator
+        return self._session.emulator
 
     @property
     def running(self) -> bool:
@@ -157,9 +157,9 @@ class Served(ControlCommands):
         return self.emulator.truth
 
     @property
-    def simulation(self):
+    def simulation(self) -> Any:
         """The simulation; it belongs to the background thread."""
-        return self.session.assembled.simulation
+        return self._session.assembled.simulation
 
     @property
     def port(self) -> str:
@@ -203,7 +203,7 @@ class Served(ControlCommands):
 
     def device(self, skin: str | None = None) -> Device:
         """Return the firmware model of a skin (default: the only one)."""
-        return self.control.channel(skin).device
+        return self._control.channel(skin).device
 
     def sample(self, skin: str | None = None) -> Sample:
         """Return the latest sample of a skin: ideal and measured reading, and counts.
@@ -211,14 +211,14 @@ class Served(ControlCommands):
         Raises:
             TactemuError: it has not been sampled yet.
         """
-        return self.control.sample(skin)
+        return self._control.sample(skin)
 
     # -- commands ------------------------------------------------------------------------------------------------------
 
     @property
-    def control(self) -> Control:
+    def _control(self) -> Control:
         """The implementation of the commands, in the loop."""
-        return self.session.control
+        return self._session.control
 
     def wait_for_driver(self, seconds: float = 20.0, skin: str | None = None) -> None:
         """Wait until a driver has opened the port (on a bus: has sent something).
@@ -226,7 +226,7 @@ class Served(ControlCommands):
         Raises:
             TimeoutError: no driver did within ``seconds``.
         """
-        wire = self.control.channel(skin).wire
+        wire = self._control.channel(skin).wire
         deadline = time.monotonic() + seconds
         while not (wire.counters["received"] if wire.line_model.is_half_duplex else wire.transport.has_reader):
             if time.monotonic() > deadline:
@@ -258,10 +258,10 @@ class Served(ControlCommands):
         """
         states: list[dict[str, Any]] = []
         self.in_loop(lambda: states.append(self.emulator.snapshot()))
-        options = self.session.options
+        options = self._session.options
         again = replace(options, port=port, truth=truth, clock=clock or options.clock, name=name, again=None)
-        other = Session(self.session.target, again)
-        other.origin = self.session.assembled, states[0]
+        other = Session(self._session.target, again)
+        other.origin = self._session.assembled, states[0]
         return Served(other)
 
     def in_loop(self, action: Callable[[], object]) -> None:
@@ -275,7 +275,7 @@ class Served(ControlCommands):
 
     def _do(self, verb: str, arguments: dict[str, Any]) -> Any:
         """Have the loop carry out a command, and wait until it is done."""
-        task = self.control.submit(verb, arguments)
+        task = self._control.submit(verb, arguments)
         if not arguments.get("wait", True):
             self._unwatched = [e for e in (*self._unwatched, task) if e.failed or not e.done.is_set()]
             return None

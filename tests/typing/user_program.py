@@ -39,7 +39,7 @@ probe.set_noise(1e-5)
 print(on_device.mean(), sim.pose(tool).position, sim.time)
 
 with tt.serve("anyskin", seed=7, faults=["drop 1%"]) as dev:
-    dev.press(depth=1e-3, seconds=0.5)
+    dev.press(depth=1e-3, dwell=0.5)
     print(dev.sample().measured, dev.sample().counts, dev.port, dev.truth.injected)
 with tt.connect() as running:
     print(running.sample().measured, running.state())

@@ -127,7 +127,7 @@ class Case:
         """The name of the case in tables and files."""
         return f"{self.object}, {self.depth * 1e3:.1f} mm, {self.motion}"
 
-    def poses(self, fine: int = 1) -> Iterator[dict[str, np.ndarray]]:
+    def poses(self, fine: int = 1) -> Iterator[dict[str, Any]]:
         """Yield the poses of the object, step by step; ``fine`` times as many while it slides or rolls."""
         body = indenters()[self.object]
         for k in range(1, PRESS_STEPS + 1):
