@@ -24,7 +24,10 @@ def test_serve_takes_the_device_that_runs_the_kernels():
 
 
 def test_a_driver_s_url_takes_it():
-    assert device_for("anyskin?device=cpu", "memory:").session.options.device == "cpu"
+    with device_for("anyskin?device=cpu", "memory:") as dev:
+        assert str(dev.simulation.device) == "cpu"
+    with pytest.raises(SceneError, match="no device 'cuda:77'"):
+        device_for("anyskin?device=cuda:77", "memory:").start()
 
 
 def test_a_scene_file_says_compute():
