@@ -236,3 +236,19 @@ def test_masks_that_do_not_fit_are_refused():
     ):
         with pytest.raises(SceneError, match=said):
             sim.reset(mask)
+
+
+def test_contacts_by_body_are_those_of_a_cpu_and_part_of_the_graph():
+    found = []
+    for device in ("cpu", DEVICE):
+        sim, ball, skin = layer(device)
+        seen = []
+        for k in range(6):  # the plan is captured once the flags have been asked for, and again
+            slide(sim, ball, k)
+            if k % 2:
+                sim.set_pose(ball, position=(0, 0, 1.0), envs=[1])
+            sim.step()
+            seen.append(skin.touching(ball))
+            assert np.array_equal(skin.arrays.contacts.numpy()[:, ball.index] > 0, seen[-1])
+        found.append(np.array(seen))
+    assert np.array_equal(*found) and found[0].any() and not found[0].all()
