@@ -90,7 +90,9 @@ class Sensor(Adjustments, Generic[R]):
 
     def _clone(self) -> Sensor[R]:
         """Return a separate handle on the same skin, for another simulation."""
-        return Sensor(self.name, self.model, self.link, self.transducers, self.convention)
+        clone: Sensor[R] = Sensor(self.name, self.model, self.link, self.transducers, self.convention)
+        clone.names = self.names
+        return clone
 
     @cached_property
     def _probes(self) -> Probes:

@@ -281,7 +281,7 @@ class Simulation(PoseInput):
 
     def clone(self) -> Simulation:
         """Return a simulation of the same bodies at its start, with separate handles on the same sensors."""
-        return Simulation(
+        clone = Simulation(
             self.bodies,
             [sensor._clone() for sensor in self.sensors],
             replace(self._options, device=self.device),
@@ -290,6 +290,8 @@ class Simulation(PoseInput):
             planners=self._planners,
             like=self,
         )
+        clone.names = self.names
+        return clone
 
     def close(self) -> None:
         """End the threads that share its steps; another step starts them again. Without threads it does nothing."""

@@ -63,6 +63,19 @@ def test_a_scene_in_genesis_words_reads_the_same():
     assert np.abs(first).max() > 0 and np.array_equal(first, second)
 
 
+def test_a_clone_takes_the_words_of_its_simulation():
+    scene: Any = tt.Scene(names="genesis")
+    pad = scene.add_body(tt.Box(size=(0.02, 0.02, 0.01)), fixed=True)
+    scene.add_body(tt.Sphere(radius=0.01), name="ball")
+    scene.add_sensor(tt.ContactDepthProbe, link=pad, probe_radius=1e-3, adjustable=("bias",))
+    clone = scene.build(n_envs=2).clone()
+    clone.set_pose("ball", pos=(0, 0, 0.5), envs_idx=[1])
+    clone.sensors[0].set_bias(0.5, envs_idx=[1])
+    clone.step()
+    pressed, lifted = clone.sensors[0].read().ravel()
+    assert pressed > 0 and lifted == 0.5
+
+
 def test_our_words_hold_in_a_scene_of_genesis_words():
     scene: Any = tt.Scene(names="genesis")
     pad = scene.add_body(None, name="pad", position=(0, 0, 1))
