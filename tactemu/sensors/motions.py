@@ -36,6 +36,8 @@ class Motions:
         moving = [body for body in bodies if body.motion is not None]
         self._plain = [body for body in moving if is_plain(body.motion)]
         self._python = [body for body in moving if not is_plain(body.motion)]
+        self.has_python = bool(self._python)
+        """Does Python move a body?"""
         self._world, self._context, self._batched = world, context, batched
         self._columns = {body.index: k for k, body in enumerate((*self._plain, *self._python))}
         shape, device = (context.n_envs, len(moving)), context.device

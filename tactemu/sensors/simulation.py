@@ -29,6 +29,11 @@ _COUNTS = ("time_ns", "step_count", "_dt_ns", "_checked_step")
 """The attributes that are saved beside the arrays."""
 
 
+def _check_number(n: Any) -> None:
+    if isinstance(n, bool) or not isinstance(n, int | np.integer) or n < 0:
+        raise ValueError(f"step: n is a number of steps, a whole number >= 0, got {n!r}; a step's length [s] is dt=")
+
+
 def _middle(points: np.ndarray) -> np.ndarray:
     """Return the centre of the box around points ``(n, 3)``; the origin if there are none."""
     return 0.5 * (points.min(0) + points.max(0)) if len(points) else np.zeros(3)
@@ -80,7 +85,7 @@ class Simulation(PoseInput):
         self._outdated = ""
         """The reason why it must not be stepped any more: its scene has changed, or was built again. Empty while it
         may."""
-        self._dt_ns = -1
+        self._dt_ns, self._length = -1, -1.0
         self._checked_step = 0
         attachments = self._compile(why)
         self._resets = Resets(self.plan, self.context, self._world, self._compiler.arrays)
@@ -160,17 +165,16 @@ class Simulation(PoseInput):
         """
         if self._outdated:
             raise SceneError(f"step: {self._outdated}; use the simulation that scene.build() returns now")
-        if isinstance(n, bool) or not isinstance(n, int | np.integer) or n < 0:
-            raise ValueError(
-                f"step: n is a number of steps, a whole number >= 0, got {n!r}; a step's length [s] is dt="
-            )
-        self._set_length(self.dt if dt is None else dt)
-        capturing = self.device.is_cuda and wp.get_stream(self.device).is_capturing
+        if n.__class__ is not int or n < 0:  # first, and cheap, as all of this: a step takes some microseconds
+            _check_number(n)
+        length = self.dt if dt is None else dt
+        if length != self._length:
+            self._set_length(length)
+        step = self._step
+        if self._bad_view is None and wp.get_stream(self.device).is_capturing:
+            step = self._step_within_capture
         for _ in range(n):
-            if capturing:
-                self._step_within_capture()
-            else:
-                self._step()
+            step()
 
     def _set_length(self, dt: float) -> None:
         """Set the length of the steps to take [s]."""
@@ -186,11 +190,13 @@ class Simulation(PoseInput):
             self.context.dt.fill_(dt)
             self._poses.dt_ns.fill_(dt_ns)
             self._dt_ns = dt_ns
+        self._length = dt
 
     def _step(self) -> None:
         self.time_ns += self._dt_ns
         self.step_count += 1
-        self._move()
+        if self.posers or self._motions.has_python:
+            self._move()
         self._world.upload()
         self.plan.run()
         if self._bad_view is not None and self._bad_view.any():
@@ -333,6 +339,7 @@ class Simulation(PoseInput):
 
         def take() -> None:
             vars(self).update(counts)
+            self._length = -1.0  # the next step looks anew
             for array, values in zip(arrays, given):
                 if self.device.is_cpu:
                     array.numpy()[...] = values
