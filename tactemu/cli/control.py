@@ -126,9 +126,13 @@ def _command(verb: ControlCommand) -> Any:
     return run
 
 
+def _shown(default: float | str) -> str:
+    return default if isinstance(default, str) else f"{default:g}"
+
+
 def _parameter(verb: ControlCommand, argument: Argument) -> inspect.Parameter:
     kind = argument.type
-    default = "" if argument.default is None or argument.name == "wait" else f" [default: {argument.default:g}]"
+    default = "" if argument.default is None or argument.name == "wait" else f" [default: {_shown(argument.default)}]"
     about = f"{argument.about}{default}"
     many = kind.words != 1
     hint: Any = list[str] | None if many else str | None

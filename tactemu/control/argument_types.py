@@ -169,5 +169,6 @@ Position = Annotated[
 Velocity = Annotated[Any, ArgumentType("X Y Z", _vector(3, 1e3), _vector_reader(SPEEDS_M_S), "3 numbers [m/s]", 3)]  # type: ignore[arg-type]
 AngularVelocity = Annotated[Any, ArgumentType("X Y Z", _vector(3, 1e4), _vector_reader({}), "3 numbers [rad/s]", 3)]  # type: ignore[arg-type]
 Quaternion = Annotated[Any, ArgumentType("W X Y Z", _quaternion, _vector_reader({}), "4 numbers", 4)]  # type: ignore[arg-type]
+QuaternionOrder = Annotated[rotation.Order, ArgumentType("wxyz|xyzw", _text, json="wxyz or xyzw")]
 Taxels = Annotated[Any, ArgumentType("TAXELS", _taxels, _read_taxels, "list of whole numbers")]
 Options = Annotated[Mapping[str, Any], ArgumentType("NAME=VALUE", _options, read_options, "table", 0)]  # type: ignore[arg-type]

@@ -26,6 +26,7 @@ from tactemu.emulator.channel import Channel
 from tactemu.emulator.emulator import Emulator
 from tactemu.emulator.saving import snapshots
 from tactemu.emulator.scenario import apply_event
+from tactemu.geometry import rotation
 from tactemu.scene.placement import PlacedSkin
 from tactemu.scene.schema import Event
 from tactemu.scene.steering import Steered, Waypoint, lift_path, nearest_body, press_path
@@ -188,6 +189,7 @@ class Control:
         quaternion: Sequence[float] | None = None,
         by: Sequence[float] = (0.0, 0.0, 0.0),
         speed: float = math.inf,
+        order: rotation.Order = "wxyz",
         body: str | None = None,
         wait: bool = True,
     ) -> TaskResult:
@@ -195,10 +197,13 @@ class Control:
         here = self.steered[name].world(self._now_s)
         goal = (here.position if position is None else np.asarray(position, float)) + np.asarray(by, float)
         seconds = max(seconds, float(np.linalg.norm(goal - here.position)) / speed)
-        turn = None if quaternion is None else np.asarray(quaternion, float)
+        turned = rotation.wxyz(quaternion, order, "move")
+        turn = None if turned is None else np.asarray(turned, float)
         return self._go(name, [Waypoint(seconds, goal, turn)], wait)
 
-    def _set_pose(self, body: str, **pose: list[float]) -> None:
+    def _set_pose(self, body: str, order: rotation.Order = "wxyz", **pose: list[float]) -> None:
+        if "quaternion" in pose:
+            pose["quaternion"] = rotation.wxyz(pose["quaternion"], order, "pose")
         if body in self.steered:
             self._in_hand(body).put(self._now_s, **pose)
         elif self.simulation is None:

@@ -23,6 +23,7 @@ from tactemu.control.argument_types import (
     Options,
     Position,
     Quaternion,
+    QuaternionOrder,
     Seconds,
     Speed,
     Taxels,
@@ -97,6 +98,7 @@ class ControlCommands(ABC):
         by: Position | None = None,
         seconds: Seconds = 0.0,
         speed: Speed | None = None,
+        order: QuaternionOrder = "wxyz",
         body: Name | None = None,
         wait: Flag = True,
     ) -> None:
@@ -108,6 +110,7 @@ class ControlCommands(ABC):
             by: distance that is added to the position
             seconds: how long it takes; 0: at once (a skin measures its velocity for at most one step)
             speed: the highest speed; the motion takes longer than `seconds` if it must
+            order: of the quaternion's numbers
             body: which body; default: the one that was moved last
             wait: return when the body is there and every skin has sampled it, not at once
         """
@@ -120,6 +123,7 @@ class ControlCommands(ABC):
         *,
         position: Position | None = None,
         quaternion: Quaternion | None = None,
+        order: QuaternionOrder = "wxyz",
         linear_velocity: Velocity | None = None,
         angular_velocity: AngularVelocity | None = None,
     ) -> None:
@@ -129,6 +133,7 @@ class ControlCommands(ABC):
             body: which body, or the body itself
             position: in the world
             quaternion: orientation w x y z
+            order: of the quaternion's numbers
             linear_velocity: for contact laws that depend on it; the body stays where it is
             angular_velocity: likewise
         """

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import tactemu as tt
+from tactemu.base.errors import TactemuError
 from tactemu.control.control_commands import CONTROL_COMMANDS, ControlCommands
 from tactemu.sensors.simulation import Simulation
 from tactemu.session.serving import Served
@@ -71,6 +72,15 @@ def test_a_pose_is_set_by_name_live_as_in_a_simulation():
     assert live.keys() <= simulated.keys()
     assert {each.kind for each in (live["position"], simulated["position"])} == {inspect.Parameter.KEYWORD_ONLY}
     with tt.serve("anyskin", "memory:", clock="lockstep") as dev:
-        dev.set_pose("ball", position=np.array([0, 0, 0.03]), quaternion=(1, 0, 0, 0))
+        dev.set_pose("ball", position=np.array([0, 0, 0.03]), quaternion=(0.6, 0.8, 0, 0))
+        dev.step(seconds=1e-3)
+        turned = dev.state()["bodies"]["ball"]["quaternion"]
+        dev.set_pose("ball", quaternion=(1, 0, 0, 0))
+        dev.set_pose("ball", quaternion=(0.8, 0, 0, 0.6), order="xyzw")
+        dev.step(seconds=1e-3)
+        assert dev.state()["bodies"]["ball"]["quaternion"] == turned == pytest.approx([0.6, 0.8, 0, 0])
+        dev.move(quaternion=(0, 0, 0, 1), order="xyzw", body="ball", wait=False)
+        with pytest.raises(TactemuError, match="order must be one of wxyz, xyzw"):
+            dev.set_pose("ball", quaternion=(1, 0, 0, 0), order="zyx")
         with pytest.raises(TypeError, match="positional"):
             dev.set_pose("ball", (0, 0, 0.03))

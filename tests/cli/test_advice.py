@@ -36,7 +36,7 @@ def test_a_busy_machine_is_told_from_a_dear_simulation(emulator, monkeypatch):
 
     monkeypatch.setattr(plan, "time_stages", springs_are_slow)
     text = advice(emulator, channel)
-    assert "takes 16000 of the 10000 us between them, most of it in 'anyskin: springs' (set `contact_depth" in text
+    assert "takes 16000 of the 10000 us between them, most of it in 'anyskin: springs' (set `depth" in text
     assert "dt" in text and "tactemu tune" in text
 
 

@@ -133,8 +133,8 @@ def test_the_drivers_speed_reaches_the_sensor(tmp_path):
 
     with proxied(tmp_path) as (proxy, _, _driver):
         with serial.Serial(str(tmp_path / "skin"), 57600, stopbits=2):
-            deadline = time.monotonic() + 3
-            while proxy.real.port.baudrate != 57600 and time.monotonic() < deadline:
+            deadline = time.monotonic() + 30
+            while (proxy.real.port.baudrate, proxy.real.port.stopbits) != (57600, 2) and time.monotonic() < deadline:
                 time.sleep(0.01)
         assert (proxy.real.port.baudrate, proxy.real.port.stopbits) == (57600, 2)
 
