@@ -30,6 +30,9 @@ TESTS = {
     "inspire_rh56dftp": "test_inspire_rh56dftp.py::test_pyrh56_native",
     "robotis_hx5": "test_robotis_hx5.py::test_200_readings",
 }
+NO_NODE = {("paxini_px6ax", "ch341"): "1A86:55D3 is a CH343, which Linux drives as CDC-ACM"}
+"""The devices whose ids the kernel's driver of a chip does not know."""
+PAIRS = [(device, chip) for device in TESTS for chip in CHIPS if (device, chip) not in NO_NODE]
 
 
 @pytest.fixture(scope="module")
@@ -55,8 +58,7 @@ def results():
     return {(name, each["chip"]): outcome for each in said for name, outcome in each["results"].items()}
 
 
-@pytest.mark.parametrize("chip", CHIPS)
-@pytest.mark.parametrize("device", TESTS)
+@pytest.mark.parametrize(("device", "chip"), PAIRS)
 def test_every_reading_of_a_driver_is_a_sample(results, device, chip):
     outcome, why = results[f"tests/drivers/{TESTS[device]}", chip]
     assert outcome == "passed", why

@@ -14,7 +14,7 @@ def take(data):
 
 
 with NI_PRVS01(sys.argv[1]) as hand:
-    while not hand.read_sensors().pressure:
+    while not all(map(hand.read_sensors().pressure.get, places)):  # a slow line brings a hand in pieces
         time.sleep(0.01)
     hand.on_sensor_update = take
     hand.move("index", 1234, 77)
