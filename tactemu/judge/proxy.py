@@ -30,6 +30,8 @@ from tactemu.wire.wire import ReceivedData, Wire
 
 MAX_READ_BYTES = 4096
 """Maximum number of bytes in one read of the real port."""
+SETTINGS_NS = 20_000_000
+"""Time after which the driver's settings are read again: a pseudo terminal does not tell that they were changed."""
 MAX_PARTIAL_WAIT_NS = 20_000_000
 """Maximum time for which an incomplete frame waits for its end while faults are on; then it passes as it is."""
 _PROBE_FORCES_N = (0.0, 0.3, 1.0, 2.5)
@@ -308,7 +310,8 @@ class Proxy(Loop):
         self.wire.flush(self.clock.now_ns())
         self._calls.run(now)
         partial_ns = self._began_ns + MAX_PARTIAL_WAIT_NS if self._holds_back and self.cutter.partial else None
-        self._wait([self.wire.next_due_ns(), partial_ns, end_ns])
+        settings_ns = None if isinstance(self.real, RealBus) else now + SETTINGS_NS
+        self._wait([self.wire.next_due_ns(), partial_ns, settings_ns, end_ns])
 
     def _pass(self, data: WireFrame, now: int) -> None:
         self.passed["to driver"] += _size(data)
