@@ -102,7 +102,7 @@ def test_a_vector_environment_equals_single_ones(mode):
 
 @pytest.mark.parametrize("mode", MODES)
 def test_tensors_have_the_same_values(mode):
-    torch = pytest.importorskip("torch", reason="torch is not installed")
+    torch = pytest.importorskip("torch", reason="torch: an environment of its own")
     envs, expected = many(autoreset_mode=mode, arrays="torch"), many(autoreset_mode=mode)
     found, wanted = envs.reset(seed=SEED), expected.reset(seed=SEED)
     for each in actions(60):

@@ -24,12 +24,12 @@ T_S = 0.02
 
 @pytest.fixture
 def torch():
-    return pytest.importorskip("torch", reason="torch is not installed; a nightly test installs it")
+    return pytest.importorskip("torch", reason="torch: an environment of its own, nightly")
 
 
 @pytest.fixture
 def jax():
-    found = pytest.importorskip("jax", reason="JAX is not installed; a nightly test installs it")
+    found = pytest.importorskip("jax", reason="JAX: an environment of its own, nightly")
     found.config.update("jax_enable_x64", True)  # else it rounds poses to float32, which is a copy
     return found
 
