@@ -59,6 +59,11 @@ class Resets:
                 wp.copy(self._mask, environment_mask(array, n_envs, self._device))
                 return array
             envs = array.numpy()
+        if self._device.is_cuda and wp.get_stream(self._device).is_capturing:
+            raise SceneError(
+                "reset: a graph would reset the same environments in each launch; give a mask on the device, which you"
+                " may change between launches"
+            )
         mask = np.zeros(n_envs, bool)
         mask[self._world.env_indices(envs)] = True
         self._mask.assign(mask)

@@ -65,10 +65,10 @@ class Seeds:
         """
         by_mask = isinstance(envs, wp.array)
         if self._device.is_cuda:
-            if wp.get_stream(self._device).is_capturing and (on_host(seed) or not by_mask):
+            if wp.get_stream(self._device).is_capturing and on_host(seed):
                 raise SceneError(
                     "reset: a graph would take the same seed in each launch; give it in an array on the device, which"
-                    " you may change between launches, with a mask on the device"
+                    " you may change between launches"
                 )
             if by_mask or (envs is None and not on_host(seed)):
                 self._fill_on_device(seed, mask)

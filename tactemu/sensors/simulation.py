@@ -245,7 +245,7 @@ class Simulation(PoseInput):
         dt_ns = self.dt_ns
         steps = max((t_ns - self.time_ns) // dt_ns, 0) if dt_ns else 0
         if max_steps is None or steps <= max_steps:
-            self.step(max(steps, 0))
+            self.step(steps)
             return False
         self.step(dt=(steps - max_steps + 1) * dt_ns * 1e-9)
         self.step(max_steps - 1)
@@ -373,8 +373,9 @@ class Simulation(PoseInput):
 
         Raises:
             SceneError: an index is out of range; a mask has the wrong length, type or device; a seed is not a whole
-                number in range, or there are not as many as environments; or the mask is on a GPU, and Python moves
-                bodies, which cannot know then whose motion begins.
+                number in range, or there are not as many as environments; the mask is on a GPU, and Python moves
+                bodies, which cannot know then whose motion begins; or a graph is captured, and the environments or the
+                seeds are not on the device.
         """
         if not self.device.is_cpu and envs is not None and not on_host(envs) and (reason := self._python_moves()):
             raise SceneError(

@@ -111,6 +111,18 @@ def test_what_python_moves_is_refused_in_words():
     sim.step()
 
 
+@pytest.mark.parametrize("envs", [None, [1, 4], np.arange(N_ENVS) == 2], ids=["all", "numbers", "mask"])
+def test_a_captured_reset_of_environments_on_the_host_is_refused_in_words(envs):
+    sim, _, _ = built(N_ENVS, device=DEVICE)
+    sim.step()
+    sim.reset(wp.zeros(N_ENVS, dtype=wp.bool, device=DEVICE))
+    with pytest.raises(SceneError, match="reset the same environments in each launch; give a mask on the device"):
+        with wp.ScopedCapture(DEVICE):
+            sim.reset(envs)
+    sim.reset(envs)
+    sim.step()
+
+
 def test_poses_of_another_simulator_take_a_body_from_its_motion():
     sim, ball, _ = built(2, device=DEVICE)
     places = wp.array([[[0, 0, 0.02]], [[0, 0, 0.03]]], dtype=wp.float64, device=DEVICE)

@@ -156,13 +156,14 @@ def test_a_graph_takes_the_numbers_that_the_array_has_when_it_is_launched(given)
 
 
 @pytest.mark.parametrize("seed, envs", [(4, "mask"), (list(range(N_ENVS)), "mask"), ("array", None), ("array", [1, 2])])
-def test_a_graph_refuses_a_seed_that_would_be_the_same_at_each_launch(seed, envs):
+def test_a_graph_refuses_seeds_and_environments_that_would_be_the_same_at_each_launch(seed, envs):
     rig = Rig(N_ENVS, device=DEVICE)
     rig.run(steps=2)
     rig.sim.reset(on_device(DONE, wp.bool), seed=4)
     given = on_device(np.arange(N_ENVS), wp.int64) if seed == "array" else seed
     where = on_device(DONE, wp.bool) if envs == "mask" else envs
-    with pytest.raises(SceneError, match="the same seed in each launch"), wp.ScopedCapture(DEVICE):
+    same = "the same seed in each launch" if envs == "mask" else "the same environments in each launch"
+    with pytest.raises(SceneError, match=same), wp.ScopedCapture(DEVICE):
         rig.sim.reset(where, seed=given)
 
 
