@@ -10,6 +10,7 @@ import pytest
 from tactemu.base.errors import TactemuError
 from tactemu.fit import realism, sets
 from tactemu.fit.sets import rh56, weiss
+from tactemu.fit.sets.aims import halves
 
 EXCERPTS = Path(__file__).parents[1] / "data" / "real"
 WHOLE = os.environ.get("TACTEMU_RECORDINGS", "")
@@ -71,6 +72,13 @@ def test_a_slow_finger_stops_at_its_limit_and_a_fast_one_at_its_stall():
     late = law | {"latency_s": 0.05}
     assert rh56.peak(late, np.array([1000.0]), np.array([200.0])) == pytest.approx(0.995 * 1700.0, rel=0.01)
     assert rh56.peak(late, np.array([25.0]), np.array([500.0]))[0] == pytest.approx(500 + 50 * 70.75 * 0.05, rel=0.1)
+
+
+def test_the_half_on_which_a_law_is_judged_follows_from_its_names_alone():
+    given, held = halves([f"speed{speed}_limit{limit}g" for speed in (25, 100) for limit in (100, 500, 1000)])
+    assert (len(given), len(held)) == (3, 3)
+    assert sorted(held) == ["speed100_limit1000g", "speed100_limit500g", "speed25_limit100g"]
+    assert (given, held) == halves([*held, *given, *given]), "the order in which they are found does not count"
 
 
 def test_a_folder_without_sets_is_refused(tmp_path):
