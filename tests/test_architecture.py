@@ -1,9 +1,11 @@
-"""docs/architecture.md names the files that ``scripts/trace`` finds, and their number stays small."""
+"""docs/architecture.md names the files that ``scripts/trace`` finds; their number and that of the calls stay small."""
 
 import re
 from importlib.machinery import SourceFileLoader
 from importlib.util import module_from_spec, spec_from_loader
 from pathlib import Path
+
+import pytest
 
 ROOT = Path(__file__).parent.parent
 PAGE = ROOT / "docs/architecture.md"
@@ -11,13 +13,23 @@ MAX_FILES_ON_THE_WAY = 19
 """Number of files through which one sample passes; it may only fall."""
 MAX_FILES = 24
 """Number of all files that it visits, also those of the loop's tools and of the log; it may only fall."""
+MAX_CALLS = 235
+"""Number of Python calls of one sample with its ten steps of the physics; it may only fall."""
+MAX_SYSTEM_CALLS = 5
+"""Number of calls of the system for one sample on a pseudo terminal that a driver reads; it may only fall."""
 
 
-def test_the_page_lists_the_files_that_one_sample_visits():
+@pytest.fixture(scope="module")
+def script():
     loader = SourceFileLoader("trace_script", str(ROOT / "scripts/trace"))
-    script = module_from_spec(spec_from_loader(loader.name, loader))
-    loader.exec_module(script)
-    visited = set(script.trace())
+    made = module_from_spec(spec_from_loader(loader.name, loader))
+    loader.exec_module(made)
+    return made
+
+
+def test_the_page_lists_the_files_that_one_sample_visits(script):
+    calls = script.trace()
+    visited = set(calls)
     beside = {file for file in visited if file.startswith(script.BESIDE)}
     way, aside = PAGE.read_text().partition("## The way of one sample")[2].split("## ")[0].split("Beside the way")
     listed = [re.findall(r"^\|.*?`([a-z_/]+\.py)`", part, re.MULTILINE) for part in (way, aside)]
@@ -27,3 +39,10 @@ def test_the_page_lists_the_files_that_one_sample_visits():
     assert f"and {len(beside)} beside" in " ".join(way.split())
     assert len(visited - beside) <= MAX_FILES_ON_THE_WAY
     assert len(visited) <= MAX_FILES
+    assert sum(functions.total() for functions in calls.values()) <= MAX_CALLS
+
+
+def test_a_sample_makes_few_calls_of_the_system(script):
+    calls = script.trace_system()
+    assert calls["posix.write"] == 1, "a frame is written in one piece"
+    assert calls.total() <= MAX_SYSTEM_CALLS

@@ -200,7 +200,14 @@ class Loop(ABC):
 
     def _wait(self, deadlines: Sequence[int | None]) -> None:
         """Wait until the earliest deadline, or until a port has data or a callback is due."""
-        times = [t_ns for t_ns in (*deadlines, self._calls.next_ns) if t_ns is not None]
-        filenos = [fileno for port in self._ports for fileno in port.filenos()] + self._calls.filenos
-        poll = any(not port.filenos() for port in self._ports)
-        self.clock.wait(min(times, default=None), filenos, poll=poll)
+        filenos, poll = self._calls.filenos, False
+        for port in self._ports:
+            own = port.filenos()
+            filenos += own
+            poll = poll or not own
+        self.clock.wait(earliest(*deadlines, self._calls.next_ns), filenos, poll=poll)
+
+
+def earliest(*times_ns: int | None) -> int | None:
+    """Return the earliest of these times; ``None`` if there is none."""
+    return min([t_ns for t_ns in times_ns if t_ns is not None], default=None)

@@ -21,7 +21,7 @@ import numpy as np
 from firmware_protocols import Convert, Counts, Restart
 from firmware_protocols.can_frames import CanFrames
 from tactemu.base.clock import Clock
-from tactemu.base.loop import Action, Agenda, ScheduledCallback
+from tactemu.base.loop import Action, Agenda, ScheduledCallback, earliest
 from tactemu.emulator import actions
 from tactemu.emulator.channel import Channel, SampledReadings, Source
 from tactemu.emulator.lifecycle import Lifecycle, Simulated
@@ -31,6 +31,10 @@ from tactemu.wire.wire import ReceivedData, Wire
 
 _MAX_SAMPLING_NS = 1_000_000
 """Longest time for which the samples of a turn delay the frames that are ready to leave."""
+_MAX_STEPPING_NS = 50_000
+"""Longest time for which a turn takes steps of the simulation ahead; bounds the delay of an answer to a driver."""
+MAX_STEPS_PER_TURN = 32
+"""Maximum number of steps that a turn takes ahead in virtual time; bounds the delay of :meth:`Emulator.stop`."""
 MAX_LAG_NS = 10_000_000_000
 """Longest time that the simulation makes up in whole steps; bounds the wait of a sample after a long idle time."""
 
@@ -89,8 +93,7 @@ class Emulator(Lifecycle):
                 sent_ns = self.clock.now_ns()
         self._send_due(now)
         self._calls.run(now)
-        look_ns = self._look_ahead(end_ns)
-        self._wait(self._deadlines(*self._pending_times(), look_ns, end_ns))
+        self._wait((self._look_ahead(end_ns),))
 
     def _receive(self, wire: Wire, now: int) -> None:
         """Pass commands and port events from the wire to every device on it."""
@@ -194,27 +197,41 @@ class Emulator(Lifecycle):
         return simulation.advance_to(t_ns, most)
 
     def _look_ahead(self, end_ns: int | None) -> int | None:
-        """Take one simulation step towards the next sample while nothing is due, so that the sample finds its state
-        ready; return when to try the next one.
+        """Take simulation steps towards the next sample while nothing is due, so that the sample finds its state ready;
+        return the time of the next turn.
 
         A step never passes a scheduled action. What comes from outside (a command that changes the period, a call from
         another thread) meets a simulation that leads by less than a period; in virtual time, where its time of arrival
         is known, one that does not lead.
         """
         simulation, clock = self.simulation, self.clock
-        if simulation is None or simulation.dt_ns <= 0 or not self._deadlines():
-            return None
-        arrivals = [wire.next_due_ns() for wire in self.wires] if clock.virtual else []
-        until = min(self._deadlines(self._agenda.next_ns, self._calls.next_ns, clock.end_ns, end_ns, *arrivals))
-        t_ns = simulation.time_ns + simulation.dt_ns
-        if t_ns > until:
-            return None
-        if self.look_ahead_ns is not None and not clock.virtual:
-            begin_ns = t_ns - max(self.look_ahead_ns, simulation.dt_ns)
-            if begin_ns > clock.now_ns():
+        sample_ns, pending_ns = self._next_sample_ns(), self._next_pending_ns()
+        planned_ns = earliest(sample_ns, self._agenda.next_ns, self._calls.next_ns, end_ns)
+        next_ns = earliest(planned_ns, pending_ns)
+        if simulation is None or sample_ns is None or (dt_ns := simulation.dt_ns) <= 0:
+            return next_ns
+        until_ns = earliest(next_ns if clock.virtual else planned_ns, clock.end_ns)
+        assert until_ns is not None
+        steps = (until_ns - simulation.time_ns) // dt_ns
+        if steps <= 0:
+            return next_ns
+        if clock.virtual:
+            simulation.advance_to(simulation.time_ns + min(steps, MAX_STEPS_PER_TURN) * dt_ns)
+            return next_ns if steps <= MAX_STEPS_PER_TURN else self.now_ns
+        return earliest(next_ns, self._step_for_a_while(simulation, steps))
+
+    def _step_for_a_while(self, simulation: Simulated, steps: int) -> int | None:
+        """Take at most so many steps in real time, for :data:`_MAX_STEPPING_NS`; return when to take the others."""
+        now_ns, dt_ns = self.clock.now_ns, simulation.dt_ns
+        stop_ns = now_ns() + _MAX_STEPPING_NS
+        for _ in range(steps):
+            t_ns = simulation.time_ns + dt_ns
+            if self.look_ahead_ns is not None and (begin_ns := t_ns - max(self.look_ahead_ns, dt_ns)) > now_ns():
                 return begin_ns
-        simulation.advance_to(t_ns)
-        return clock.now_ns()
+            simulation.advance_to(t_ns)
+            if now_ns() > stop_ns:
+                return stop_ns
+        return None
 
     def _count(self, channel: Channel, stream: str, count: int, due: int) -> None:
         """Update the statistics and the timer; samples that are late by a whole period are missed, never made up."""
@@ -227,19 +244,19 @@ class Emulator(Lifecycle):
             timer.next(missed)
             channel.statistics.missed += missed
 
-    def _deadlines(self, *others: int | None) -> list[int]:
-        """Return the times of the streams' next samples, and the given ones that are not None."""
-        samples = [channel.next_due_ns() for channel in self.channels]
-        return [t_ns for t_ns in (*samples, *others) if t_ns is not None]
+    def _next_sample_ns(self) -> int | None:
+        """Return the time of the next sample of any device; ``None`` if none is running."""
+        return earliest(*[channel.next_due_ns() for channel in self.channels])
 
-    def _pending_times(self) -> list[int | None]:
-        """Return the times of everything that is due, except samples."""
-        return [*(wire.next_due_ns() for wire in self.wires), self._agenda.next_ns, self._outbox.next_ns]
+    def _next_pending_ns(self) -> int | None:
+        """Return the time of the next frame, or of another action of a wire."""
+        return earliest(self._outbox.next_ns, *[wire.next_due_ns() for wire in self.wires])
 
     @property
     def is_settled(self) -> bool:  # pyright: ignore[reportIncompatibleVariableOverride]
         """True if everything that is due in this turn has been done."""
-        return min(self._deadlines(*self._pending_times()), default=self.now_ns + 1) > self.now_ns
+        next_ns = earliest(self._next_sample_ns(), self._next_pending_ns(), self._agenda.next_ns)
+        return next_ns is None or next_ns > self.now_ns
 
     # -- calls into a device -------------------------------------------------------------------------------------------
 
@@ -334,23 +351,6 @@ class Emulator(Lifecycle):
         """Run the actions that are due by the time of the turn."""
         for action in self._agenda.due(self.now_ns):
             self._do(action)
-
-    def hang(self, until_ns: int, name: str | None = None) -> None:
-        """Let the device ``name`` (default: every one) neither sample nor receive until ``until_ns``."""
-        for channel in self._named(name):
-            actions.hang(self, channel, until_ns)
-
-    def reset(self, name: str | None = None) -> None:
-        """Restart the device ``name`` (default: every one) as after power-up, boot time included."""
-        for channel in self._named(name):
-            self._reset(channel)
-
-    def _reset(self, channel: Channel) -> None:
-        actions.inject(self, channel, "reset")
-        self._power_on(channel)
-
-    def _named(self, name: str | None) -> list[Channel]:
-        return [channel for channel in self.channels if name in (None, channel.name)]
 
     def _do(self, action: Action | ScheduledCallback) -> None:
         if not isinstance(action, Action):

@@ -1,4 +1,4 @@
-"""The part of an emulator that its callers use beside :class:`Loop`: open and close, scheduled calls, saved states."""
+"""The part of an emulator that its callers use beside :class:`Loop`: open and close, events, saved states."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from tactemu.base.clock import Clock, RealClock
 from tactemu.base.loop import Action, Agenda, Loop, ScheduledCallback
+from tactemu.emulator import actions
 from tactemu.emulator.channel import Channel
 from tactemu.truth import Truth
 
@@ -111,12 +112,29 @@ class Lifecycle(Loop):
         """Return the counts of each device: samples, frames in both directions, injected faults."""
         return [channel.defer_statistics(self.truth.injected_at(channel.name))() for channel in self.channels]
 
-    # -- scheduled calls -----------------------------------------------------------------------------------------------
+    # -- scheduled calls and events ------------------------------------------------------------------------------------
 
     def at(self, t_ns: int, action: Action | ScheduledCallback) -> None:
         """Have ``action`` run by the loop at an emulation time, before the samples of that time. Call from the loop's
         thread, or before it runs."""
         self._agenda.put(t_ns, action)
+
+    def hang(self, until_ns: int, name: str | None = None) -> None:
+        """Let the device ``name`` (default: every one) neither sample nor receive until ``until_ns``."""
+        for channel in self._named(name):
+            actions.hang(self, channel, until_ns)
+
+    def reset(self, name: str | None = None) -> None:
+        """Restart the device ``name`` (default: every one) as after power-up, boot time included."""
+        for channel in self._named(name):
+            self._reset(channel)
+
+    def _reset(self, channel: Channel) -> None:
+        actions.inject(self, channel, "reset")
+        self._power_on(channel)
+
+    def _named(self, name: str | None) -> list[Channel]:
+        return [channel for channel in self.channels if name in (None, channel.name)]
 
     # -- saving --------------------------------------------------------------------------------------------------------
 

@@ -221,6 +221,54 @@ def test_only_samples_late_by_a_period_take_few_steps_and_each_is_counted():
     assert set(ramp.limits.values()) == {50, 10_001}, "ten seconds of whole steps, when in time"
 
 
+class Counted(Ramp):
+    """A simulation that notes the time that it reaches with each call; a call takes ``cost_ns`` of the clock's time."""
+
+    def __init__(self, clock=None, cost_ns=0):
+        self.reached_ms, self.clock, self.cost_ns = [], clock, cost_ns
+
+    def advance_to(self, t_ns, max_steps=None):
+        before = self.time_ns
+        super().advance_to(t_ns)
+        if self.time_ns > before:
+            self.reached_ms.append(self.time_ns / MS)
+            if self.cost_ns:
+                self.clock.set_ns(self.clock.now_ns() + self.cost_ns)
+        return False
+
+
+def test_a_turn_takes_all_steps_up_to_what_is_due_next():
+    ramp = Counted()
+    emulator, _, _ = make(ramp=ramp)
+    emulator.at(34 * MS, lambda: None)
+    with emulator:
+        for _ in range(4):
+            emulator.step()
+    assert ramp.reached_ms == [10, 20, 30, 34] and emulator.clock.now_ns() == 34 * MS
+
+
+def test_a_turn_of_a_slow_device_takes_a_bounded_number_of_steps():
+    ramp, slow = Counted(), Counter8()
+    slow.period_ns = 1000 * MS
+    emulator, _, channel = make(ramp=ramp, device=slow)
+    with emulator:
+        emulator.run(seconds=1.5)
+    assert ramp.reached_ms[:3] == [32, 64, 96] and ramp.reached_ms[31] == 1000
+    assert channel.statistics.samples == 1
+
+
+@pytest.mark.parametrize(("cost_ns", "turns"), [(0, 1), (20_000, 4), (60_000, 10)])
+def test_in_real_time_a_turn_steps_for_a_short_time_and_looks_at_its_ports_again(cost_ns, turns):
+    clock = LateClock()
+    ramp = Counted(clock, cost_ns)
+    emulator, _, channel = make(clock, ramp=ramp)
+    with emulator:
+        for _ in range(turns):
+            assert ramp.time_ns < 10 * MS
+            emulator.step()
+    assert ramp.reached_ms == list(range(1, 11)) and channel.statistics.samples == 0
+
+
 @pytest.mark.parametrize("sample", [1, 3])
 def test_a_device_that_changes_its_period_with_a_sample_skips_none(sample):
     class Faster(Counter8):
