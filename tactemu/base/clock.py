@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import select
 import time
 from collections.abc import Sequence
 from typing import Protocol
 
+from tactemu.base.waiting import wait_until
+
 POLL_NS = 1_000_000
 """Period at which a port without a file descriptor is polled."""
-_MAX_IDLE_WAIT_S = 0.1
+_MAX_IDLE_WAIT_NS = 100_000_000
 """Longest wait without a deadline."""
 
 _MAX_PACE_LAG_NS = 20_000_000
@@ -81,13 +82,11 @@ class RealClock:
         return time.monotonic_ns() - self.origin_ns
 
     def wait(self, deadline_ns: int | None, filenos: Sequence[int], *, poll: bool = False) -> None:
-        """Sleep in ``select``, whose timeout has microsecond steps (``epoll`` would round to milliseconds)."""
-        now = self.now_ns()
-        until = now + round(_MAX_IDLE_WAIT_S * 1e9) if deadline_ns is None else deadline_ns
-        if poll:
-            until = min(until, now + POLL_NS)
-        if until > now:
-            select.select(filenos, (), (), (until - now) / 1e9)
+        """Sleep until then."""
+        if deadline_ns is None or poll:
+            latest = self.now_ns() + (POLL_NS if poll else _MAX_IDLE_WAIT_NS)
+            deadline_ns = latest if deadline_ns is None else min(deadline_ns, latest)
+        wait_until(self.origin_ns + deadline_ns, filenos)
 
 
 class VirtualClock:
@@ -154,12 +153,10 @@ class PacedClock(VirtualClock):
         """Sleep until the deadline, or until a file descriptor is readable; set the time to that moment."""
         before = self._now
         real = time.monotonic_ns() - self._origin
-        until = (
-            max(real, before) + round(_MAX_IDLE_WAIT_S * 1e9) if deadline_ns is None else max(deadline_ns, before + 1)
-        )
+        until = max(real, before) + _MAX_IDLE_WAIT_NS if deadline_ns is None else max(deadline_ns, before + 1)
         if poll:
             until = min(until, max(real, before) + POLL_NS)
-        ready = until > real and select.select(filenos, (), (), (until - real) / 1e9)[0]
+        ready = wait_until(self._origin + until, filenos)
         real = time.monotonic_ns() - self._origin
         self._now = max(before + 1, min(real, until)) if ready else until
         if real - self._now > _MAX_PACE_LAG_NS:
@@ -204,5 +201,5 @@ class LockstepClock(VirtualClock):
             super().wait(self._end if deadline_ns is None else min(deadline_ns, self._end), filenos)
             return
         if self._is_paused:
-            select.select(filenos, (), (), POLL_NS / 1e9 if poll else _MAX_IDLE_WAIT_S)
+            wait_until(time.monotonic_ns() + (POLL_NS if poll else _MAX_IDLE_WAIT_NS), filenos)
         self._is_paused = True
