@@ -25,11 +25,19 @@ def depth_formula(real):
     return measure
 
 
+_DEPTH_SIMD = """
+    constexpr int CHANNELS = 1;
+    auto measure = [&](const Touch& touch, int, Vector* out) {
+        out[0] = (touch.depth < 0 ? Vector{} : touch.depth) * touch.gain;
+    };
+"""
+
+
 def compile_depth(site: Site, why: str) -> Compiled:
     """Return the depth stage of a sensor that starts from depth."""
     truth = site.zeros(1)
     raw = site.zeros(1) if site.separate else truth
-    launch = record_strips(site, depth_formula(site.context.real), wp.int32, 0, truth, raw)
+    launch = record_strips(site, depth_formula(site.context.real), wp.int32, 0, truth, raw, simd=_DEPTH_SIMD)
     stage = Stage(name=f"{site.name}: contact depth", reason=why, launch=launch, cheaper=CHEAPER_QUERY)
     return Compiled(truth=truth, raw=raw, stages=[stage])
 

@@ -39,6 +39,8 @@ class Formula(NamedTuple):
     """Is there a measured branch beside the truth, with its own radii and gains?"""
     has_gain: bool
     has_radius: bool
+    simd: str
+    """The formula on SIMD vectors of probes, a snippet of C++ for :mod:`.balls_simd`; empty where it has none."""
 
 
 @functools.cache
@@ -75,8 +77,8 @@ class ProbeFunctions(NamedTuple):
 @functools.cache
 def probe_functions(formula: Formula) -> ProbeFunctions:
     """Return the Warp functions that a kernel of this formula calls."""
-    real, measure = formula.real, formula.measure
-    at_surface, separate, has_gain, has_radius = formula[-4:]
+    real, measure, at_surface = formula.real, formula.measure, formula.at_surface
+    separate, has_gain, has_radius = formula.separate, formula.has_gain, formula.has_radius
     vec3 = wp.types.vector(3, real)
     task_struct, touch_struct = task_type(real, formula.numbers), touch_type(real)
 

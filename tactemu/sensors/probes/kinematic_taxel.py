@@ -112,6 +112,68 @@ def springs_formula(real, moving: bool):
     return measure
 
 
+_SPRINGS_SIMD = """
+    constexpr int CHANNELS = 6;
+    const auto& c = task.numbers;
+    const Number stiffness = c.stiffness, damping = c.damping, exponent = c.exponent, slide = c.shear, spin = c.twist;
+    const Number pull_floor = c.pull_floor;
+    auto measure = [&](const Touch& touch, int first, Vector* out) {
+        const Vector zero = {}, depth = touch.depth * touch.gain, x = touch.x, y = touch.y, z = touch.z;
+        const Mask presses = ~(depth <= 0);  // a form of the test that lets NaN pass
+        if (!__builtin_reduce_or(presses)) {
+            for (int k = 0; k < CHANNELS; ++k)
+                out[k] = zero;
+            return;
+        }
+        Vector nx = touch.nx, ny = touch.ny, nz = touch.nz, power = depth;
+        const Mask has_none = presses & (nx * nx + ny * ny + nz * nz < Number(0.5));
+        if (__builtin_reduce_or(has_none))
+            for (int l = 0; l < wide; ++l)
+                if (has_none[l] && first + l < task.probes.normals.shape[0]) {
+                    const auto normal = task.probes.normals.data[first + l];
+                    nx[l] = -normal[0], ny[l] = -normal[1], nz[l] = -normal[2];
+                }
+        if (exponent != Number(1))
+            for (int l = 0; l < wide; ++l)
+                power[l] = presses[l] ? wp::pow(depth[l], exponent) : Number(0);
+        Vector push = stiffness * power, fx, fy, fz, tx, ty, tz;
+        if (MOVING) {
+            Vector vx = {}, vy = {}, vz = {}, wx = {}, wy = {}, wz = {};
+            auto move = [&](const Mask& moved, int b) {
+                const auto v = wp::index(c.velocity, e, b), w = wp::index(c.spin, e, b);
+                wx = moved ? zero + w[0] : wx, wy = moved ? zero + w[1] : wy, wz = moved ? zero + w[2] : wz;
+                vx = moved ? zero + v[0] : vx, vy = moved ? zero + v[1] : vy, vz = moved ? zero + v[2] : vz;
+            };
+            for (Mask left = presses & (touch.body >= 0); __builtin_reduce_or(left);) {
+                int l = 0;
+                while (!left[l])
+                    ++l;
+                const int b = touch.body[l];
+                const Mask moved = left & (touch.body == b);
+                move(moved, b);
+                left &= ~moved;
+            }
+            vx += wy * z - wz * y, vy += wz * x - wx * z, vz += wx * y - wy * x;
+            const Vector vn = vx * nx + vy * ny + vz * nz;
+            push += damping * power * vn;
+            push = push < pull_floor ? zero + pull_floor : push;
+            fx = push * nx + slide * (vx - vn * nx);
+            fy = push * ny + slide * (vy - vn * ny);
+            fz = push * nz + slide * (vz - vn * nz);
+            const Vector twist = spin * (wx * nx + wy * ny + wz * nz);
+            tx = (y * fz - z * fy) + twist * nx;
+            ty = (z * fx - x * fz) + twist * ny;
+            tz = (x * fy - y * fx) + twist * nz;
+        } else {
+            fx = push * nx, fy = push * ny, fz = push * nz;
+            tx = y * fz - z * fy, ty = z * fx - x * fz, tz = x * fy - y * fx;
+        }
+        out[0] = presses ? fx : zero, out[1] = presses ? fy : zero, out[2] = presses ? fz : zero;
+        out[3] = presses ? tx : zero, out[4] = presses ? ty : zero, out[5] = presses ? tz : zero;
+    };
+"""
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class KinematicTaxel(SensorModel[ForceTorque]):
     """The reading is a :class:`ForceTorque`: force [N], and torque about the link's origin [N m]."""
@@ -158,7 +220,9 @@ class KinematicTaxel(SensorModel[ForceTorque]):
         real, truth = site.context.real, site.zeros()
         raw = site.zeros() if site.separate else truth
         moving = self.velocity_reason() is not None
-        launch = record_strips(site, springs_formula(real, moving), springs_type(real), self._springs(site), truth, raw)
+        simd = f"    constexpr bool MOVING = {str(moving).lower()};\n{_SPRINGS_SIMD}"
+        springs = springs_type(real), self._springs(site)
+        launch = record_strips(site, springs_formula(real, moving), *springs, truth, raw, simd=simd)
         why = "KinematicTaxel reads force and torque"
         stage = Stage(name=f"{site.name}: springs", reason=why, launch=launch, cheaper=CHEAPER_QUERY)
         return Compiled(truth=truth, raw=raw, stages=[stage])

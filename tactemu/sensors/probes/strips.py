@@ -15,8 +15,10 @@ import warp as wp
 
 from tactemu.geometry.shapes.rays import thickness_behind
 from tactemu.geometry.shapes.shape import FAR
+from tactemu.geometry.simd import WIDTH
 from tactemu.plan.launches import Launch
 from tactemu.plan.scalars import natural
+from tactemu.sensors.probes.balls_simd import ball_kernel, is_ball_formula, probe_lanes
 from tactemu.sensors.probes.blocks import Blocks, block_kernel
 from tactemu.sensors.probes.formula import Formula, probe_functions, task_type
 from tactemu.sensors.probes.near_list import record_listed
@@ -24,7 +26,7 @@ from tactemu.sensors.probes.query import probes_struct
 from tactemu.sensors.sensed import is_near, near_bits, sensed_type
 from tactemu.sensors.sensor_model import Site
 
-PROBES_PER_STRIP = 8
+PROBES_PER_STRIP = WIDTH
 """Number of probes that one thread handles on a CPU, where a thread is a function call."""
 
 
@@ -104,7 +106,15 @@ def strip_kernel(formula: Formula):
 
 
 def record_strips(
-    site: Site, measure, numbers_type, numbers: Any, truth: wp.array, raw: wp.array, *, at_surface: bool = False
+    site: Site,
+    measure,
+    numbers_type,
+    numbers: Any,
+    truth: wp.array,
+    raw: wp.array,
+    *,
+    at_surface: bool = False,
+    simd: str = "",
 ) -> Launch:
     """Return the recorded launches of a formula over all probes of a sensor.
 
@@ -116,16 +126,21 @@ def record_strips(
         truth: the output, ``(n_envs, n_taxels, channels)``.
         raw: output of the measured branch, of the same shape; the same array unless ``site.separate``.
         at_surface: ignore radii, and compute no separate branch with noised radii and gains.
+        simd: the formula on vectors of probes (:mod:`.balls_simd`).
     """
     context = site.context
     gain, radius = (None, None) if at_surface else (site.gain, site.radius)
     none = wp.zeros((0, 0), dtype=context.real, device=context.device)
     measured = (raw is not truth, gain is not None, radius is not None)
-    formula = Formula(context.real, site.table.kinds, site.along_normal, measure, numbers_type, at_surface, *measured)
+    formula = Formula(
+        context.real, site.table.kinds, site.along_normal, measure, numbers_type, at_surface, *measured, simd
+    )
     _watch(site, formula.has_radius)
     task = task_type(context.real, numbers_type)()
     task.sensed, task.probes, task.numbers, task.truth, task.raw = site.sensed, probe_arrays(site), numbers, truth, raw
     task.gain, task.radius = none if gain is None else gain, none if radius is None else radius
+    if context.device.is_cpu and is_ball_formula(formula):
+        return context.record(ball_kernel(formula), context.n_envs, [task, probe_lanes(site)], [])
     if context.device.is_cpu:
         dim = context.n_envs, -(-site.probes.n // PROBES_PER_STRIP)
         return context.record(strip_kernel(formula), dim, [task], [])
