@@ -15,7 +15,6 @@ import threading
 from dataclasses import dataclass
 from typing import Any
 
-from tactemu.base.gc_tuning import no_full_collections
 from tactemu.emulator.assembly import assemble
 from tactemu.emulator.options import AssemblyOptions
 from tactemu.scene import file
@@ -91,7 +90,7 @@ def answer_ms(case: Case, count: int) -> dict[str, float]:
     with tempfile.TemporaryDirectory(prefix="tactemu-bench-") as folder:
         run_options = AssemblyOptions(port=case.port.format(folder=folder), rate_hz=100.0)
         emulator = assemble(file.load(case.device, case.options), run_options).emulator
-        with no_full_collections(), emulator:
+        with emulator:
             address = emulator.wires[0].transport.address
             arguments = [case.name, address, case.request, str(case.size), str(count)]
             client = subprocess.Popen([sys.executable, "-c", CLIENT, *arguments], stdout=subprocess.PIPE, text=True)

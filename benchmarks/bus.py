@@ -17,7 +17,6 @@ import zlib
 from pathlib import Path
 from typing import Any
 
-from tactemu.base.gc_tuning import no_full_collections
 from tactemu.base.priority import can_enable_realtime_priority, enable_realtime_priority
 from tactemu.exec.environment import exec_environment
 from tactemu.session.serving import serve
@@ -70,7 +69,7 @@ def robot(boards: int, seconds: float, way: str = "") -> dict[str, Any]:
     Raises:
         TactemuError: this machine has no CAN.
     """
-    with tempfile.TemporaryDirectory(prefix="tactemu-bench-") as folder, no_full_collections():
+    with tempfile.TemporaryDirectory(prefix="tactemu-bench-") as folder:
         file = Path(folder) / "robot.toml"
         file.write_text(scene(boards), encoding="utf-8")
         dev = serve(file, keep="1MB")

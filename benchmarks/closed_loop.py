@@ -22,7 +22,6 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.page import page_of, python
-from tactemu.base.gc_tuning import no_full_collections
 from tactemu.base.statistics import Lateness
 from tactemu.tune.timing import Report
 
@@ -128,7 +127,6 @@ def measured(seconds: float, *, looked_at: bool) -> dict[str, float]:
             run.simulation.posers.append(witness)
             pads.lateness, pads.missed = Lateness(), 0
 
-        stack.enter_context(no_full_collections())  # as `tactemu run` does
         run.in_loop(begin)
         command = [sys.executable, "-m", "benchmarks.closed_loop_driver", *run.ports.values(), str(seconds)]
         said = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True, timeout=seconds + 60).stdout

@@ -26,7 +26,6 @@ from statistics import median
 import numpy as np
 
 from benchmarks import answers, closed_loop
-from tactemu.base.gc_tuning import no_full_collections
 from tactemu.truth import Truth
 from tactemu.tune.timing import Report
 
@@ -87,7 +86,7 @@ def lateness(rate_hz: float, seconds: float, *, device: str = "anyskin", truth: 
     run_options = AssemblyOptions(port=f"pty:{folder}/port", rate_hz=rate_hz)
     emulator = assemble(file.load(device), run_options, truth=Truth(truth)).emulator
     emulator.clock = RealClock()
-    with no_full_collections(), emulator, _drained(f"{folder}/port"):
+    with emulator, _drained(f"{folder}/port"):
         emulator.run(seconds)
     os.rmdir(folder)
     return emulator.channels[0].statistics.as_dict()

@@ -19,7 +19,6 @@ import numpy as np
 
 from firmware_protocols import WireFrame
 from tactemu.base.clock import RealClock
-from tactemu.base.gc_tuning import no_full_collections
 from tactemu.base.statistics import Lateness
 from tactemu.emulator.assembly import assemble
 from tactemu.emulator.emulator import Channel, Emulator
@@ -70,7 +69,7 @@ def run(
     ``unaccounted_frames`` and ``unaccounted_bytes`` must be 0 and ``same_bytes`` true; you judge the growth yourself.
     """
     truth = Tally()
-    with tempfile.TemporaryDirectory(prefix="tactemu-bench-") as folder, no_full_collections():
+    with tempfile.TemporaryDirectory(prefix="tactemu-bench-") as folder:
         run_options = AssemblyOptions(port=f"pty:{folder}/port", rate_hz=rate_hz, faults=FAULTS, seed=seed)
         emulator = assemble(file.load("anyskin"), run_options, truth=truth).emulator
         emulator.clock = RealClock()

@@ -21,6 +21,8 @@ class Clock(Protocol):
     """The clock of a loop."""
 
     virtual: bool
+    follows_real_time: bool
+    """True if a late machine delays what is due, or slows time down."""
 
     @property
     def origin_ns(self) -> int | None:
@@ -60,6 +62,7 @@ class RealClock:
     """A clock that follows the machine's monotonic clock."""
 
     virtual = False
+    follows_real_time = True
     end_ns = None
 
     def __init__(self):
@@ -93,6 +96,7 @@ class VirtualClock:
     """A clock that jumps: a wait takes no time, so the loop runs as fast as it can and always the same way."""
 
     virtual = True
+    follows_real_time = False
     origin_ns = None
 
     def __init__(self, start_ns: int = 0):
@@ -130,6 +134,8 @@ class PacedClock(VirtualClock):
     Each turn of the loop has a time of its own, so that a run with a driver can be repeated in virtual time from the
     driver's bytes and their times.
     """
+
+    follows_real_time = True
 
     def __init__(self, start_ns: int = 0):
         super().__init__(start_ns)

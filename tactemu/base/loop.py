@@ -17,6 +17,7 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Any, ClassVar, Generic, NamedTuple, Protocol, TypeVar
 
 from tactemu.base.clock import Clock
+from tactemu.base.low_latency import low_latency
 
 
 class Action(NamedTuple):
@@ -182,6 +183,10 @@ class Loop(ABC):
     def run(self, seconds: float | None = None) -> None:
         """Run for ``seconds`` of the clock's time, or until :meth:`stop`, also if that was called before."""
         end = None if seconds is None else self.clock.now_ns() + round(seconds * 1e9)
+        with low_latency() if self.clock.follows_real_time else contextlib.nullcontext():
+            self._run(end)
+
+    def _run(self, end: int | None) -> None:
         try:
             while not (self._stop_requested or self.is_finished) and (end is None or self.clock.now_ns() < end):
                 self.step(end)

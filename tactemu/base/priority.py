@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import os
-import sys
 
 from tactemu.base.errors import TactemuError
 
 _MIN_REALTIME_PRIORITY = 1
 """Lowest of the priorities from 1 to 99: above every ordinary program, below other real-time programs."""
-_SWITCH_INTERVAL_S = 0.0005
-"""Longest time that another thread of this process keeps the interpreter from the loop; Python's default is 5 ms."""
 
 
 def enable_realtime_priority() -> None:
@@ -28,7 +25,6 @@ def enable_realtime_priority() -> None:
             "--preempt: you have no right to real-time priority; run as root, or allow it once: add the line "
             f"'{os.environ.get('USER', 'USER')} - rtprio 1' to /etc/security/limits.conf and log in again"
         ) from None
-    sys.setswitchinterval(_SWITCH_INTERVAL_S)
 
 
 def can_enable_realtime_priority() -> bool:

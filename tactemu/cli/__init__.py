@@ -28,11 +28,11 @@ def main() -> None:
             if _answer_without_parser(sys.argv[1:]):
                 return
             if sys.argv[1:2] in (["run"], ["exec"]):
-                from tactemu.base.gc_tuning import leave_quickly
+                from tactemu.base.gc_tuning import disable_full_collections
                 from tactemu.cli.forwarding import forwarded_signals
                 from tactemu.cli.signals import starting
 
-                leave_quickly()
+                disable_full_collections()
                 with starting(), forwarded_signals() if sys.argv[1] == "exec" else nullcontext():
                     _run()
             else:

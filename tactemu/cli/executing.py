@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 from tactemu.base.errors import TactemuError
-from tactemu.base.gc_tuning import no_full_collections
 from tactemu.cli.forwarding import FORWARDING
 from tactemu.cli.reports import not_understood, unreached_hint
 from tactemu.exec.enter import FAILED, NOT_EXECUTABLE, NOT_FOUND
@@ -48,7 +47,7 @@ def run_driver(command: Sequence[str], session: Session, view: Mapping[str, Any]
     """
     dev, signals = Served(session), FORWARDING[-1]
     env = exec_environment(dev, **view)
-    with no_full_collections(), env:
+    with env:
         if not quiet:
             _announce(env, command[0])
         driver = signals.start(partial(env.popen, command))

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 from rich.console import Console
 
 from tactemu.base.errors import StateError, TransportError
-from tactemu.base.gc_tuning import no_full_collections
 from tactemu.base.statistics import Lateness
 from tactemu.cli.reports import Say, advice, report_if_slow, say_json, say_text, unreached_hint
 from tactemu.cli.signals import ended_by_signals
@@ -82,7 +81,7 @@ def _run(session: Session, style: str) -> None:
     say = say_json if style == "json" else say_text(console)
     view = _live_view(emulator, console) if live else nullcontext()
     _warm_up(console)
-    with ended_by_signals(emulator.stop), no_full_collections(), closing(session.open()):
+    with ended_by_signals(emulator.stop), closing(session.open()):
         for channel in emulator.channels:
             say(
                 "ready", skin=channel.name, device=channel.device.name, port=_addresses(channel),

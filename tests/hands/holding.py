@@ -25,7 +25,6 @@ import numpy as np
 import pytest
 
 import tactemu as tt
-from tactemu.base.gc_tuning import no_full_collections
 
 HANDS = Path(__file__).parents[2] / "examples" / "hands"
 PATIENCE = 10
@@ -186,7 +185,7 @@ def hold(hand: Hand, thing: str, pose, folder: Path, *, settle_s=SETTLE_S, hold_
     """Have the hand hold a thing, whose table goes away half-way."""
     newtons = newtons_of(hand, thing)
     scene = scene_of(hand, thing, folder)
-    with no_full_collections(), tt.serve(scene, hand.port, faults=faults, adjustable=["dead"]) as dev:
+    with tt.serve(scene, hand.port, faults=faults, adjustable=["dead"]) as dev:
         engine = engine_of(dev)
         dev.in_loop(lambda: put(engine, pose))
         z = engine.data.body("object").xpos[2]
