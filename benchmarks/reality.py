@@ -26,6 +26,7 @@ from benchmarks import ridges
 from tactemu.base.errors import TactemuError
 from tactemu.fit.estimates import least_squares
 from tactemu.fit.sets import eflesh
+from tactemu.fit.sets.aims import folds
 from tactemu.transducers.laws import conditioning
 
 SIDE, PITCH, FACE, DEEPEST = 16, 1.5e-3, 0.02, 0.012
@@ -99,8 +100,8 @@ def run(report: Callable[[str], Any], recordings: Path, page: Path | None = None
         TactemuError: the folder does not have two recordings of one condition.
     """
     known = eflesh.read(recordings / "eflesh")
-    folds = [fold for fold in eflesh.folds(known) if known[fold[1][0]].condition == "normal"]
-    if not folds:
+    pairs = folds(list(known))
+    if not pairs:
         raise TactemuError(f"{recordings}: two recordings eflesh/normal_*.csv.gz are needed")
     lines = []
     for name in LEVELS:
@@ -110,14 +111,14 @@ def run(report: Callable[[str], Any], recordings: Path, page: Path | None = None
             return np.interp(depth, depths, readings) + np.maximum(depth - depths[-1], 0) * (readings[-1] / depths[-1])
 
         plain, with_laws = (
-            float(np.mean([error_of(shape, known[a[0]], known[b[0]], laws=laws) for a, b in folds]))
+            float(np.mean([error_of(shape, known[a[0]], known[b[0]], laws=laws) for a, b in pairs]))
             for laws in (False, True)
         )
         lines.append({"level": name, "step_us": cost, "plain": plain, "laws": with_laws})
     own = []
-    for a, b in folds:
+    for a, b in pairs:
         fitted = eflesh.fit({each: known[each] for each in a})
-        own.append(eflesh.errors(fitted, {each: known[each] for each in b})["loading"])
+        own.append(eflesh.predict(fitted, "loading", known[b[0]]) - eflesh.points("loading", known[b[0]]).y)
     best = float(np.sqrt(np.mean(np.concatenate(own) ** 2)))
     lines.append({"level": "loading curve of its own", "step_us": None, "plain": None, "laws": best})
     text = _table(lines)
@@ -169,5 +170,5 @@ All levels have the line at the frequency of the board. Their noise is that of b
 mm apart: it grows more slowly with the speed than the finger's, whose skin rounds the edges; the level whose skin
 rounds them most is nearest. The fitted white noise is zero, because the sharp edges replace it. A sine with white
 noise is better than any level and needs no contact: the shape of the ridge matters here. No level has the noise of a
-fabric: without ridges they measure a flat face ([its law](realism.md)).
+fabric: without ridges they measure a flat face.
 """

@@ -109,9 +109,9 @@ def _own(boards: Sequence[Slide], conditions: Sequence[tuple[float, float]]) -> 
     for condition in conditions:
         out = {name for name, slide in named.items() if (slide.grip, slide.speed_mm_s) == condition}
         law = cpm_finger.fit({name: slide for name, slide in named.items() if name not in out})
-        errors = cpm_finger.errors(law, {name: named[name] for name in out})
-        for key in apart:
-            apart[key] += list(errors[key])
+        for slide in (named[name] for name in out):
+            apart["line"].append(100 * (slide.speed_mm_s / law["pitch_mm"] / slide.line_hz - 1))
+            apart["noise"].append(100 * float(np.log(cpm_finger.predicted_noise(law, slide) / slide.noise)))
     line, noise = (float(np.sqrt(np.mean(np.square(values)))) for values in apart.values())
     return {"level": "a sine and white noise", "step_us": None, "line": line, "plain": None, "laws": noise}
 

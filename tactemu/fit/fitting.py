@@ -15,7 +15,7 @@ from tactemu.fit.magnets import find_magnets
 from tactemu.fit.places import find_places
 from tactemu.fit.press import PRESSED, bases_of, drive_of, find_presses, presses_of
 from tactemu.fit.recording import Recorded
-from tactemu.fit.report import Score, page
+from tactemu.fit.report import Score, overall, page
 from tactemu.fit.untouched import find_untouched, untouched_rows
 
 
@@ -143,10 +143,10 @@ def _score(known: Recorded, other: Recorded, name: str, *, before: bool = False)
     order = np.argsort(drive[: peak + 1])
     repeated = np.interp(of_other, drive[: peak + 1][order], signal[: peak + 1][order])
     free = of_other < PRESSED * of_other.max()
-    guesses = [each + (np.median((measured - each)[free]) if free.any() else 0.0)
-               for each in (fitted, straight, repeated)]  # fmt: skip
-    ours, by_line, zero = (float(np.sqrt(np.mean((measured - each) ** 2))) for each in guesses)
-    return Score(name, ours, by_line, zero, held, measured, guesses[0])
+    fitted, straight, repeated = (
+        each + (np.median((measured - each)[free]) if free.any() else 0.0) for each in (fitted, straight, repeated)
+    )
+    return Score(name, held, measured, fitted, {"a linear map": straight, "repeating": repeated})
 
 
 def run_fit(
@@ -182,7 +182,8 @@ def run_fit(
         for line in lines:
             say(f"  {title}: {line}")
     for score in scored:
-        others = f"a linear map {score.linear:.3g} N, repeating {score.repeated:.3g} N"
-        say(f"  {score.name} predicted: rms {score.ours:.3g} N; {others}")
+        say(f"  {score.name} predicted: rms {score.skill.error:.3g} N; {score.skill.guess} {score.skill.zero:.3g} N")
+    if scored:
+        say(f"  skill of these laws: {overall(scored)}")
     say(f"{out}" + (f", {report}" if report else ""))
     return found

@@ -1,10 +1,10 @@
-"""The errors with which the laws of real sensors predict recordings that were not fitted: docs/realism.md.
+"""The skill with which the laws of real sensors predict recordings that were not fitted: docs/realism.md.
 
     tactemu bench realism DATA --page docs/realism.md --parameters tactemu/fit/parameters.json
     tactemu bench realism --held OTHER
 
-The first command fits each set's laws and leaves recordings out in turn (:mod:`tactemu.fit.sets`); the second predicts
-other recordings of the same sensors with the parameters of the package.
+The first command judges each set's laws (:mod:`tactemu.fit.sets`) on recordings that are left out; the second judges
+the parameters of the package on other recordings of the same sensors.
 """
 
 from __future__ import annotations
@@ -13,79 +13,114 @@ import json
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numpy as np
 
 from tactemu.base.errors import TactemuError
 from tactemu.fit import sets
-from tactemu.fit.sets.aims import Aim, Recordings
+from tactemu.fit.sets.aims import Aim, Recordings, folds
+from tactemu.fit.skill import Points, Skill, guesses, skill_of
 
 PARAMETERS = Path(__file__).with_name("parameters.json")
 """The parameters of the package, fitted on all recordings."""
 
 
 @dataclass(frozen=True)
-class Line:
-    """One line of the table."""
+class LawLine:
+    """One line of the table of laws."""
 
     set: str
-    law: str
-    most: float
+    aim: Aim
+    skill: Skill
+
+
+@dataclass(frozen=True)
+class ConstantLine:
+    """One line of the table of constants."""
+
+    set: str
+    name: str
     unit: str
-    error: float
-    """The error of all predictions, summed as the aim states."""
-    by: str
-    worst: float
-    count: int
-    """The number of predictions."""
-
-    @property
-    def reached(self) -> bool:
-        """True if the error is within the aim."""
-        return self.error <= self.most
+    values: list[float]
+    """The value of each recording."""
 
 
-def left_out(name: str, folder: Path) -> tuple[list[Line], dict[str, Any]]:
-    """Return the lines of a set, whose predictions are all of left-out recordings, and parameters fitted on all of it.
+def left_out(name: str, recordings: Recordings) -> list[LawLine]:
+    """Return the laws of a set with their skill on recordings that are left out: half of them, or each in turn."""
+    module = sets.set_module(name)
+    lines = []
+    for aim in module.AIMS:
+        points = _points(module, aim, recordings)
+        judged: list[_Judged] = []
+        for given, out in folds(list(points), getattr(module, "unit", str)):
+            parameters = module.fit({each: recordings[each] for each in given})
+            judged += [
+                _judge(module, aim, parameters, recordings, each, [points[one] for one in given]) for each in out
+            ]
+        lines += _line(name, module, aim, judged)
+    return lines
 
-    Raises:
-        TactemuError: the folder has no recordings of the set.
+
+def predicted(name: str, parameters: dict[str, Any], held: Recordings, given: Recordings) -> list[LawLine]:
+    """Return the laws of a set with their skill on recordings of which nothing was fitted.
+
+    The guesses know the given recordings; if there are none, the other ones that are held.
     """
     module = sets.set_module(name)
-    recordings = module.read(folder)
-    if not recordings:
-        raise TactemuError(f"{folder}: no recordings of this set; {module.__name__} describes its files")
-    found: dict[str, list[np.ndarray]] = {}
-    for given, out in module.folds(recordings):
-        known = {each: recordings[each] for each in given}
-        held = {each: recordings[each] for each in out}
-        _gather(found, module.errors(module.fit(known), held, known))
-    return _lines(name, module.AIMS, found), module.fit(recordings)
-
-
-def predicted(name: str, folder: Path, parameters: dict[str, Any]) -> list[Line]:
-    """Return the lines of other recordings of a set's sensor, none of which was fitted."""
-    module = sets.set_module(name)
-    recordings: Recordings = module.read(folder)
-    found: dict[str, list[np.ndarray]] = {}
-    _gather(found, module.errors(parameters, recordings))
-    return _lines(name, module.AIMS, found)
-
-
-def _gather(found: dict[str, list[np.ndarray]], errors: dict[str, np.ndarray]) -> None:
-    for key, values in errors.items():
-        found.setdefault(key, []).append(np.ravel(values))
-
-
-def _lines(name: str, aims: Sequence[Aim], found: dict[str, list[np.ndarray]]) -> list[Line]:
     lines = []
-    for aim in aims:
-        errors = np.concatenate(found.get(aim.key, [np.zeros(0)]))
-        if len(errors):
-            worst = float(np.abs(errors).max())
-            lines.append(Line(name, aim.law, aim.most, aim.unit, aim.summed(errors), aim.by, worst, len(errors)))
+    for aim in module.AIMS:
+        points, known = _points(module, aim, held), list(_points(module, aim, given).values())
+        judged = []
+        for each in points:
+            seen = known or [one for other, one in points.items() if other != each]
+            if seen:
+                judged.append(_judge(module, aim, parameters, held, each, seen))
+        lines += _line(name, module, aim, judged)
     return lines
+
+
+_Judged = tuple[str, np.ndarray, dict[str, np.ndarray]]
+"""The name of a recording, the errors of the law on it, and those of each guess."""
+
+
+def _points(module: ModuleType, aim: Aim, recordings: Recordings) -> dict[str, Points]:
+    found = {name: module.points(aim.key, each) for name, each in recordings.items()}
+    return {name: each for name, each in found.items() if each is not None}
+
+
+def _judge(
+    module: ModuleType, aim: Aim, parameters: Any, recordings: Recordings, name: str, given: Sequence[Points]
+) -> _Judged:
+    own = module.points(aim.key, recordings[name])
+    guessed = {guess: value - own.y for guess, value in guesses(given, own).items()}
+    return name, module.predict(parameters, aim.key, recordings[name]) - own.y, guessed
+
+
+def _line(name: str, module: ModuleType, aim: Aim, judged: Sequence[_Judged]) -> list[LawLine]:
+    """Return the line of a law, whose repeats of one condition count as one recording; none without predictions."""
+    unit = getattr(module, "unit", str)
+    together: dict[str, list[_Judged]] = {}
+    for each in judged:
+        together.setdefault(unit(each[0]), []).append(each)
+    if not together:
+        return []
+    errors = [np.concatenate([own for _, own, _ in group]) for group in together.values()]
+    guessed = [
+        {guess: np.concatenate([each[guess] for _, _, each in group]) for guess in group[0][2]}
+        for group in together.values()
+    ]
+    return [LawLine(name, aim, skill_of(errors, guessed))]
+
+
+def constants(name: str, recordings: Recordings) -> list[ConstantLine]:
+    """Return the constants of a set with their values in each recording."""
+    module = sets.set_module(name)
+    found = module.constants(recordings) if module.CONSTANTS else {}
+    return [
+        ConstantLine(name, each.name, each.unit, found[each.key]) for each in module.CONSTANTS if found.get(each.key)
+    ]
 
 
 def run(
@@ -96,38 +131,56 @@ def run(
     page: Path | None = None,
     parameters: Path | None = None,
 ) -> dict[str, Any]:
-    """Measure the errors of laws on recordings, and write the page and the parameters to the files given.
+    """Judge the laws on recordings, and write the page and the parameters to the files given.
 
     Args:
         report: receives lines of text.
-        data: a folder with a folder for each set: laws are fitted on them, each recording left out in turn.
-        held: such a folder with other recordings: predicted by the laws fitted on ``data``, else by :data:`PARAMETERS`.
+        data: a folder with a folder for each set: laws are fitted on a part of them and judged on the others.
+        held: such a folder with other recordings, judged by the laws that are fitted on all of ``data``, else by
+            :data:`PARAMETERS`.
         page: the Markdown file to write.
         parameters: the JSON file to write.
 
     Raises:
-        TactemuError: neither folder is given, or a folder has no set.
+        TactemuError: neither folder is given, or a folder has no set, or no recordings of one.
     """
     if data is None and held is None:
         raise TactemuError("realism: name a folder of recordings, or give one with --held")
-    lines: list[Line] = []
+    laws: list[LawLine] = []
+    fixed: list[ConstantLine] = []
+    others: list[LawLine] = []
+    given: dict[str, Recordings] = {name: _read(name, folder) for name, folder in _sets_in(data)}
     fitted = json.loads(PARAMETERS.read_text(encoding="utf-8")) if data is None else {}
-    for name, folder in _sets_in(data):
-        own, fitted[name] = left_out(name, folder)
-        lines += own
+    for name, recordings in given.items():
+        fitted[name] = sets.set_module(name).fit(recordings)
+        laws += (own := left_out(name, recordings))
+        fixed += constants(name, recordings)
         _report_lines(report, own)
-    others: list[Line] = []
+    if held is not None:
+        report(f"predictions of {held}, of which nothing was fitted:")
     for name, folder in _sets_in(held):
         if name in fitted:
-            others += predicted(name, folder, fitted[name])
-    if others:
-        report(f"predictions of {held}, which was not fitted:")
-        _report_lines(report, others)
+            others += (own := predicted(name, fitted[name], _read(name, folder), given.get(name, {})))
+            _report_lines(report, own)
     if parameters is not None:
         parameters.write_text(json.dumps(_rounded(fitted), indent=1) + "\n", encoding="utf-8")
     if page is not None:
-        page.write_text(_page(lines or others, _rounded(fitted)), encoding="utf-8")
-    return {"left out": [asdict(line) for line in lines], "held": [asdict(line) for line in others], "fitted": fitted}
+        page.write_text(_page(laws, fixed, _rounded(fitted)), encoding="utf-8")
+    return {
+        "left out": [asdict(line) for line in laws],
+        "held": [asdict(line) for line in others],
+        "constants": [asdict(line) for line in fixed],
+        "fitted": fitted,
+    }
+
+
+def _read(name: str, folder: Path) -> Recordings:
+    recordings = sets.set_module(name).read(folder)
+    if not recordings:
+        raise TactemuError(
+            f"{folder}: no recordings of this set; the docstring of {sets.SETS[name]} describes its files"
+        )
+    return recordings
 
 
 def _sets_in(folder: Path | None) -> list[tuple[str, Path]]:
@@ -140,10 +193,13 @@ def _sets_in(folder: Path | None) -> list[tuple[str, Path]]:
     return found
 
 
-def _report_lines(report: Callable[[str], Any], lines: Sequence[Line]) -> None:
+def _report_lines(report: Callable[[str], Any], lines: Sequence[LawLine]) -> None:
     for line in lines:
-        mark = "reached" if line.reached else "NOT reached"
-        report(f"{line.set:20} {line.law:80} {line.error:8.3g} {line.unit} (aim {line.most:g}, {line.by}): {mark}")
+        own = line.skill
+        report(
+            f"{line.set:20} {line.aim.law}: error {own.error:.3g} {line.aim.unit}, {own.guess} {own.zero:.3g}; "
+            f"skill {own}"
+        )
 
 
 def _rounded(value: Any) -> Any:
@@ -159,41 +215,59 @@ _HEAD = """# How real is it?
 
 Written by `tactemu bench realism DATA --page docs/realism.md --parameters tactemu/fit/parameters.json` from public
 recordings of real sensors: eFlesh (MIT), Weiss DSA on an SDH-2 hand (GPL-3.0: measured, not copied), CPM-Finger
-(MIT), AnySkin on a LEAP hand (MIT), iCub hand (free use), Inspire RH56DFX (Apache-2.0), a silicone pad with a fluid
-channel (CC BY 4.0). Each figure is the error of predictions of left-out recordings: the law was fitted on the others.
-The line of a law names the parts of a predicted recording that it uses.
+(MIT), AnySkin on a LEAP hand (MIT), iCub hand (free use), a silicone pad with a fluid
+channel (CC BY 4.0).
 
 <!-- contents -->
-On this page: [Aims that are not reached, and why](#aims-that-are-not-reached-and-why),
+On this page: [Laws](#laws), [Constants](#constants),
 [What the recordings do not determine](#what-the-recordings-do-not-determine),
 [Predictions with these parameters](#predictions-with-these-parameters),
 [Parameters, fitted on all recordings](#parameters-fitted-on-all-recordings).
 
-| recordings | law | aim | error | worst | predictions | result |
+## Laws
+
+A law predicts recordings that were left out. *Zero skill* is the error of the best simple guess on the same
+recordings: the mean of the given ones, a straight line through them, the given one of the nearest condition, or what
+the last column of guesses names. `skill = 1 − error / zero skill`: 1 is perfect, 0 is what doing nothing gives. The
+interval is of 95 %, over independent recordings. Of six recordings or more a law was chosen and fitted on one half,
+which follows from their names, and judged once on the other; of fewer each is left out in turn. With fewer than four
+a law cannot be judged, and nothing uses it unless you ask for it.
+
+| recordings | law | aim | error | worst | zero skill | its guess | skill | n | result |
+| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |
+"""
+
+_CONSTANTS = """
+The equations are in the docstrings of [`tactemu/fit/sets`](../tactemu/fit/sets), one file for each set, and in
+[`laws.py`](../tactemu/transducers/laws.py). Errors are root mean squares over all predictions; sums, noise and peaks
+are compared as logarithms of ratios.
+
+- **eFlesh**: both recordings are of one mounting, seven minutes apart, so repeating the other at the same height is
+  hard to beat; the law is for another mounting, whose height the first press gives.
+- **Weiss**: half of the weights, of which one series is warm and the other cold, determines five parameters to 16 %;
+  all of them, each left out in turn, to 10 %.
+
+## Constants
+
+A constant predicts no more than its mean, so it has a spread and no skill.
+
+| recordings | constant | mean | spread | smallest | largest | n |
 | --- | --- | --- | --- | --- | --- | --- |
 """
 
 _TAIL = """
-The equations are in the docstrings of [`tactemu/fit/sets`](../tactemu/fit/sets), one file for each set, and in
-[`laws.py`](../tactemu/transducers/laws.py). The error is the root mean square over the predictions, unless marked
-*worst*; sums and noise are compared as logarithms of ratios.
-
-## Aims that are not reached, and why
-
-- **Objects never seen**: the force of a grasp is not a property of the sensor. If the object was recorded, its other
-  grasps predict it.
-- **Fingers that move** carry magnets past one another: the noise of an untouched skin differs by 40 % between two
-  runs of the same motion, and the recordings do not show why.
-- **Sums of weights, as plain shares**: predictions that are too high count more than as logarithms. Neither a fitted
-  exponent of the resistance nor a loss that reduces outliers brings the error below its aim.
-- **Force stop at speed 100**: at a limit of 500 g the finger goes 10 angle steps further than the law, which holds at
-  all other speeds and limits.
+The spread is the standard deviation over the recordings.
 
 ## What the recordings do not determine
 
-- The lag of a fluid is a property of the medium: a recording of another medium does not determine it.
+- **Objects never grasped before**: how hard a hand holds a thing is not a property of its sensor.
+- **Fingers that move** carry magnets past one another: the noise of an untouched skin differs by 40 % between two runs
+  of the same motion, and the recordings do not show why.
+- **Another material**: the noise of sliding on a fabric that was not recorded.
+- **Presses along eFlesh's surface**, and how the gap of its field closes from press to press: laws of both predicted
+  recordings of other days no better than their mean, so there are none.
+- **Relaxation of a pad over its load**: one constant predicts other media as well.
 - The scale of eFlesh has an unknown delay: only the loading branch is evaluated, not the loop of force over depth.
-- The noise of sliding on a fabric that was not recorded: the law has two materials.
 
 ## Predictions with these parameters
 
@@ -215,14 +289,23 @@ sets.set_module("weiss_sdh2").predicted_sum(parameters, mass_g=450, temperature_
 """
 
 
-def _page(lines: Sequence[Line], fitted: dict[str, Any]) -> str:
+def _page(laws: Sequence[LawLine], fixed: Sequence[ConstantLine], fitted: dict[str, Any]) -> str:
     rows = []
-    for line in lines:
-        by, verdict = " (worst)" if line.by == "worst" else "", "reached" if line.reached else "**not reached**"
-        figures = f"{line.most:g} {line.unit} | {line.error:.3g}{by} | {line.worst:.3g} | {line.count}"
-        rows.append(f"| {line.set} | {line.law} | {figures} | {verdict} |")
+    for line in laws:
+        own, unit = line.skill, line.aim.unit
+        result = own.verdict if own.error <= line.aim.most else f"{own.verdict}; aim **not reached**"
+        rows.append(
+            f"| {line.set} | {line.aim.law} | {line.aim.most:g} {unit} | {own.error:.3g} | {own.worst:.3g} "
+            f"| {own.zero:.3g} | {own.guess} | {own.interval} | {own.count} | {result} |"
+        )
+    means = []
+    for each in fixed:
+        values = np.array(each.values)
+        spread = f"{values.std(ddof=1):.2g}" if len(values) > 1 else "–"
+        ends = f"{values.min():.3g} | {values.max():.3g} | {len(values)}"
+        means.append(f"| {each.set} | {each.name} | {values.mean():.4g} {each.unit} | {spread} | {ends} |")
     found = [f"**{name}**\n\n```json\n{json.dumps(values, indent=1)}\n```\n" for name, values in _short(fitted).items()]
-    return _HEAD + "\n".join(rows) + "\n" + _TAIL + "\n".join(found)
+    return _HEAD + "\n".join(rows) + "\n" + _CONSTANTS + "\n".join(means) + "\n" + _TAIL + "\n".join(found)
 
 
 def _short(fitted: dict[str, Any]) -> dict[str, Any]:

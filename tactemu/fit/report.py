@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 
@@ -10,6 +10,7 @@ import numpy as np
 
 from tactemu.fit.estimates import Findings
 from tactemu.fit.recording import Recorded
+from tactemu.fit.skill import Skill, skill_of
 
 MAX_POINTS = 1500
 """Maximum number of points of a curve in a picture."""
@@ -21,16 +22,27 @@ svg{width:100%;height:auto}code{overflow-wrap:anywhere}"""
 
 @dataclass(frozen=True)
 class Score:
-    """The rms errors [N] with which fitted laws predict a recording, or a part of one, that was not fitted."""
+    """The predictions [N] of laws and simple guesses for a recording, or a part of one, that was not fitted."""
 
     name: str
-    ours: float
-    linear: float
-    repeated: float
-    """The error of the simplest prediction: the other recording's reading at the same load, at first loading."""
     load: np.ndarray
     measured: np.ndarray
     fitted: np.ndarray
+    guesses: Mapping[str, np.ndarray]
+    """A straight line, and the other recording's reading at the same load, at first loading."""
+
+    @property
+    def skill(self) -> Skill:
+        """The error of the laws beside that of the best guess."""
+        return overall([self])
+
+
+def overall(scores: Sequence[Score]) -> Skill:
+    """Return the skill of the laws on all recordings that were predicted."""
+    return skill_of(
+        [each.measured - each.fitted for each in scores],
+        [{name: each.measured - guess for name, guess in each.guesses.items()} for each in scores],
+    )
 
 
 def page(device: str, recorded: Sequence[Recorded], found: Findings, scores: Sequence[Score]) -> str:
@@ -53,6 +65,7 @@ def page(device: str, recorded: Sequence[Recorded], found: Findings, scores: Seq
         f"<h2>Found</h2><table><tr><th>parameter<th>value<th>95 % interval<th></tr>{rows}</table>",
         _listed("Noticed", found.notes),
         _listed("Not determined by these recordings, and what to record", found.unknown),
+        f"<p>Skill of these laws on what was not used for them: {overall(scores)}.</p>" if scores else "",
         *(_scored(score) for score in scores),
     ]
     return "\n".join(part for part in parts if part) + "</html>\n"
@@ -64,9 +77,9 @@ def _listed(title: str, lines: Sequence[str]) -> str:
 
 def _scored(score: Score) -> str:
     apart = score.measured - score.fitted
+    errors = {"these laws": apart} | {name: score.measured - guess for name, guess in score.guesses.items()}
     rows = "".join(
-        f"<tr><td>{name}</td><td>{value:.4g} N</td></tr>"
-        for name, value in (("these laws", score.ours), ("a linear map", score.linear), ("repeating", score.repeated))
+        f"<tr><td>{escape(name)}</td><td>{np.sqrt(np.mean(each**2)):.4g} N</td></tr>" for name, each in errors.items()
     )
     curves = _picture([("measured", score.measured, "#888"), ("fitted", score.fitted, "#c33")])
     return (

@@ -72,11 +72,6 @@ def log_creep(t: np.ndarray, per_decade: float | np.ndarray, since: float = 1.0)
     return 1.0 + per_decade * np.log10(np.asarray(t, float) / since)
 
 
-def falling_with_load(load: np.ndarray, at_reference: float, exponent: float, reference: float) -> np.ndarray:
-    """Return a coefficient that falls with the load: ``c (load/reference)^-exponent``."""
-    return at_reference * (np.asarray(load, float) / reference) ** -exponent
-
-
 def divider(
     load: np.ndarray, full: float | np.ndarray, half: float | np.ndarray, exponent: float | np.ndarray
 ) -> np.ndarray:
@@ -134,8 +129,3 @@ def white_and_slow(lag: np.ndarray, slow_share: float, tau: float) -> np.ndarray
 def sliding_noise(white: np.ndarray, amplitude: np.ndarray, line_hz: np.ndarray, period_s: float) -> np.ndarray:
     """Return the sample-to-sample noise (std of difference / √2) of white noise on a sampled sine of ``line_hz``."""
     return np.sqrt(np.square(white) + np.square(amplitude * np.sin(np.pi * np.asarray(line_hz) * period_s)))
-
-
-def softplus(x: np.ndarray, width: float) -> np.ndarray:
-    """Return 0 for ``x`` far below 0 and ``x`` far above, with a bend of the given width."""
-    return width * np.logaddexp(0.0, np.asarray(x, float) / width)

@@ -1,8 +1,9 @@
-"""Sets of real recordings, one file each: their reader, the law of their sensor, and the errors of its predictions.
+"""Sets of real recordings, one file each: their reader, the law of their sensor, and what it predicts.
 
-A module has ``AIMS``, ``read(folder)``, ``fit(recordings)``, ``errors(parameters, recordings)`` and
-``folds(recordings)``, which :mod:`tactemu.fit.realism` calls. Errors are those of predictions, in the unit of the aim;
-the docstring names the parts of a predicted recording that a law may use.
+A module has ``AIMS`` and ``CONSTANTS``, ``read(folder)`` and ``fit(recordings)``; for its laws ``points(key,
+recording)``, the quantities of a recording that the law of an aim predicts, and ``predict(parameters, key,
+recording)``; for its constants ``constants(recordings)``. ``unit(name)`` names what repeats of one condition share.
+:mod:`tactemu.fit.realism` calls them. The docstring names the parts of a predicted recording that a law may use.
 """
 
 from __future__ import annotations
@@ -17,7 +18,6 @@ SETS: dict[str, str] = {
     "cpm_finger": "tactemu.fit.sets.cpm_finger",
     "anyskin_leap": "tactemu.fit.sets.anyskin",
     "icub_hand_2012": "tactemu.fit.sets.icub_hand",
-    "rh56_middle_finger": "tactemu.fit.sets.rh56",
     "fluid_channel": "tactemu.fit.sets.fluid",
 }
 

@@ -1,4 +1,4 @@
-"""The aims of the laws: the errors that their predictions may have."""
+"""The aims of a set's laws, its constants, and how its recordings are left out."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -15,35 +15,43 @@ Recordings = Mapping[str, Any]
 """The recordings of a set by name; their type is that of the set's module."""
 Fold = tuple[Sequence[str], Sequence[str]]
 """Names of the recordings that a law is fitted on, and of those that it then predicts."""
+LEAST_HALVED = 6
+"""Minimum number of independent recordings of which a law is judged on half; of fewer, each is left out in turn."""
 
 
 @dataclass(frozen=True)
 class Aim:
-    """A figure of the table: an error of predictions, and its maximum."""
+    """A law, and the largest error that its predictions may have; it must be less than that of the simplest guess."""
 
     key: str
     law: str
-    """The description of the law, with the parameters that it takes from the predicted recording."""
+    """The description of the law, with the parts of a predicted recording that it takes."""
     most: float
     unit: str
-    by: Literal["rms", "mean", "worst"] = "rms"
-
-    def summed(self, errors: np.ndarray) -> float:
-        """Return the sum of many errors as one number, by the aim's rule."""
-        errors = np.abs(np.asarray(errors, float).ravel())
-        return float(_SUMS[self.by](errors)) if len(errors) else float("nan")
 
 
-_SUMS: dict[str, Callable[[np.ndarray], float]] = {
-    "rms": lambda errors: float(np.sqrt(np.mean(errors**2))),
-    "mean": lambda errors: float(np.mean(errors)),
-    "worst": lambda errors: float(np.max(errors)),
-}
+@dataclass(frozen=True)
+class Constant:
+    """A quantity that recordings give as one number each; it predicts no more than their mean."""
+
+    key: str
+    name: str
+    unit: str = ""
 
 
-def each_left_out(names: Sequence[str]) -> list[Fold]:
-    """Return the folds in which each recording is left out in turn."""
-    return [([other for other in names if other != name], [name]) for name in names]
+def folds(names: Sequence[str], unit: Callable[[str], str] = str) -> list[Fold]:
+    """Return how recordings are left out: with six independent ones or more, half of them; else each in turn.
+
+    Args:
+        names: the names of the recordings.
+        unit: returns what recordings share that are not independent, by their name.
+    """
+    units = list(dict.fromkeys(unit(name) for name in names))
+    out = [halves(units)[1]] if len(units) >= LEAST_HALVED else [[each] for each in units] if len(units) > 1 else []
+    return [
+        ([name for name in names if unit(name) not in held], [name for name in names if unit(name) in held])
+        for held in out
+    ]
 
 
 def halves(names: Sequence[str]) -> tuple[list[str], list[str]]:

@@ -15,13 +15,14 @@ from typing import Any
 
 import numpy as np
 
-from tactemu.fit.sets.aims import Aim, Fold, Recordings, each_left_out
+from tactemu.fit.sets.aims import Aim, Constant, Recordings
 
-AIMS = (
-    Aim("std", "noise std, mean over channels, skins at rest", 10.0, "%"),
-    Aim("correlation", "lag-1 correlation, mean over channels, skins at rest", 10.0, "%"),
-    Aim("std moving", "noise std, fingers that move with nothing touching", 10.0, "%"),
-    Aim("correlation moving", "lag-1 correlation, fingers that move with nothing touching", 10.0, "%"),
+AIMS: tuple[Aim, ...] = ()
+CONSTANTS = (
+    Constant("std still", "noise std, mean over channels, skins at rest", "µT"),
+    Constant("correlation still", "lag-1 correlation, mean over channels, skins at rest"),
+    Constant("std moving", "noise std, fingers that move with nothing touching", "µT"),
+    Constant("correlation moving", "lag-1 correlation, fingers that move with nothing touching"),
 )
 LSB_UT = (0.300, 0.300, 0.484)
 """The resolution of x, y and z [µT]."""
@@ -82,21 +83,10 @@ def fit(recordings: Recordings) -> dict[str, Any]:
     return found
 
 
-def errors(parameters: dict[str, Any], recordings: Recordings, known: Recordings | None = None) -> dict[str, Any]:
-    """Return the errors of each recording of a condition that was fitted [%]."""
-    found: dict[str, list] = {aim.key: [] for aim in AIMS}
+def constants(recordings: Recordings) -> dict[str, list[float]]:
+    """Return the noise and the correlation of each recording of a condition."""
+    found: dict[str, list[float]] = {}
     for each in recordings.values():
-        if each.condition in parameters:
-            law, ends = parameters[each.condition], "" if each.condition == "still" else " moving"
-            found["std" + ends].append(100 * (np.mean(law["std_ut"]) / each.std.mean() - 1))
-            found["correlation" + ends].append(100 * (law["correlation"] / each.correlation - 1))
-    return {key: np.array(values) for key, values in found.items()}
-
-
-def folds(recordings: Recordings) -> list[Fold]:
-    """Return the folds of each condition with several recordings."""
-    found = []
-    for condition in ("still", "moving"):
-        names = [name for name, each in recordings.items() if each.condition == condition]
-        found += each_left_out(names) if len(names) > 1 else []
+        found.setdefault(f"std {each.condition}", []).append(float(each.std.mean()))
+        found.setdefault(f"correlation {each.condition}", []).append(each.correlation)
     return found

@@ -1,13 +1,12 @@
 """eFlesh: a printed lattice with magnets over five magnetometers, pressed in a sine by a probe on a scale.
 
-A recording is a :class:`Presses`. The laws, after ``n`` presses, with the conditioning ``l = ln(1 + n)``::
+A recording is a :class:`Presses`. The law of the force, after ``n`` presses, with the conditioning ``l = ln(1 + n)``::
 
     F(d) = (1 − s l) curve(d − w l)            d: depth below the first contact of the probe
-    gap(n) = g∞ + (g0 − g∞) / (1 + n)          of the field between loading and unloading, of its peak
-    baseline after press k = A (1 + b ln k)    A: of this recording
 
-The first press of a predicted recording gives the height of contact, the number ``n`` of presses before it, and ``A``;
-the loading curves, gaps and baselines of the other presses are predicted.
+The first press of a predicted recording gives the height of contact and the number ``n`` of presses before it; the
+loading curves of the other presses are predicted. Presses along the surface are not read: a law of theirs predicted
+recordings of other days no better than their mean.
 """
 
 from __future__ import annotations
@@ -20,7 +19,8 @@ from typing import Any
 import numpy as np
 
 from tactemu.fit.estimates import least_squares
-from tactemu.fit.sets.aims import Aim, Fold, Recordings, each_left_out, stem, table_of
+from tactemu.fit.sets.aims import Aim, Constant, Recordings, stem, table_of
+from tactemu.fit.skill import Points
 from tactemu.transducers.laws import conditioning, curve
 
 DEPTHS = np.array([0.0, 0.5, 1.0, 2.0, 3.5, 5.5, 7.5, 9.0, 10.5, 12.0])
@@ -29,10 +29,10 @@ SCALE_DELAY_S = 0.3
 """The delay of the scale's reading: half of its refresh of 205 ms, and its filter."""
 G_TO_N = 9.80665e-3
 
-AIMS = (
-    Aim("loading", "loading curve; height of contact and conditioning from the first press", 5.0, "% of peak"),
-    Aim("gap", "gap of field over depth between loading and unloading", 2.0, "points"),
-    Aim("baseline", "baseline after each press: shape, one amplitude per recording", 20.0, "%", "worst"),
+AIMS = (Aim("loading", "loading curve; height of contact and conditioning from the first press", 1.5, "% of peak"),)
+CONSTANTS = (
+    Constant("gap", "gap of field over depth between loading and unloading, of its peak, from the sixth press on"),
+    Constant("baseline", "growth of the baseline after k presses, per ln k, of that after the first"),
 )
 
 
@@ -46,17 +46,14 @@ class Presses:
     """The gap of each press, as a share of its peak."""
     baselines: np.ndarray
     """The change of the field from before the first press to before each other press, norm over channels [µT]."""
-    condition: str
-    """The name of the condition; recordings of one condition follow one law."""
 
 
 def read(folder: Path) -> Recordings:
-    """Return the recordings of presses in a sine."""
-    paths = [path for path in sorted(folder.glob("*.csv.gz")) if not stem(path).startswith("spatial")]
-    return {stem(path): presses(table_of(path), stem(path).rpartition("_")[0]) for path in paths}
+    """Return the recordings of presses in a sine, ``normal_*``."""
+    return {stem(path): presses(table_of(path)) for path in sorted(folder.glob("normal_*.csv.gz"))}
 
 
-def presses(table: dict[str, np.ndarray], condition: str) -> Presses:
+def presses(table: dict[str, np.ndarray]) -> Presses:
     """Cut a recording into its presses."""
     t, z = table["t_state_s"], table["z_mm"]
     field = np.stack([table[f"b{chip}{axis}"] for chip in range(5) for axis in "xyz"], axis=1)
@@ -70,7 +67,7 @@ def presses(table: dict[str, np.ndarray], condition: str) -> Presses:
         depth = z.max() - np.interp(t[read_at] - SCALE_DELAY_S, t, z)
         loading.append((depth, table["mass_g"][read_at] * G_TO_N))
         gaps.append(_gap(z, change, top, low, end))
-    return Presses(loading, np.array(gaps), change[tops[1:-1]], condition)
+    return Presses(loading, np.array(gaps), change[tops[1:-1]])
 
 
 def _turns(t: np.ndarray, z: np.ndarray) -> list[int]:
@@ -103,19 +100,9 @@ def force(parameters: dict[str, Any], depth_mm: np.ndarray, touch_mm: float, pre
     return softer * curve(np.maximum(inside, 0.0), np.array(parameters["depths_mm"]), np.array(parameters["forces_n"]))
 
 
-def gap(parameters: dict[str, Any], presses_before: np.ndarray) -> np.ndarray:
-    """Return the widest gap of the field between loading and unloading, as a share of its peak."""
-    last, first = parameters["gap_in_the_end"], parameters["gap_at_first"]
-    return last + (first - last) / (1.0 + np.asarray(presses_before))
-
-
 def fit(recordings: Recordings) -> dict[str, Any]:
-    """Return the parameters of each condition, by its name."""
-    conditions = dict.fromkeys(each.condition for each in recordings.values())
-    return {name: _fit([each for each in recordings.values() if each.condition == name]) for name in conditions}
-
-
-def _fit(several: list[Presses]) -> dict[str, Any]:
+    """Return the parameters of the law."""
+    several: list[Presses] = list(recordings.values())
     deepest = max(depth.max() for depth, _ in several[0].loading)
     depths = DEPTHS * deepest / 12.0
     peak = max(force.max() for force in (each for one in several for _, each in one.loading))
@@ -139,17 +126,7 @@ def _fit(several: list[Presses]) -> dict[str, Any]:
     low = np.concatenate([np.full(k, -8.0), [0.0, -0.2], np.tile([-1.0, 0.0], len(several))])
     high = np.concatenate([np.full(k, 6.0), [2.0, 0.3], np.tile([deepest / 2, 50.0], len(several))])
     found = least_squares(residuals, begin, bounds=(low, high))
-    law = {name: value if isinstance(value, list) else float(value) for name, value in named(found.x).items()}
-    before = found.x[k + 2 :].reshape(-1, 2)[:, 1]
-    seen = np.concatenate([n + np.arange(len(one.gaps)) for n, one in zip(before, several)])
-    slope, last = np.polyfit(1.0 / (1.0 + seen), np.concatenate([one.gaps for one in several]), 1)
-    shapes = [(one.baselines[1:] / one.baselines[0] - 1.0) / np.log(np.arange(2, len(one.baselines) + 1))
-              for one in several]  # fmt: skip
-    return law | {
-        "gap_in_the_end": float(last),
-        "gap_at_first": float(last + slope),
-        "baseline_per_log": float(np.median(np.concatenate(shapes))),
-    }
+    return {name: value if isinstance(value, list) else float(value) for name, value in named(found.x).items()}
 
 
 def state(parameters: dict[str, Any], first: tuple[np.ndarray, np.ndarray]) -> tuple[float, float]:
@@ -168,28 +145,28 @@ def state(parameters: dict[str, Any], first: tuple[np.ndarray, np.ndarray]) -> t
     return float(best.x[0]), float(best.x[1])
 
 
-def errors(parameters: dict[str, Any], recordings: Recordings, known: Recordings | None = None) -> dict[str, Any]:
-    """Return the errors of the presses after the first: of force [% of peak], gap [points] and baseline [%]."""
-    found: dict[str, list] = {"loading": [], "gap": [], "baseline": []}
+def constants(recordings: Recordings) -> dict[str, list[float]]:
+    """Return the gap and the growth of the baseline of each recording."""
+    found: dict[str, list[float]] = {"gap": [], "baseline": []}
     for each in recordings.values():
-        if each.condition not in parameters:
-            continue
-        law = parameters[each.condition]
-        touch, before = state(law, each.loading[0])
-        peak = each.loading[0][1].max()
-        for n, (depth, felt) in enumerate(each.loading[1:], 1):
-            apart = force(law, depth, touch, before + n) - felt
-            found["loading"].append(100 * np.sqrt(np.mean(apart**2)) / peak)
-        found["gap"] += list(100 * (gap(law, before + np.arange(len(each.gaps))) - each.gaps))
-        order = np.arange(2, len(each.baselines) + 1)
-        expected = each.baselines[0] * (1.0 + law["baseline_per_log"] * np.log(order))
-        found["baseline"] += list(100 * (expected / each.baselines[1:] - 1.0))
-    return {key: np.array(values) for key, values in found.items()}
+        order = np.log(np.arange(2, len(each.baselines) + 1))
+        found["gap"].append(float(np.mean(each.gaps[5:])))
+        found["baseline"].append(float(np.median((each.baselines[1:] / each.baselines[0] - 1.0) / order)))
+    return found
 
 
-def folds(recordings: Recordings) -> list[Fold]:
-    """Return the folds of each condition with several recordings."""
-    several = {}
-    for name, each in recordings.items():
-        several.setdefault(each.condition, []).append(name)
-    return [fold for names in several.values() if len(names) > 1 for fold in each_left_out(names)]
+def points(key: str, recording: Presses) -> Points:
+    """Return the forces of the presses after the first [% of its peak], under number and depth of each."""
+    parts = [(np.full(len(depth), n), depth, felt) for n, (depth, felt) in enumerate(recording.loading) if n]
+    number, depth, felt = (np.concatenate(part) for part in zip(*parts))
+    first, order = recording.loading[0], np.argsort(recording.loading[0][0])
+    share = 100 / first[1].max()
+    repeated = np.interp(depth, first[0][order], first[1][order])
+    return Points(np.column_stack([number, depth]), share * felt, {"its own first press": share * repeated})
+
+
+def predict(parameters: dict[str, Any], key: str, recording: Presses) -> np.ndarray:
+    """Return the predictions for the points of a recording, whose first press is given."""
+    touch, before = state(parameters, recording.loading[0])
+    parts = [force(parameters, depth, touch, before + n) for n, (depth, _) in enumerate(recording.loading) if n]
+    return 100 / recording.loading[0][1].max() * np.concatenate(parts)

@@ -13,14 +13,14 @@ from typing import Any
 
 import numpy as np
 
-from tactemu.fit.sets.aims import Aim, Fold, Recordings
+from tactemu.fit.sets.aims import Aim, Constant, Recordings
+from tactemu.fit.skill import Points
 
-AIMS = (
-    Aim("mean", "mean of the first row, a third of the trials held out", 1.0, "counts"),
-    Aim("spread", "spread over taxels of the first row, a third of the trials held out", 0.5, "counts"),
-    Aim("unchanged", "share of readings that repeat, a third of the trials held out", 5.0, "points"),
-    Aim("smallest", "median of smallest values by object, a third of its trials held out", 10.0, "counts"),
-    Aim("smallest unseen", "median of smallest values of objects never seen, half of them", 10.0, "counts"),
+AIMS = (Aim("smallest", "smallest value of a grasp of an object that was grasped before", 30.0, "counts"),)
+CONSTANTS = (
+    Constant("mean", "mean of the first row", "counts"),
+    Constant("spread", "spread over taxels of the first row", "counts"),
+    Constant("unchanged", "share of readings that repeat"),
 )
 
 
@@ -64,33 +64,21 @@ def fit(recordings: Recordings) -> dict[str, Any]:
     }
 
 
-def errors(parameters: dict[str, Any], recordings: Recordings, known: Recordings | None = None) -> dict[str, Any]:
-    """Return the errors of all given grasps together [counts, points]."""
-    other, rest = fit(recordings), np.array(parameters["rest"])
-    own, seen = other["smallest_by_object"], parameters["smallest_by_object"]
-    found = {
-        "mean": [rest.mean() - np.mean(other["rest"])],
-        "spread": [rest.std() - np.std(other["rest"])],
-        "unchanged": [100 * (parameters["unchanged"] - other["unchanged"])],
-        "smallest": [seen[thing] - own[thing] for thing in own if thing in seen],
+def constants(recordings: Recordings) -> dict[str, list[float]]:
+    """Return the means and spreads of first rows, and the shares of repeats, of all grasps."""
+    every = list(recordings.values())
+    return {
+        "mean": [float(each.first.mean()) for each in every],
+        "spread": [float(each.first.std()) for each in every],
+        "unchanged": [each.unchanged for each in every],
     }
-    if not found["smallest"]:
-        found = {"smallest unseen": [parameters["smallest"] - other["smallest"]]}
-    return {key: np.array(values) for key, values in found.items()}
 
 
-def folds(recordings: Recordings) -> list[Fold]:
-    """Return the folds that leave out every third trial of all objects, three times; then half of the objects, ten
-    times."""
-    names = list(recordings)
-    found: list[Fold] = []
-    for k in range(3):
-        out = names[k::3]
-        found.append(([name for name in names if name not in out], out))
-    things = sorted({each.thing for each in recordings.values()})
-    rng = np.random.default_rng(0)
-    for _ in range(10):
-        held = set(rng.choice(things, len(things) // 2, replace=False))
-        out = [name for name, each in recordings.items() if each.thing in held]
-        found.append(([name for name in names if name not in out], out))
-    return found
+def points(key: str, recording: Grasp) -> Points:
+    """Return the smallest value of a grasp; nothing but its object is known before."""
+    return Points(np.zeros((1, 0)), np.array([recording.smallest]))
+
+
+def predict(parameters: dict[str, Any], key: str, recording: Grasp) -> np.ndarray:
+    """Return the median of the object's other grasps; for an object that was not grasped before, of all objects."""
+    return np.array([parameters["smallest_by_object"].get(recording.thing, parameters["smallest"])])

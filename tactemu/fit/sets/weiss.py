@@ -4,7 +4,6 @@ Recordings ``weight_*_*g`` are a :class:`Weights`, ``sensitivity*`` a :class:`Ga
 matrix, ``t`` after a weight of ``m`` [g] was put down at ``T`` [°C], on its k-th imprint::
 
     sum(5 s) = full u/(1 + u) (1 + k-th imprint: i ln k) exp(g (T − 40)),   u = (m/half)² exp(a (T − 40))
-    sum(t) = sum(1 s) (1 + c log10 t),   c = c500 (m/500)^-p
 
 The first is a divider of a fixed resistor and a piezoresistor ``R ∝ p^-2`` whose resistance falls as it warms. The gain
 register multiplies: ``sum = sum(1.0) (offset + slope register)``.
@@ -21,22 +20,20 @@ from typing import Any
 import numpy as np
 
 from tactemu.fit.estimates import least_squares
-from tactemu.fit.sets.aims import Aim, Fold, Recordings, each_left_out
-from tactemu.transducers.laws import divider, falling_with_load
+from tactemu.fit.sets.aims import Aim, Constant, Recordings
+from tactemu.fit.skill import Points
+from tactemu.transducers.laws import divider
 
 MATRIX = 1
 """The index of the matrix under the weights."""
 EXPONENT = 2.0
 """The exponent of resistance over pressure; a fit gives 1.9 and predicts no better."""
 REFERENCE_C = 40.0
-REFERENCE_G = 500.0
 
-AIMS = (
-    Aim("sum", "sum at 5 s, each recording left out", 15.0, "%"),
-    Aim("sum inside", "sum at 5 s, left out between lighter and heavier ones", 10.0, "%"),
-    Aim("sum inside plain", "the same, as shares of what was measured instead of logarithms", 10.0, "%"),
-    Aim("creep", "creep per decade, with its dependence on load", 0.08, "per decade"),
-    Aim("register", "gain register, each imprint left out", 3.0, "% of full scale", "worst"),
+AIMS = (Aim("sum", "sum 5 s after a weight is put down", 15.0, "%"),)
+CONSTANTS = (
+    Constant("creep", "creep per decade from 0.5 to 10 s, mean over the imprints of a weight"),
+    Constant("register", "sum per unit of the gain register, of the sum at 1.0"),
 )
 
 
@@ -112,13 +109,10 @@ def imprints(t: np.ndarray, total: np.ndarray, *, at_least_s: float, share: floa
 
 
 def fit(recordings: Recordings) -> dict[str, Any]:
-    """Return the parameters of the laws: five of the sum, two of its creep, two of the register."""
+    """Return the parameters: five of the sum, its creep, two of the register."""
     rows = _rows(recordings)
     found = least_squares(lambda p: np.log(_sum(p, rows) / rows["sum"]), [11.0, np.log(750.0), 0.05, -0.01, 0.1])
     spread = np.sqrt(np.mean(found.fun**2))
-    creep = least_squares(
-        lambda p: falling_with_load(rows["mass"], p[0], p[1], REFERENCE_G) - rows["creep"], [0.4, 0.4]
-    )
     result = {
         "full_counts": float(np.exp(found.x[0])),
         "half_g": float(np.exp(found.x[1])),
@@ -126,12 +120,13 @@ def fit(recordings: Recordings) -> dict[str, Any]:
         "gain_per_k": float(found.x[3]),
         "per_imprint": float(found.x[4]),
         "spread": float(spread),
-        "creep_per_decade_500g": float(creep.x[0]),
-        "creep_exponent": float(creep.x[1]),
+        "creep_per_decade": float(np.mean(constants(recordings)["creep"])),
     }
     series = [each for each in recordings.values() if isinstance(each, GainSeries)]
     if series:
-        result["register_slope"], result["register_offset"] = _line(*_shares(series[0]))
+        result["register_slope"], result["register_offset"] = _line(
+            series[0].register, series[0].sums / series[0].sums.max()
+        )
     return result
 
 
@@ -156,7 +151,6 @@ def _rows(recordings: Recordings) -> dict[str, np.ndarray]:
         "warm": np.concatenate([one.temperature_c for one in each]) - REFERENCE_C,
         "imprint": np.concatenate([np.arange(len(one.sum_5s)) for one in each]),
         "sum": np.concatenate([one.sum_5s for one in each]),
-        "creep": np.concatenate([one.creep for one in each]),
     }
 
 
@@ -165,36 +159,25 @@ def _line(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
     return float(slope), float(offset)
 
 
-def _shares(series: GainSeries) -> tuple[np.ndarray, np.ndarray]:
-    return series.register, series.sums / series.sums.max()
+def constants(recordings: Recordings) -> dict[str, list[float]]:
+    """Return the creep of each weight, and the slope of each gain series."""
+    every = recordings.values()
+    series = [each for each in every if isinstance(each, GainSeries)]
+    return {
+        "creep": [float(each.creep.mean()) for each in every if isinstance(each, Weights)],
+        "register": [_line(each.register, each.sums / each.sums.max())[0] for each in series],
+    }
 
 
-def errors(parameters: dict[str, Any], recordings: Recordings, known: Recordings | None = None) -> dict[str, Any]:
-    """Return the errors of imprints: of sums as logarithms of ratios [%]. Weights between those of the fitted
-    recordings (``known``) count as inside."""
-    found: dict[str, Any] = {}
-    masses = [each.mass_g for each in (known or recordings).values() if isinstance(each, Weights)]
-    if any(isinstance(each, Weights) for each in recordings.values()):
-        rows = _rows(recordings)
-        expected = predicted_sum(parameters, rows["mass"], rows["warm"] + REFERENCE_C, rows["imprint"])
-        found["sum"] = 100 * np.log(expected / rows["sum"])
-        inside = (rows["mass"] > min(masses)) & (rows["mass"] < max(masses))
-        found["sum inside"] = found["sum"][inside]
-        found["sum inside plain"] = 100 * (expected / rows["sum"] - 1.0)[inside]
-        creep = falling_with_load(
-            rows["mass"], parameters["creep_per_decade_500g"], parameters["creep_exponent"], REFERENCE_G
-        )
-        found["creep"] = creep - rows["creep"]
-    for each in recordings.values():
-        if isinstance(each, GainSeries):
-            register, share = _shares(each)
-            found["register"] = np.zeros(len(register))
-            for k in range(len(register)):
-                slope, offset = _line(np.delete(register, k), np.delete(share, k))
-                found["register"][k] = 100 * (offset + slope * register[k] - share[k])
-    return found
+def points(key: str, recording: Any) -> Points | None:
+    """Return the sums of a weight's imprints as logarithms [%], under the logarithm of the mass and the temperature."""
+    if not isinstance(recording, Weights):
+        return None
+    rows = _rows({"": recording})
+    return Points(np.column_stack([np.log(rows["mass"]), rows["warm"]]), 100 * np.log(rows["sum"]))
 
 
-def folds(recordings: Recordings) -> list[Fold]:
-    """Return the folds that leave out each recording in turn; a gain series leaves out its own imprints."""
-    return each_left_out(list(recordings))
+def predict(parameters: dict[str, Any], key: str, recording: Weights) -> np.ndarray:
+    """Return the predictions for the points of a recording."""
+    rows = _rows({"": recording})
+    return 100 * np.log(predicted_sum(parameters, rows["mass"], rows["warm"] + REFERENCE_C, rows["imprint"]))
