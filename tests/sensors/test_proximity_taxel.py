@@ -210,3 +210,36 @@ def test_skipping_points_one_by_one_changes_nothing(monkeypatch):
         sim.step()
         forces.append(skin.read().force)
     assert forces[0].any() and np.array_equal(forces[0], forces[1])
+
+
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+def test_a_taxel_reads_the_same_bits_alone_as_among_others(dtype):
+    """Taxels share vector registers, and what is out of reach of all of them is skipped: no taxel reads it."""
+    rng = np.random.default_rng(4)
+    probes = rng.uniform(-0.02, 0.02, size=(45, 3))
+    normals = rng.normal(size=(45, 3))
+    radii = rng.uniform(2e-3, 1.2e-2, size=45)
+
+    def readings(chosen):
+        scene = tt.Scene(dt=1e-3)
+        pad = scene.add_body(tt.Box(size=(0.1, 0.1, 0.02)), name="pad")
+        balls = [scene.add_body(tt.Sphere(radius=r), name=f"ball {r}") for r in (0.01, 0.007)]
+        model = tt.ProximityTaxel(
+            positions=probes[chosen], normals=normals[chosen], radius=radii[chosen], n_sample_points=(300, 77),
+            shear_coupling=2.0,
+        )  # fmt: skip
+        skin = scene.add_sensor(model, link=pad, name="skin")
+        sim = scene.build(3, dtype=dtype)
+        for k, ball in enumerate(balls):
+            place = np.array([[0.01, 0.0, 0.01], [0.0, 0.02, -0.01], [1.0, 0.0, 0.0]]) * (1 - 2 * k)
+            turn = (0.8, 0.1 + k, 0.3, -0.4)
+            sim.set_pose(
+                ball, position=place, quaternion=turn, linear_velocity=(0.1, 0.2, 0.3), angular_velocity=turn[1:]
+            )
+        sim.step()
+        return np.concatenate(skin.read(), axis=-1)
+
+    together = readings(np.arange(45))
+    assert together[:2].any() and not together[2].any()
+    for chosen in ([7], [0, 44, 13], rng.permutation(45)[:17]):
+        assert np.array_equal(readings(np.array(chosen)), together[:, chosen])

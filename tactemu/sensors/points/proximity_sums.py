@@ -1,8 +1,9 @@
-"""Sums of each taxel over the points within its radius: how much of a surface is near, and in which direction.
+"""Sums of each taxel over the points within its radius, on a GPU: how much of a surface is near, and where.
 
 With ``P_j = R - |x_j - r|`` for the points of a body nearer than R, the sums are ``sum P_j`` and ``sum P_j (x_j - r)``.
 All readings of a ProximityTaxel are linear in them, since a body moves rigidly. The taxel is transformed into each
-body's frame, so that points are never moved, and clusters out of reach are skipped.
+body's frame, so that points are never moved, and clusters out of reach are skipped. On a CPU :mod:`.proximity_simd`
+computes them.
 """
 
 # pyright: reportIndexIssue=false, reportArgumentType=false, reportAssignmentType=false, reportGeneralTypeIssues=false
@@ -13,10 +14,9 @@ from collections.abc import Callable
 import numpy as np
 import warp as wp
 
-from tactemu.geometry.simd import WIDTH
 from tactemu.geometry.vector_io import vector_readers
 from tactemu.sensors.point_cloud import CLUSTER_SIZE, spatial_order
-from tactemu.sensors.points.sums_simd import strip_sums_kernel, sums_type
+from tactemu.sensors.points.near import near_type
 from tactemu.sensors.sensor_model import Site
 
 _TAXELS_PER_WARP = 32
@@ -31,8 +31,23 @@ _POINTS_PER_FETCH = 4
 
 
 @functools.cache
+def sums_type(real):
+    """Return the Warp struct of the sums of taxels over the points around them."""
+
+    @wp.struct
+    class Sums:
+        near: near_type(real)
+        order: wp.array(dtype=wp.int32)  # taxels, neighbours next to each other
+        positions: wp.array(dtype=wp.types.vector(3, real))
+        radius: wp.array2d(dtype=real)  # of each taxel, (1 or n_envs, n_taxels)
+        sums: wp.array3d(dtype=wp.types.vector(4, real))  # written, (n_envs, n_clouds, n_taxels)
+
+    return Sums
+
+
+@functools.cache
 def _kernel(real):
-    """Return the kernel for a GPU, whose threads run in step: points out of reach add zeros, with fast square roots."""
+    """Return the kernel, whose threads run in step: points out of reach add zeros, with fast square roots."""
     vec3, vec4, sums_struct = wp.types.vector(3, real), wp.types.vector(4, real), sums_type(real)
     fetch, _, _ = vector_readers(real, 4)
 
@@ -82,8 +97,7 @@ class ProximitySums:
 
     def __init__(self, site: Site, near):
         self._site, self._near = site, near
-        self._on_cpu = site.context.device.is_cpu
-        order = spatial_order(site.probes.positions, WIDTH if self._on_cpu else _TAXELS_PER_WARP)
+        order = spatial_order(site.probes.positions, _TAXELS_PER_WARP)
         self._order = wp.array(order, dtype=wp.int32, device=site.context.device)
         self.place = wp.array(np.argsort(order), dtype=wp.int32, device=site.context.device)
         """Index of each taxel in the sums, shape ``(n_taxels,)``."""
@@ -102,7 +116,4 @@ class ProximitySums:
         shape = (context.n_envs, len(self._near.clouds.bodies), site.probes.n)
         sums.near, sums.order, sums.positions, sums.radius = self._near, self._order, site.positions, radius
         found = sums.sums = context.zeros(shape, wp.types.vector(4, context.real))
-        if self._on_cpu:
-            strips = (*shape[:2], -(-shape[2] // WIDTH))
-            return found, context.record(strip_sums_kernel(context.real), strips, [sums], [])
         return found, context.record(_kernel(context.real), shape, [sums], [])

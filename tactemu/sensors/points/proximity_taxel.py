@@ -10,12 +10,9 @@ All of F and T acts on the skin. With ``convention="genesis"`` the normal and tw
 are reversed: they act on the body, as in Genesis.
 """
 
-# pyright: reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false, reportAssignmentType=false
-# pyright: reportGeneralTypeIssues=false
-
-import functools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -23,77 +20,17 @@ import warp as wp
 from numpy.typing import NDArray
 
 from tactemu.base.units import NonNegative
-from tactemu.plan.launches import in_turn
+from tactemu.plan.launches import Launch, in_turn
 from tactemu.plan.plan import Stage
 from tactemu.sensors.point_cloud import Clusters, cluster
+from tactemu.sensors.points.forces import proximity_kernel, proximity_type
 from tactemu.sensors.points.near import near_clusters
+from tactemu.sensors.points.proximity_simd import make_strips, record_strips
 from tactemu.sensors.points.proximity_sums import ProximitySums
 from tactemu.sensors.points.surface_points import FEWER_POINTS, surface_points
 from tactemu.sensors.points.table import upload_clouds
-from tactemu.sensors.probes.kinematic_taxel import ForceTorque, force_torque_writer
+from tactemu.sensors.probes.kinematic_taxel import ForceTorque
 from tactemu.sensors.sensor_model import Compiled, SensorModel, Setting, Site
-
-
-@functools.cache
-def proximity_type(real):
-    """Return the Warp struct of a ProximityTaxel's parameters, and of what its forces are computed from."""
-    vec3 = wp.types.vector(3, real)
-
-    @wp.struct
-    class Proximity:
-        normal: real  # factor of the sum, along the probe's normal
-        shear: real  # factor of the velocity sum
-        twist: real
-        bodies: wp.array(dtype=wp.int32)  # of the clouds
-        sums: wp.array3d(dtype=wp.types.vector(4, real))  # (n_envs, n_clouds, n_taxels)
-        place: wp.array(dtype=wp.int32)  # index of each taxel in the sums
-        velocity: wp.array2d(dtype=vec3)
-        spin: wp.array2d(dtype=vec3)
-        link_spin: wp.array(dtype=vec3)
-        positions: wp.array(dtype=vec3)
-        normals: wp.array(dtype=vec3)
-        gain: wp.array2d(dtype=real)
-
-    return Proximity
-
-
-@functools.cache
-def proximity_kernel(real, moving: bool, has_gain: bool):
-    """Return the kernel of force and torque from the sums over points
-    (:mod:`tactemu.sensors.points.proximity_sums`)."""
-    vec3, proximity_struct, write = wp.types.vector(3, real), proximity_type(real), force_torque_writer(real)
-
-    @wp.kernel(module="unique", enable_backward=False)
-    def proximity(first_env: int, c: proximity_struct, out: wp.array3d(dtype=real)):
-        e, i = wp.tid()
-        e += first_env
-        r = c.positions[i]
-        a = c.normals[i]
-        total = real(0.0)
-        motion = vec3(real(0.0))  # sum P_j v_j
-        twist = real(0.0)  # sum P_j (w_j - w_skin) . a
-        for k in range(c.bodies.shape[0]):
-            s = c.sums[e, k, c.place[i]]
-            total += s[3]
-            if wp.static(moving):
-                b = c.bodies[k]
-                w = c.spin[e, b]
-                moment = vec3(s[0], s[1], s[2])
-                motion += s[3] * (c.velocity[e, b] + wp.cross(w, r)) + wp.cross(w + c.link_spin[e], moment)
-                twist += s[3] * wp.dot(w, a)
-        g = real(1.0)
-        if wp.static(has_gain):
-            g = c.gain[e, i]
-        force = -c.normal * g * total * a
-        if wp.static(moving):
-            force += c.shear * g * (motion - wp.dot(motion, a) * a)
-        torque = wp.cross(r, force)
-        if wp.static(moving):
-            if total > real(0.0):
-                torque += c.twist * twist / total * a
-        write(out, e, i, force, torque)
-
-    return proximity
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -151,16 +88,9 @@ class ProximityTaxel(SensorModel[ForceTorque]):
     def _stages(self, site: Site, clusters: Clusters, truth: wp.array, raw: wp.array) -> list[Stage]:
         clouds = upload_clouds(clusters, site.context)
         near, find = near_clusters(site, clouds, float(site.probes.radii.max()) if site.radius is None else None)
-        sums = ProximitySums(site, near)
-        nominal, add_up = sums.record(site.radii.reshape((1, -1)))
-        launches = [add_up, self._forces(site, clouds, sums, nominal, None, clusters.n_points, truth)]
-        if site.separate:
-            measured = nominal
-            if site.radius is not None:
-                measured, add_up = sums.record(site.radius)
-                launches.append(add_up)
-            launches.append(self._forces(site, clouds, sums, measured, site.gain, clusters.n_points, raw))
-
+        parameters = partial(self._parameters, site, clouds, clusters.n_points)
+        record = self._on_cpu if site.context.device.is_cpu else self._on_gpu
+        launches = record(site, near, parameters, truth, raw if site.separate else None)
         reason = f"ProximityTaxel sums over {clusters.n_points} points"
         skips = "ProximityTaxel skips clusters out of reach"
         return [
@@ -168,16 +98,45 @@ class ProximityTaxel(SensorModel[ForceTorque]):
             Stage(name=f"{site.name}: points", reason=reason, launch=in_turn(*launches), cheaper=FEWER_POINTS),
         ]
 
-    def _forces(self, site: Site, clouds, sums: ProximitySums, values, gain, n_points: int, out) -> Callable[[], None]:
-        context, view, c = site.context, site.view, proximity_type(site.context.real)()
+    def _parameters(self, site: Site, clouds, n_points: int):
+        """Return a :func:`~tactemu.sensors.points.forces.proximity_type` without sums."""
+        view, c = site.view, proximity_type(site.context.real)()
         density = self.density_scalar / max(n_points, 1)
         side = 1.0 if site.on_skin else -1.0
         c.normal, c.shear = side * self.stiffness * density, self.shear_coupling * density
         c.twist = side * self.twist_scalar
-        c.bodies, c.sums, c.place = clouds.bodies, values, sums.place
-        c.velocity, c.spin, c.link_spin = view.velocity, view.spin, view.link_spin
+        c.bodies, c.velocity, c.spin, c.link_spin = clouds.bodies, view.velocity, view.spin, view.link_spin
         c.positions, c.normals = site.positions, site.normals
-        if gain is not None:
-            c.gain = gain
-        kernel = proximity_kernel(context.real, self.velocity_reason() is not None, gain is not None)
-        return context.record(kernel, out.shape[:2], [c], [out])
+        if site.gain is not None:
+            c.gain = site.gain
+        return c
+
+    def _on_cpu(
+        self, site: Site, near, parameters: Callable[[], Any], truth: wp.array, raw: wp.array | None
+    ) -> list[Launch]:
+        strips, has_gain = make_strips(site, near), site.gain is not None
+        record = partial(record_strips, site, strips, parameters(), self.velocity_reason() is not None)
+        if raw is None or site.radius is None:
+            return [record(truth=truth, raw=raw, has_gain=has_gain)]
+        return [record(truth=truth), record(radius=site.radius, raw=raw, has_gain=has_gain)]
+
+    def _on_gpu(
+        self, site: Site, near, parameters: Callable[[], Any], truth: wp.array, raw: wp.array | None
+    ) -> list[Launch]:
+        sums, is_moving = ProximitySums(site, near), self.velocity_reason() is not None
+        nominal, add_up = sums.record(site.radii.reshape((1, -1)))
+
+        def forces(values: wp.array, has_gain: bool, out: wp.array) -> Launch:
+            c = parameters()
+            c.sums, c.place = values, sums.place
+            kernel = proximity_kernel(site.context.real, is_moving, has_gain)
+            return site.context.record(kernel, out.shape[:2], [c], [out])
+
+        launches = [add_up, forces(nominal, False, truth)]
+        if raw is not None:
+            measured = nominal
+            if site.radius is not None:
+                measured, add_up = sums.record(site.radius)
+                launches.append(add_up)
+            launches.append(forces(measured, site.gain is not None, raw))
+        return launches
