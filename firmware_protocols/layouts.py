@@ -11,6 +11,9 @@ from html import escape
 import numpy as np
 from numpy.typing import ArrayLike
 
+PATCH_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7")
+"""The colours of patches in drawings, in turn: of Okabe and Ito's palette those that show on white and on black."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Patch:
@@ -170,7 +173,7 @@ class Layout:
         size = high - low
         dots = []
         for k, patch in enumerate(self.patches):
-            colour = f"hsl({137.5 * k % 360:.0f} 45% 50%)"
+            colour = PATCH_COLOURS[k % len(PATCH_COLOURS)]
             for taxel in range(patch.start, patch.start + len(patch)):
                 x, y = places[taxel, 0] - low[0], high[1] - places[taxel, 1]
                 where = " ".join(f"{value * 1e3:.1f}" for value in self.positions[taxel])

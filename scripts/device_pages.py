@@ -5,7 +5,6 @@ the device files, and a picture of each layout in docs/pictures/devices.
 usage: scripts/device_pages.py [--check]      --check writes nothing; it fails where a page is stale
 """
 
-import colorsys
 import math
 import re
 import sys
@@ -63,7 +62,7 @@ PICTURES = Path("pictures/devices")
 PICTURE_PX = 96
 MAX_DOTS = 2500
 """Maximum number of dots in a picture; of more taxels, only every second or third row and column is drawn."""
-_CIRCLE = re.compile(r'<circle cx="([\d.]+)" cy="([\d.]+)" r="([\d.]+)" fill="hsl\((\d+) 45% 50%\)">')
+_CIRCLE = re.compile(r'<circle cx="([\d.]+)" cy="([\d.]+)" r="([\d.]+)" fill="(#\w+)">')
 
 
 def _cell(text: str) -> str:
@@ -146,25 +145,20 @@ def small_picture(layout: fp.Layout) -> str:
     view = re.search(r'viewBox="0 0 ([\d.]+) ([\d.]+)"', drawn)
     assert view is not None
     width, height = map(float, view.groups())
-    circles = [(float(x), float(y), float(r), int(hue)) for x, y, r, hue in _CIRCLE.findall(drawn)]
+    circles = [(float(x), float(y), float(r), colour) for x, y, r, colour in _CIRCLE.findall(drawn)]
     step = math.ceil(math.sqrt(len(circles) / MAX_DOTS))
     columns, rows = ({value: k for k, value in enumerate(sorted({c[axis] for c in circles}))} for axis in (0, 1))
-    paths: dict[int, str] = {}
-    for x, y, _, hue in circles:
+    paths: dict[str, str] = {}
+    for x, y, _, colour in circles:
         if columns[x] % step == rows[y] % step == 0:
-            paths[hue] = f"{paths.get(hue, '')}M{x:g} {y:g}h0"
+            paths[colour] = f"{paths.get(colour, '')}M{x:g} {y:g}h0"
     px = PICTURE_PX / max(width, height)
     lines = [
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{width * px:.0f}" height="{height * px:.0f}" '
         f'viewBox="0 0 {width:g} {height:g}" stroke-width="{2 * step * circles[0][2]:g}" stroke-linecap="round">'
     ]
-    lines += [f'<path stroke="{_colour(hue)}" d="{path}"/>' for hue, path in paths.items()]
+    lines += [f'<path stroke="{colour}" d="{path}"/>' for colour, path in paths.items()]
     return "\n".join([*lines, "</svg>", ""])
-
-
-def _colour(hue: int) -> str:
-    """Return a colour of middle lightness, which shows on a light and on a dark page."""
-    return "#" + "".join(f"{round(255 * part):02x}" for part in colorsys.hls_to_rgb(hue / 360, 0.5, 0.45))
 
 
 def main() -> int:

@@ -17,6 +17,7 @@ from mkdocs.structure.files import File, Files  # noqa: E402
 import firmware_protocols as fp  # noqa: E402
 import tactemu  # noqa: E402
 from tactemu import envs, models  # noqa: E402
+from tactemu.base import style  # noqa: E402
 from tactemu.cli.datasheet import datasheet  # noqa: E402
 from tactemu.scene.file import json_schema  # noqa: E402
 from tactemu.session.options import ServeOptions  # noqa: E402
@@ -213,11 +214,12 @@ def _chart() -> str:
             text=[f"{row[0]}<br>{head[column]}: {row[column]}" for _, _, row in points],
             hovertemplate="%{text}<br>%{x:g} µs<extra></extra>", visible=True if column == 4 else "legendonly",
         )  # fmt: skip
-    axis = {"type": "log", "gridcolor": "rgba(128,128,128,.25)", "zeroline": False}
+    axis = {"type": "log", "zeroline": False}
     figure.update_layout(
         xaxis={**axis, "title": "one step of 1024 taxels [µs]"}, yaxis={**axis, "title": "median error [%]"},
-        paper_bgcolor="rgba(0,0,0,0)", plot_bgcolor="rgba(0,0,0,0)", font={"color": "#808890"}, height=460,
+        paper_bgcolor="rgba(0,0,0,0)", plot_bgcolor="rgba(0,0,0,0)", colorway=[*style.SERIES, style.LIGHT["muted"]],
         margin={"l": 60, "r": 10, "t": 60, "b": 60}, legend={"orientation": "h", "y": 1.02, "yanchor": "bottom"},
+        height=460,
     )  # fmt: skip
     options = {"responsive": True, "displaylogo": False, "displayModeBar": False}
     body = figure.to_html(full_html=False, include_plotlyjs="assets/plotly.min.js", config=options, div_id="trade")

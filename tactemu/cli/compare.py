@@ -77,14 +77,14 @@ def compare(
 
     from tactemu.base.errors import TactemuError
     from tactemu.cli.signals import ended_by_signals
-    from tactemu.cli.words import options_of
+    from tactemu.cli.words import options_of, typed_command
     from tactemu.judge.compare.running import Teller, Wanted, run
 
     if listen and (ask_all or press):
         raise TactemuError("--listen sends nothing; leave out --ask-all and --press")
     wanted = Wanted(
         device, source, options_of(options or ()), port, baud, seconds, listen, ask_all,
-        press_seconds if press else None, presses, out or _new_folder(device),
+        press_seconds if press else None, presses, out or _new_folder(device), typed_command(),
     )  # fmt: skip
     console = Console(stderr=True)
     with ended_by_signals() as interrupted, console.status("the model") as status:

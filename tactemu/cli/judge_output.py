@@ -82,6 +82,8 @@ class ReportFiles:
     """A folder for the smallest case of each finding."""
     replay: Path | None = None
     """The only case that is run."""
+    command: str = ""
+    """The command line, which the page shows."""
 
 
 def judge_driver(target: str, command: Sequence[str], options: JudgeOptions, files: ReportFiles) -> int:
@@ -171,7 +173,7 @@ def _print_end(console: Console, report: Report) -> None:
 
 def _write(report: Report, files: ReportFiles) -> None:
     if files.html is not None:
-        written(files.html, html_report(report))
+        written(files.html, html_report(report, files.command))
     if files.junit is not None:
         written(files.junit, junit_report(report))
     if files.json is not None:

@@ -9,7 +9,7 @@ import typer
 
 from tactemu.cli.parameters import Faults, Options, Ports, Seconds, Seed, Target, TruthFile
 from tactemu.cli.sections import in_sections
-from tactemu.cli.words import budget_of, options_of, ports_of
+from tactemu.cli.words import budget_of, options_of, ports_of, typed_command
 
 commands = typer.Typer(rich_markup_mode=None)
 
@@ -120,7 +120,9 @@ def judge(
     if success is not None:
         raise typer.Exit(judge_success(target, context.obj or (), success, chosen, json))
     command = reading_or_program(target, context.obj or (), reads)
-    files = ReportFiles(html=html, junit=junit, json=json, baseline=baseline, cases=cases, replay=replay)
+    files = ReportFiles(
+        html=html, junit=junit, json=json, baseline=baseline, cases=cases, replay=replay, command=typed_command()
+    )
     raise typer.Exit(judge_driver(target, command, chosen, files))
 
 

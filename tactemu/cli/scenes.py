@@ -11,7 +11,7 @@ from tactemu.base.errors import TactemuError
 from tactemu.cli import INTERRUPTED
 from tactemu.cli.parameters import Compute, Target, number_of
 from tactemu.cli.sections import in_sections
-from tactemu.cli.words import pairs_of
+from tactemu.cli.words import pairs_of, typed_command
 
 if TYPE_CHECKING:
     from tactemu.datasets.spec import DatasetSpec
@@ -194,4 +194,6 @@ def fit_recordings(
     roles, units = pairs_of("--columns", columns), pairs_of("--unit", ",".join(unit) if unit else None)
     recorded = [read(path, roles, units, rate) for path in recordings]
     page = report or out.with_suffix(".html")
-    run_fit(recorded, device=sensor, out=out, report=page, say=typer.echo, progress=show_progress)
+    run_fit(
+        recorded, device=sensor, out=out, report=page, command=typed_command(), say=typer.echo, progress=show_progress
+    )

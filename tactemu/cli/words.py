@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+import shlex
+import sys
 from collections.abc import Sequence
 
 from tactemu.base.errors import DeviceError, SceneError, TactemuError, TransportError
@@ -10,6 +12,11 @@ from tactemu.base.errors import DeviceError, SceneError, TactemuError, Transport
 _OWNER = re.compile(r"[^:=]+=")
 """The name of a skin or a connector in front of a port."""
 _BUDGET = re.compile(r"(\d+(?:\.\d+)?)\s*(s|m|h|)")
+
+
+def typed_command() -> str:
+    """Return the command line as the user typed it, for what it writes."""
+    return f"tactemu {shlex.join(sys.argv[1:])}"
 
 
 def options_of(words: Sequence[str]) -> dict[str, str]:

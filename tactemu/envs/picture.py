@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from firmware_protocols.layouts import Layout, Patch
-from tactemu.view.conversions.display import cells, colours
+from tactemu.base.style import colours
+from tactemu.view.conversions.display import cells
 
 if TYPE_CHECKING:
     from tactemu.envs.observations import SkinField

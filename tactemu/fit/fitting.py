@@ -155,10 +155,11 @@ def run_fit(
     device: str,
     out: Path,
     report: Path | None = None,
+    command: str = "",
     say: Callable[[str], object] = print,
     progress: Callable | None = None,
 ) -> Findings:
-    """Fit recordings of one sensor, write a scene file, and a report.
+    """Fit recordings of one sensor, write a scene file, and a report, which names the command line.
 
     Raises:
         TactemuError: a recording cannot be used, or a file cannot be written.
@@ -173,7 +174,7 @@ def run_fit(
     try:
         out.write_text(text, encoding="utf-8")
         if report is not None:
-            report.write_text(page(device, recordings, found, scored), encoding="utf-8")
+            report.write_text(page(device, recordings, found, scored, command), encoding="utf-8")
     except OSError as error:
         raise TactemuError(f"{error.filename}: cannot be written: {error.strerror}") from None
     for estimate in found.estimates.values():

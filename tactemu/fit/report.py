@@ -8,16 +8,12 @@ from html import escape
 
 import numpy as np
 
+from tactemu.base.charts import Curve, curves
+from tactemu.base.style import figure
+from tactemu.base.style import page as styled_page
 from tactemu.fit.estimates import Findings
 from tactemu.fit.recording import Recorded
 from tactemu.fit.skill import Skill, skill_of
-
-MAX_POINTS = 1500
-"""Maximum number of points of a curve in a picture."""
-STYLE = """body{font:16px/1.5 system-ui,sans-serif;max-width:60rem;margin:2rem auto;padding:0 1rem;
-color:#1b1b1b;background:#fff}
-table{border-collapse:collapse}td,th{text-align:left;padding:.2rem 1rem .2rem 0;border-bottom:1px solid #ddd}
-svg{width:100%;height:auto}code{overflow-wrap:anywhere}"""
 
 
 @dataclass(frozen=True)
@@ -45,11 +41,11 @@ def overall(scores: Sequence[Score]) -> Skill:
     )
 
 
-def page(device: str, recorded: Sequence[Recorded], found: Findings, scores: Sequence[Score]) -> str:
-    """Return the complete page."""
+def page(device: str, recorded: Sequence[Recorded], found: Findings, scores: Sequence[Score], command: str = "") -> str:
+    """Return the complete page; ``command`` is the command line that made it."""
     rows = "".join(
-        f"<tr><td>{escape(e.name)}</td><td>{e.value:.5g} {escape(e.unit)}</td>"
-        f"<td>{'exact' if not e.error else f'{e.interval[0]:.4g} … {e.interval[1]:.4g}'}</td>"
+        f"<tr><td>{escape(e.name)}</td><td class=n>{e.value:.5g} {escape(e.unit)}</td>"
+        f"<td class=n>{'exact' if not e.error else f'{e.interval[0]:.4g} … {e.interval[1]:.4g}'}</td>"
         f"<td>{escape(e.about)}</td></tr>"
         for e in found.estimates.values()
     )
@@ -59,48 +55,35 @@ def page(device: str, recorded: Sequence[Recorded], found: Findings, scores: Seq
         for r in recorded
     )
     parts = [
-        f"<!doctype html><html lang=en><meta charset=utf-8><meta name=viewport content='width=device-width'>"
-        f"<title>{escape(device)}, fitted</title><style>{STYLE}</style>",
         f"<h1>{escape(device)}, fitted</h1><ul>{files}</ul>",
-        f"<h2>Found</h2><table><tr><th>parameter<th>value<th>95 % interval<th></tr>{rows}</table>",
+        f"<h2>Found</h2><div class=wide><table><tr><th>parameter<th class=n>value<th class=n>95 % interval<th>meaning"
+        f"</tr>{rows}</table></div>",
         _listed("Noticed", found.notes),
         _listed("Not determined by these recordings, and what to record", found.unknown),
         f"<p>Skill of these laws on what was not used for them: {overall(scores)}.</p>" if scores else "",
-        *(_scored(score) for score in scores),
+        *(_scored(score, command) for score in scores),
     ]
-    return "\n".join(part for part in parts if part) + "</html>\n"
+    return styled_page(f"{device}, fitted", parts, command=command)
 
 
 def _listed(title: str, lines: Sequence[str]) -> str:
     return f"<h2>{title}</h2><ul>{''.join(f'<li>{escape(line)}</li>' for line in lines)}</ul>" if lines else ""
 
 
-def _scored(score: Score) -> str:
+def _scored(score: Score, command: str) -> str:
     apart = score.measured - score.fitted
     errors = {"these laws": apart} | {name: score.measured - guess for name, guess in score.guesses.items()}
     rows = "".join(
-        f"<tr><td>{escape(name)}</td><td>{np.sqrt(np.mean(each**2)):.4g} N</td></tr>" for name, each in errors.items()
+        f"<tr><td>{escape(name)}</td><td class=n>{np.sqrt(np.mean(each**2)):.4g} N</td></tr>"
+        for name, each in errors.items()
     )
-    curves = _picture([("measured", score.measured, "#888"), ("fitted", score.fitted, "#c33")])
+    both = curves(
+        [Curve("fitted", score.fitted), Curve("measured", score.measured)], ("row", "load [N]"), "measured and fitted"
+    )
+    left = curves([Curve("", apart)], ("row", "residual [N]"), "residuals")
     return (
-        f"<h2>{escape(score.name)}, which was not used</h2><table><tr><th>predicted by<th>rms error</tr>{rows}</table>"
-        f"<h3>Measured and fitted [N], row by row</h3>{curves}<h3>Residuals [N]</h3>{_picture([('', apart, '#36c')])}"
+        f"<h2>{escape(score.name)}, which was not used</h2>"
+        f"<table class=narrow><tr><th>predicted by<th class=n>rms error</tr>{rows}</table>"
+        f'<div class="figures">{figure(both, "Measured and fitted load, row by row.", command=command)}'
+        f"{figure(left, 'Measured minus fitted.', command=command)}</div>"
     )
-
-
-def _picture(curves: Sequence[tuple[str, np.ndarray, str]]) -> str:
-    low = min(float(np.min(values)) for _, values, _ in curves)
-    high = max(float(np.max(values)) for _, values, _ in curves)
-    span = (high - low) or 1.0
-    drawn = []
-    for k, (name, values, colour) in enumerate(curves):
-        at = np.unique(np.linspace(0, len(values) - 1, MAX_POINTS).astype(int))
-        x, y = 60 + 830 * at / max(len(values) - 1, 1), 250 - 230 * (values[at] - low) / span
-        points = " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(x, y))
-        drawn.append(f"<polyline fill=none stroke='{colour}' stroke-width=1.2 points='{points}'/>")
-        drawn.append(f"<text x={70 + 110 * k} y=16 fill='{colour}' font-size=14>{escape(name)}</text>")
-    marks = "".join(
-        f"<text x=55 y={250 - 230 * share:.0f} text-anchor=end font-size=13>{low + share * span:.3g}</text>"
-        for share in (0.0, 0.5, 1.0)
-    )
-    return f"<svg viewBox='0 0 900 270' role=img aria-label='curves'>{marks}{''.join(drawn)}</svg>"

@@ -12,10 +12,9 @@ from rich.table import Table
 from rich.text import Text
 
 from firmware_protocols.layouts import Layout, Patch
+from tactemu.base.style import colours
 
 SHADES = "·░▒▓█"
-RAMP = np.array([(68, 1, 84), (59, 82, 139), (33, 145, 140), (94, 201, 98), (253, 231, 37)], float)
-"""Dark to light, evenly spaced: readable for colour-blind eyes (viridis at five places)."""
 GAP = 3
 """Characters between two patches."""
 MAX_COLUMNS = 40
@@ -134,9 +133,7 @@ def flattened(positions: np.ndarray, normals: np.ndarray) -> np.ndarray:
 def _ink(step: int) -> tuple[str, Style]:
     value = step / (LEVELS - 1)
     shade = SHADES[0] if step == 0 else SHADES[min(1 + int(value * (len(SHADES) - 1)), len(SHADES) - 1)]
-    place = value * (len(RAMP) - 1)
-    low = min(int(place), len(RAMP) - 2)
-    red, green, blue = (RAMP[low] + (place - low) * (RAMP[low + 1] - RAMP[low])).round().astype(int)
+    red, green, blue = (255 * colours(value)).round().astype(int)
     return shade, Style(color=f"rgb({red},{green},{blue})")
 
 

@@ -10,9 +10,9 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
+from tactemu.base.style import page
 from tactemu.judge.compare.comparison import Comparison
 from tactemu.judge.compare.findings import ABOUT
-from tactemu.judge.html_report import html_page
 from tactemu.judge.report import written
 from tactemu.version import __version__
 
@@ -94,13 +94,13 @@ class CompareReport:
         """
         written(path, json.dumps(self.as_dict(), indent=1, default=float) + "\n")
 
-    def write_html(self, path: Path) -> None:
-        """Write the report as an HTML page.
+    def write_html(self, path: Path, command: str = "") -> None:
+        """Write the report as an HTML page; ``command`` is the command line that made it.
 
         Raises:
             TactemuError: the file cannot be written.
         """
-        written(path, html_page(f"tactemu compare {self.device}", self._parts()))
+        written(path, page(f"tactemu compare {self.device}", self._parts(), command=command))
 
     def _parts(self) -> list[str]:
         found = self.comparison.verdicts
@@ -145,7 +145,8 @@ class CompareReport:
             f"<td class=n>{each.low:g}</td><td class=n>{each.high:g}</td><td class=n>{each.values}</td></tr>"
             for each in specimen.channels[:MAX_ROWS]
         )
-        head = "<tr><th>channel</th><th>rest</th><th>noise</th><th>least</th><th>greatest</th><th>values</th></tr>"
+        names = ("rest", "noise", "least", "greatest", "values")
+        head = f"<tr><th>channel</th>{''.join(f'<th class=n>{name}</th>' for name in names)}</tr>"
         table = f'<div class="wide"><table>{head}{rows}</table></div>' if rows else ""
         clock = f"<table>{clock}</table>" if clock else ""
         return f"<h2>Numbers of this specimen [counts]</h2>{clock}{table}" if clock or table else ""

@@ -53,6 +53,8 @@ class Wanted:
     """A file with the presses in a capture."""
     folder: Path = Path()
     """The folder for the capture and the reports."""
+    command: str = ""
+    """The command line, which the report shows."""
 
 
 @dataclass
@@ -240,7 +242,7 @@ def _report(
 def _write(report: CompareReport, comparison: Comparison, wanted: Wanted, device: Device) -> None:
     _make_folder(wanted.folder)
     report.write_json(wanted.folder / "report.json")
-    report.write_html(wanted.folder / "report.html")
+    report.write_html(wanted.folder / "report.html", wanted.command)
     source = f"capture SHA-256 {report.sha256()}, {report.date}"
     _make_folder(wanted.folder / "measured")
     written(wanted.folder / "measured" / f"{device.name}.toml", measured_table(device, comparison.specimen, source))

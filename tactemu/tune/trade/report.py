@@ -104,6 +104,23 @@ def write_table(found: dict, file: Path) -> str:
     return text
 
 
+def read_table(text: str) -> list[dict]:
+    """Return the settings of a table that :func:`write_table` wrote, with cost, level and medians as percentages say.
+
+    Args:
+        text: a Markdown page; its first table whose first column is "setting" is read.
+    """
+    lines = text[text.index("| setting |") :].split("\n\n")[0].splitlines()
+    head, _, *rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
+    found = []
+    for row in rows:
+        medians = {name: float(cell.split(" %")[0]) / 100 for name, cell in zip(head, row) if " %" in cell}
+        metrics = {name: {"median": value} for name, value in medians.items()}
+        cost = float(row[head.index("step µs")])
+        found.append({"name": row[0], "level": int(row[0][1]), "step_us": cost, "metrics": metrics})
+    return found
+
+
 def _cell(value: dict | None, metric: str) -> str:
     if value is None:
         return ""

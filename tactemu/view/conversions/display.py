@@ -1,4 +1,4 @@
-"""The colours, sizes and lines of text by which viewers show the entries of a log."""
+"""The places, sizes and lines of text by which viewers show the entries of a log."""
 
 from __future__ import annotations
 
@@ -9,30 +9,8 @@ from tactemu.base.frame_text import text
 from tactemu.scene.description import PartDescription
 from tactemu.truth.entries import BodyPose, Entry, Injection, Passage, PortEvent, Sample
 
-SCALE = np.array(
-    [
-        [0.212, 0.221, 0.381], [0.352, 0.242, 0.533], [0.543, 0.250, 0.589], [0.761, 0.246, 0.515],
-        [0.903, 0.324, 0.421], [0.995, 0.450, 0.324], [1.000, 0.609, 0.266], [1.000, 0.768, 0.329],
-        [0.988, 0.918, 0.496],
-    ]
-)  # fmt: skip
-"""The colour scale at equal steps from 0 to the largest reading, sRGB: dark violet, red, orange, pale yellow.
-
-The perceived lightness rises evenly, so that the order of readings is visible without colour vision.
-"""
-NAN_COLOUR = np.array([0.0, 0.85, 0.75])
-"""The colour of a taxel that reads NaN: turquoise, which the scale does not contain."""
-
 MAX_COLUMNS = 24
 """Maximum number of columns, and of rows, of the picture of a patch that is no grid."""
-
-
-def colours(share: np.ndarray) -> np.ndarray:
-    """Return the colour of each share of the largest reading (0 to 1): sRGB from 0 to 1, shape ``(..., 3)``."""
-    steps = np.clip(np.nan_to_num(share), 0.0, 1.0) * (len(SCALE) - 1)
-    low = np.minimum(steps.astype(int), len(SCALE) - 2)
-    mixed = SCALE[low] + (steps - low)[..., None] * (SCALE[low + 1] - SCALE[low])
-    return np.where(np.isnan(share)[..., None], NAN_COLOUR, mixed)
 
 
 def cells(layout: Layout, patch: Patch) -> np.ndarray:

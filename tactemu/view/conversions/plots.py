@@ -11,10 +11,11 @@ A log is read once, and a few numbers of each sample are kept.
 
 from __future__ import annotations
 
-import html
 import io
 import re
+import shlex
 from dataclasses import dataclass, field
+from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,7 @@ import matplotlib  # noqa: TID253  this module is imported only to draw
 import numpy as np
 
 from tactemu.base.errors import TactemuError
+from tactemu.base.style import IDEAL, LIGHT, MEASURED, figure, page, plot_colours, plot_style
 from tactemu.scene.description import SceneDescription, SenseDescription, SkinDescription
 from tactemu.truth.entries import Header, Passage, Sample, belongs_to
 from tactemu.truth.log_reader import records
@@ -32,28 +34,6 @@ from matplotlib.figure import Figure  # noqa: TID253
 
 SUFFIXES = (".png", ".svg", ".html")
 UNITS = {"force": "N", "pressure": "Pa", "depth": "m", "displacement": "m", "temperature": "°C", "wrench": "N, Nm"}
-_TEXT = "#123456"
-"""A placeholder for the colour of the page's text, which is dark or light."""
-_IDEAL, _MEASURED, _MUTED = "#3b82c4", "#e07b39", "#8a8f98"
-_STYLE = {
-    "font.size": 9, "font.family": "sans-serif", "svg.fonttype": "none", "svg.hashsalt": "tactemu", "axes.titlesize": 9,
-    "axes.spines.top": False, "axes.spines.right": False, "axes.titlelocation": "left", "legend.frameon": False,
-}  # fmt: skip
-_PAGE = """<!doctype html>
-<html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">
-<title>{title}</title>
-<style>
-:root {{ color-scheme: light dark; --text: #1c2128; --page: #fff; --line: #d0d7de; }}
-@media (prefers-color-scheme: dark) {{ :root {{ --text: #dde3ea; --page: #14181d; --line: #3a424c; }} }}
-body {{ font: 15px/1.5 system-ui, sans-serif; color: var(--text); background: var(--page); margin: 1rem auto;
-  padding: 0 1rem; max-width: 1200px; }}
-main {{ display: grid; grid-template-columns: repeat(auto-fit, minmax(min(100%, 420px), 1fr)); gap: 1rem; }}
-svg {{ width: 100%; height: auto; }}
-table {{ border-collapse: collapse; }} td {{ border-top: 1px solid var(--line); padding: .2rem 1rem .2rem 0; }}
-</style></head><body><h1>{title}</h1>
-<table>{rows}</table>
-<main>{figures}</main></body></html>
-"""
 
 
 @dataclass
@@ -132,30 +112,30 @@ def _magnitudes(values: np.ndarray) -> np.ndarray:
 
 def _over_time(axes: Any, series: Series) -> None:
     t_s = np.array(series.t_ns) / 1e9
-    axes.plot(t_s, series.measured, color=_MEASURED, lw=1, label="measured")
-    axes.plot(t_s, series.ideal, color=_IDEAL, lw=1, label="ideal")
+    axes.plot(t_s, series.measured, color=MEASURED, label="measured")
+    axes.plot(t_s, series.ideal, color=IDEAL, label="ideal")
     axes.set(xlabel="time [s]", ylabel=f"sum over taxels [{series.unit}]")
     axes.legend(loc="lower left", bbox_to_anchor=(0.5, 1.0), ncols=2, borderaxespad=0.1)
 
 
 def _patch(axes: Any, series: Series) -> None:
     x, y = series.positions[:, 0] * 1e3, series.positions[:, 1] * 1e3
-    dots = axes.scatter(x, y, c=series.patch, s=max(6, min(160, 6000 / max(len(x), 1))), cmap="viridis")
+    dots = axes.scatter(x, y, c=series.patch, s=max(6, min(160, 6000 / max(len(x), 1))), cmap=plot_colours())
     axes.set(xlabel="x [mm]", ylabel="y [mm]", aspect="equal")
     axes.margins(0.15)
     axes.figure.colorbar(dots, ax=axes, label=f"ideal [{series.unit}]")
 
 
 def _hysteresis(axes: Any, series: Series) -> None:
-    axes.plot(series.ideal, series.measured, color=_MEASURED, lw=0.8)
+    axes.plot(series.ideal, series.measured, color=MEASURED, lw=0.8)
     most = max(*series.ideal, 1e-12)
-    axes.plot([0, most], [0, most], color=_MUTED, lw=0.8, ls="--")
+    axes.plot([0, most], [0, most], color=LIGHT["muted"], lw=0.8, ls="--")
     axes.set(xlabel=f"ideal [{series.unit}]", ylabel=f"measured [{series.unit}]")
 
 
 def _to_wire(axes: Any, series: Series) -> None:
     if series.to_wire_ms:
-        axes.hist(series.to_wire_ms, bins=60, color=_IDEAL)
+        axes.hist(series.to_wire_ms, bins=60, color=IDEAL)
     axes.set(xlabel="from the sample to the wire [ms]", ylabel="frames")
 
 
@@ -168,7 +148,7 @@ def _spectrum(axes: Any, series: Series) -> None:
         pieces = np.stack([error[k : k + size] for k in range(0, len(error) - size + 1, max(1, size // 2))])
         power = np.abs(np.fft.rfft((pieces - pieces.mean(1, keepdims=True)) * window)) ** 2
         density = np.sqrt(2 * power.mean(0) * step / (window**2).sum())
-        axes.loglog(np.fft.rfftfreq(size, step)[1:], np.maximum(density[1:], 1e-15), color=_MEASURED, lw=1)
+        axes.loglog(np.fft.rfftfreq(size, step)[1:], np.maximum(density[1:], 1e-15), color=MEASURED)
     axes.set(xlabel="frequency [Hz]", ylabel=f"measured − ideal [{series.unit}/√Hz]")
 
 
@@ -193,40 +173,41 @@ def plot(path: str | Path, target: str | Path, *, skin: str | None = None, sense
         raise TactemuError(f"{target}: cannot draw to {target.suffix!r}; expected one of {', '.join(SUFFIXES)}")
     series = series_of(Path(path), skin, sense)
     title = " ".join(filter(None, (series.device, series.sense)))
-    with matplotlib.rc_context(_STYLE):
-        content = _page(series, title) if target.suffix == ".html" else _all_panels(series, title, target.suffix[1:])
+    chosen = [word for option, name in (("--skin", skin), ("--sense", sense)) if name for word in (option, name)]
+    command = shlex.join(["tactemu", "plot", str(path), "--to", str(target), *chosen])
+    with matplotlib.rc_context(plot_style()):
+        if target.suffix == ".html":
+            content = _page(series, title, command)
+        else:
+            content = _all_panels(series, title, command, target.suffix[1:])
     try:
         target.write_bytes(content)
     except OSError as error:
         raise TactemuError(f"{target}: cannot write it: {error.strerror}") from None
 
 
-def _all_panels(series: Series, title: str, kind: str) -> bytes:
-    """Return one image with all panels."""
-    figure = Figure(figsize=(10, 10), layout="constrained")
-    figure.suptitle(title)
-    grid = figure.subplot_mosaic([["a", "a"], ["b", "c"], ["d", "e"]])
+def _all_panels(series: Series, title: str, command: str, kind: str) -> bytes:
+    """Return one image with all panels, and below them the command that makes it."""
+    drawn = Figure(figsize=(10, 10.3), layout="constrained")
+    drawn.suptitle(title)
+    drawn.supxlabel(command, fontsize=7, color=LIGHT["muted"], x=0.01, ha="left")
+    grid = drawn.subplot_mosaic([["a", "a"], ["b", "c"], ["d", "e"]])
     for axes, (name, draw) in zip(grid.values(), PANELS.items()):
         draw(axes, series)
         axes.set_title(name)
-    return _saved(figure, kind)
+    return _saved(drawn, kind)
 
 
-def _page(series: Series, title: str) -> bytes:
+def _page(series: Series, title: str, command: str) -> bytes:
     """Return an HTML page with a figure for each panel, in the colours of the page."""
     figures = []
-    dark = dict.fromkeys(("text.color", "axes.labelcolor", "axes.edgecolor", "xtick.color", "ytick.color"), _TEXT)
     for k, (name, draw) in enumerate(PANELS.items()):
-        with matplotlib.rc_context({**dark, "svg.hashsalt": f"tactemu {k}"}):
-            figure = Figure(figsize=(5, 3.4), layout="constrained")
-            axes = figure.add_subplot()
-            draw(axes, series)
-            axes.set_title(name)
-            figure.patch.set_alpha(0)
-            axes.patch.set_alpha(0)
-            text = re.sub(r"<metadata>.*?</metadata>", "", _saved(figure, "svg").decode(), flags=re.DOTALL)
+        with matplotlib.rc_context({"svg.hashsalt": f"tactemu {k}"}):
+            drawn = Figure(figsize=(5, 3.4), layout="constrained")
+            draw(drawn.add_subplot(), series)
+            text = re.sub(r"<metadata>.*?</metadata>", "", _saved(drawn, "svg").decode(), flags=re.DOTALL)
         text = re.sub(r'(id="|href="#|url\(#)', rf"\1p{k}-", text[text.index("<svg") :])
-        figures.append(f"<figure>{text.replace(_TEXT, 'currentColor')}</figure>")
+        figures.append(figure(text, f"{name[0].upper()}{name[1:]}.", command=command))
     span = (series.t_ns[-1] - series.t_ns[0]) / 1e9
     rows = {
         "samples": len(series.t_ns),
@@ -235,11 +216,12 @@ def _page(series: Series, title: str) -> bytes:
         f"largest measured [{series.unit}]": f"{max(series.measured):.4g}",
         "median from sample to wire [ms]": f"{np.median(series.to_wire_ms):.3f}" if series.to_wire_ms else "no frames",
     }  # fmt: skip
-    cells = "".join(f"<tr><td>{html.escape(name)}</td><td>{value}</td></tr>" for name, value in rows.items())
-    return _PAGE.format(title=html.escape(title), rows=cells, figures="".join(figures)).encode()
+    cells = "".join(f"<tr><td>{escape(name)}</td><td class=n>{value}</td></tr>" for name, value in rows.items())
+    shown = f'<div class="figures">{"".join(figures)}</div>'
+    return page(title, [f"<h1>{escape(title)}</h1>", f'<table class="narrow">{cells}</table>', shown]).encode()
 
 
-def _saved(figure: Figure, kind: str) -> bytes:
+def _saved(drawn: Figure, kind: str) -> bytes:
     content = io.BytesIO()
-    figure.savefig(content, format=kind, dpi=110, metadata={"Date": None} if kind == "svg" else None)
+    drawn.savefig(content, format=kind, dpi=110, metadata={"Date": None} if kind == "svg" else None)
     return content.getvalue()

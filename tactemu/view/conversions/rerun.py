@@ -26,10 +26,11 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from firmware_protocols.layouts import Patch
+from tactemu.base.style import colours
 from tactemu.scene.description import BodyDescription, PartDescription, SceneDescription
 from tactemu.truth.entries import BodyPose, End, Entry, Header, Sample
 from tactemu.truth.memory import size_of
-from tactemu.view.conversions.display import colours, in_contact, is_warning, log_text, pitch
+from tactemu.view.conversions.display import in_contact, is_warning, log_text, pitch
 from tactemu.view.conversions.taxel_tables import grids_of, parts_of
 
 TIMELINE = "time"

@@ -10,10 +10,11 @@ import numpy as np
 import trimesh
 import viser
 
+from tactemu.base.style import colours
 from tactemu.geometry import rotation
 from tactemu.scene.description import BodyDescription, PartDescription
 from tactemu.truth.entries import Sample
-from tactemu.view.conversions.display import colours, in_contact, pitch
+from tactemu.view.conversions.display import in_contact, pitch
 from tactemu.view.conversions.taxel_tables import WORLD, parts_of
 from tactemu.view.page.feed import DescribedRun, PageState, magnitudes
 

@@ -10,8 +10,9 @@ import numpy as np
 from PIL import Image
 
 from firmware_protocols.layouts import Patch
+from tactemu.base.style import colours
 from tactemu.truth.entries import Sample
-from tactemu.view.conversions.display import MAX_COLUMNS, cells, colours
+from tactemu.view.conversions.display import MAX_COLUMNS, cells
 from tactemu.view.page.feed import PageSkin, magnitudes
 
 _MAX_NUMBERED_TAXELS = 64

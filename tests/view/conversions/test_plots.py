@@ -1,11 +1,14 @@
 """``tactemu plot``: the pictures are of the log's numbers, and labels lie on nothing."""
 
+import html
+
 import numpy as np
 import pytest
 
 pytest.importorskip("matplotlib")
 
 from tactemu.base.errors import TactemuError
+from tactemu.base.style import plot_style
 from tactemu.truth import Truth
 from tactemu.view.conversions import plots
 
@@ -38,17 +41,20 @@ def test_the_numbers(log):
 
 @pytest.mark.parametrize("suffix", plots.SUFFIXES)
 def test_files(log, tmp_path, suffix):
-    plots.plot(log, tmp_path / f"a{suffix}")
-    plots.plot(log, tmp_path / f"b{suffix}")
-    first = (tmp_path / f"a{suffix}").read_bytes()
-    assert first == (tmp_path / f"b{suffix}").read_bytes() and len(first) > 10_000
+    target = tmp_path / f"a{suffix}"
+    plots.plot(log, target)
+    first = target.read_bytes()
+    plots.plot(log, target)
+    assert first == target.read_bytes() and len(first) > 10_000
+    if suffix != ".png":
+        assert f"tactemu plot {log} --to {target}" in html.unescape(first.decode())
     if suffix == ".html":
         assert first.count(b"<svg") == len(plots.PANELS) and b"http" not in first.replace(b"http://www.w3.org", b"")
 
 
 def test_labels_lie_on_nothing(log):
     series = plots.series_of(log)
-    with plots.matplotlib.rc_context(plots._STYLE):
+    with plots.matplotlib.rc_context(plot_style()):
         for draw in plots.PANELS.values():
             figure = plots.Figure(figsize=(5, 3.4), layout="constrained")
             axes = figure.add_subplot()
