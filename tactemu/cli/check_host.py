@@ -9,34 +9,15 @@ import os
 import platform
 import shutil
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import asdict
 
-from tactemu.base.clock import RealClock
 from tactemu.base.errors import TactemuError
-from tactemu.base.priority import can_enable_realtime_priority
-from tactemu.base.statistics import Lateness
+from tactemu.cli.finding import Finding
+from tactemu.cli.host_timing import TIMING_CHECKS
 
-_LOOPS = 1000
-_PERIOD_NS = 1_000_000
-_MAX_LATENESS_P99_MS = 5.0
-"""Maximum 99th percentile of a loop's lateness; a later one cannot keep a sensor's rate."""
 NEEDED = ("ports", "view", "preload", "can", "loop")
 """The checks that decide the exit status if the user names none."""
-
-
-@dataclass(frozen=True)
-class Finding:
-    """The result of a check."""
-
-    name: str
-    there: bool
-    says: str
-    """The facility found, or why it is missing."""
-    helps: str = ""
-    """The command that installs it, or another remedy."""
-    values: Mapping[str, float] = field(default_factory=dict)
-    """The measured values by name and unit: ``{"p50_ms": 0.7}``."""
 
 
 def check_host(wanted: Sequence[str], *, json: bool = False) -> bool:
@@ -72,8 +53,8 @@ def _findings() -> Iterator[Finding]:
 
 
 def _line(finding: Finding) -> str:
-    helps = f"\n{'':13}{finding.helps}" if finding.helps else ""
-    return f"{'yes' if finding.there else 'no ':3}  {finding.name:7} {finding.says}{helps}"
+    helps = f"\n{'':16}{finding.helps}" if finding.helps else ""
+    return f"{'yes' if finding.there else 'no ':3}  {finding.name:10} {finding.says}{helps}"
 
 
 def _python(name: str) -> Finding:
@@ -154,29 +135,7 @@ def _gpu(name: str) -> Finding:
     return Finding(name, True, f"{title.value.decode()}; give --device cuda:0")
 
 
-def _loop(name: str) -> Finding:
-    clock, late = RealClock(), Lateness()
-    for k in range(1, _LOOPS + 1):
-        clock.wait(k * _PERIOD_NS, ())
-        late.add(max(0, clock.now_ns() - k * _PERIOD_NS))
-    p50, p99, most = (value / 1e6 for value in (late.percentile_ns(50), late.percentile_ns(99), late.max_ns))
-    says = (
-        f"late by {p50:.2f} ms (median), {p99:.2f} ms (99 of 100), {most:.2f} ms (once) at 1 kHz; {os.cpu_count()} CPUs"
-    )
-    preempt = (
-        "or run it with --preempt"
-        if can_enable_realtime_priority()
-        else "or allow `tactemu run --preempt` (which says how)"
-    )
-    return Finding(
-        name,
-        p99 < _MAX_LATENESS_P99_MS,
-        says,
-        "" if p99 < _MAX_LATENESS_P99_MS else f"stop what keeps the machine busy, {preempt}",
-    )
-
-
 CHECKS: dict[str, Callable[[str], Finding]] = {
     "python": _python, "ports": _ports, "view": _view, "preload": _preload, "vcan": _vcan, "can": _can,
-    "guest": _guest, "gpu": _gpu, "loop": _loop,
+    "guest": _guest, "gpu": _gpu, **TIMING_CHECKS,
 }  # fmt: skip

@@ -14,7 +14,7 @@ import numpy as np
 
 from firmware_protocols import Can, Serial
 from tactemu.base.errors import TactemuError, TransportError
-from tactemu.cli.check_host import Finding
+from tactemu.cli.finding import Finding
 from tactemu.transports import can_link, create, uart_settings
 from tactemu.transports.adapter import net_adapter, tty_adapter
 from tactemu.transports.serial_port import MAX_BAUD_DEVIATION, SerialPortTransport
