@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
-import json as json_module
 import os
 import platform
 import shutil
 import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import asdict
+from collections.abc import Callable, Iterator, Sequence
 
 from tactemu.base.errors import TactemuError
-from tactemu.cli.finding import Finding
+from tactemu.cli.finding import Finding, tell
 from tactemu.cli.host_timing import TIMING_CHECKS
 
 NEEDED = ("ports", "view", "preload", "can", "loop")
@@ -32,29 +30,12 @@ def check_host(wanted: Sequence[str], *, json: bool = False) -> bool:
     return all(each.there for each in found if each.name in (wanted or NEEDED))
 
 
-def tell(findings: Iterable[Finding], *, json: bool = False) -> list[Finding]:
-    """Print findings, each as soon as it is there, or all as JSON; return them."""
-    found = []
-    for each in findings:
-        found.append(each)
-        if not json:
-            print(_line(each), flush=True)
-    if json:
-        print(json_module.dumps({each.name: asdict(each) for each in found}))
-    return found
-
-
 def _findings() -> Iterator[Finding]:
     for name, check in CHECKS.items():
         try:
             yield check(name)
         except (OSError, TactemuError) as error:
             yield Finding(name, False, str(error))
-
-
-def _line(finding: Finding) -> str:
-    helps = f"\n{'':16}{finding.helps}" if finding.helps else ""
-    return f"{'yes' if finding.there else 'no ':3}  {finding.name:10} {finding.says}{helps}"
 
 
 def _python(name: str) -> Finding:

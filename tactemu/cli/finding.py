@@ -1,9 +1,10 @@
-"""The result of a check of this machine."""
+"""The results of checks of this machine, and their output."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+import json as json_module
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass, field
 
 
 @dataclass(frozen=True)
@@ -18,3 +19,20 @@ class Finding:
     """The command that installs it, or another remedy."""
     values: Mapping[str, float] = field(default_factory=dict)
     """The measured values by name and unit: ``{"p50_ms": 0.7}``."""
+
+
+def tell(findings: Iterable[Finding], *, json: bool = False) -> list[Finding]:
+    """Print findings, each as soon as it is there, or all as JSON; return them."""
+    found = []
+    for each in findings:
+        found.append(each)
+        if not json:
+            print(_line(each), flush=True)
+    if json:
+        print(json_module.dumps({each.name: asdict(each) for each in found}))
+    return found
+
+
+def _line(finding: Finding) -> str:
+    helps = f"\n{'':16}{finding.helps}" if finding.helps else ""
+    return f"{'yes' if finding.there else 'no ':3}  {finding.name:10} {finding.says}{helps}"

@@ -102,7 +102,8 @@ def check_host(
     named checks pass (default: ports, view, preload, can and loop), 1 if one does not, 2 if there is no check of that
     name.
     """
-    from tactemu.cli.check_host import check_host, tell
+    from tactemu.cli.check_host import check_host
+    from tactemu.cli.finding import tell
 
     if port is None and not loopback:
         passed = check_host(wanted or (), json=json)
