@@ -59,7 +59,7 @@ def check(output: str) -> None:
     for language, name, text in BLOCKS:
         if language == "sh":
             step = steps.pop(0)
-        elif language == "text" and not name:
+        elif language == "output" and not name:
             missing = [part for line in text.splitlines() for part in line.split("…") if plain(part) not in step]
             assert missing == [], step
 

@@ -182,6 +182,8 @@ def _print(verb: str, result: Any) -> None:
         print(f"{result:.9g} s")
     elif verb == "sample":
         _print_sample(result)
+    elif verb == "save":
+        print(f"{result} bytes")
     elif "skins" not in result:  # the answer of a replayed recording
         print(json_module.dumps(result))
     elif verb == "stats":

@@ -59,8 +59,9 @@ def _page_beside(page: PageListener, server: Server | None) -> Iterator[None]:
 
     if server is None:
         raise TransportError("--web: the page needs the control socket, which could not be opened")
+    url = page.url  # page_process closes the socket here
     with page_process(page, server.endpoint.name) as over:
-        print(f"see {page.url}", file=sys.stderr, flush=True)
+        print(f"see {url}", file=sys.stderr, flush=True)
         try:
             yield
         finally:

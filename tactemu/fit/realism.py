@@ -271,7 +271,8 @@ The spread is the standard deviation over the recordings.
 
 ## Predictions with these parameters
 
-```
+<!-- not run: it needs gigabytes of recordings -->
+```sh
 tactemu bench realism --held OTHER        # other recordings of the same sensors, with the parameters below
 ```
 

@@ -117,6 +117,7 @@ in a loop that prints each reading and each exception, and that opens the port a
 The run that this page describes writes the page: verdicts and bytes come from the judge, and the notes under a driver's
 name explain them by its code. You repeat it with:
 
+<!-- not run: it writes this page, in twenty minutes -->
 ```sh
 python -m tests.judge.cards --page {page}    # all drivers, about twenty minutes
 python -m tests.judge.cards --driver optoforce                      # one driver
@@ -179,7 +180,9 @@ def driver(name: str, report: Mapping[str, Any]) -> str:
     skipped = [f"`{trial['name']}` ({trial['skipped']})" for trial in report["trials"] if trial["skipped"]]
     not_tried = f"\nNot tried: {'; '.join(skipped)}.\n" if skipped else ""
     cases = "".join(
-        f"\n`{trial['name']}`, smallest case:\n\n```\n{case(trial['case'])}\n```\n" for trial in tried if trial["case"]
+        f"\n`{trial['name']}`, smallest case:\n\n```text\n{case(trial['case'])}\n```\n"
+        for trial in tried
+        if trial["case"]
     )
     head = f"\n### {name} {importlib.metadata.version(name)} on `{card.device}`\n\n{''.join(notes)}\n"
     return f"{head}{table(['trial', 'what happens', 'verdict'], rows)}{not_tried}{cases}"

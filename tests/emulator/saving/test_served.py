@@ -1,7 +1,4 @@
-"""What people use: save, restore and fork of what `serve` returns, from the command line, and as the page shows."""
-
-import re
-from pathlib import Path
+"""What people use: save, restore and fork of what `serve` returns, from the command line."""
 
 import numpy as np
 import pytest
@@ -11,19 +8,11 @@ from tactemu.base.errors import StateError, TactemuError
 from tests.cli.command import here
 from tests.emulator.test_sources import ENGINE, MODEL
 
-PAGE = (Path(__file__).parents[3] / "docs" / "saving.md").read_text(encoding="utf-8")
-
 
 def felt(dev: tt.Served) -> np.ndarray:
     sample = dev.sample()
     assert sample is not None
     return sample.measured
-
-
-@pytest.mark.parametrize("code", re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL), ids=["served", "virtual"])
-def test_the_examples_of_the_page_run(code, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    exec(compile(code, "docs/saving.md", "exec"), {})
 
 
 def test_a_press_is_gone_back_to_and_forked_a_dozen_times(tmp_path):
