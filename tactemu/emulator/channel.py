@@ -6,7 +6,7 @@ The channel owns the sampling period of each stream: the user's setting, else th
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
@@ -23,6 +23,12 @@ if TYPE_CHECKING:
     from tactemu.scene.placement import JoinedImperfections
 
 
+StreamReadings = tuple[dict[str, np.ndarray], dict[str, np.ndarray]]
+"""The readings of a stream's senses, ideal and measured, by the sense's key."""
+SampledReadings = dict[tuple, StreamReadings]
+"""The readings of one turn, by device, time and the keys of the senses."""
+
+
 class Source(Protocol):
     """The source of a device's readings: a sensor of a simulation, a recording, or the user's function."""
 
@@ -31,15 +37,9 @@ class Source(Protocol):
         """The imperfections of the readings, which can change while it runs; ``None`` for a recording."""
         ...
 
-    def sense(self, sense: Sense, t_ns: int, ground_truth: bool = False) -> np.ndarray:
-        """Return the reading of one sense at ``t_ns``, the time of the simulation; SI, shape by its quantity."""
+    def read(self, senses: Iterable[Sense], t_ns: int) -> StreamReadings:
+        """Return the readings of senses at ``t_ns``, the time of the simulation; SI, shape by their quantities."""
         ...
-
-
-StreamReadings = tuple[dict[str, np.ndarray], dict[str, np.ndarray]]
-"""The readings of a stream's senses, ideal and measured, by the sense's key."""
-SampledReadings = dict[tuple, StreamReadings]
-"""The readings of one turn, by device, time and the keys of the senses."""
 
 
 @dataclass
@@ -234,17 +234,17 @@ class Channel:
 
         ``sampled`` has the readings of this turn: streams with the same senses and time share one.
         """
-        senses, source = self._senses[stream], self.source
+        senses = self._senses[stream]
+        if sampled is None or len(self.timers) == 1:
+            return self._read(stream, senses, t_ns)
         key = (self.name, t_ns, *[sense.key for sense in senses])
-        if sampled is not None and key in sampled:
-            return sampled[key]
-        ideal = {sense.key: source.sense(sense, t_ns, True) for sense in senses}
-        seen = ideal, {sense.key: source.sense(sense, t_ns) for sense in senses}
-        if self.refresh_ns:
-            seen = ideal, self._refreshed(stream, t_ns, seen[1])
-        if sampled is not None:
-            sampled[key] = seen
-        return seen
+        if key not in sampled:
+            sampled[key] = self._read(stream, senses, t_ns)
+        return sampled[key]
+
+    def _read(self, stream: str, senses: Sequence[Sense], t_ns: int) -> StreamReadings:
+        ideal, measured = self.source.read(senses, t_ns)
+        return ideal, self._refreshed(stream, t_ns, measured) if self.refresh_ns else measured
 
     def _refreshed(self, stream: str, t_ns: int, measured: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
         """Return the first readings in the present refresh period, which the registers keep until the next one."""

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 import numpy as np
 
 from firmware_protocols import Device, Sense
-from firmware_protocols.senses import CONTACT, VECTORS
+from firmware_protocols.senses import CONTACT, DERIVED, VECTORS
 from tactemu.base.errors import SceneError
 from tactemu.base.options import numbers
 from tactemu.geometry import rotation
@@ -71,7 +71,7 @@ class PlacedSensor:
     def quantity(self, name: str, ground_truth: bool = False) -> np.ndarray:
         """Return the latest reading in the device's frame, in SI units, shape ``(n_taxels,)`` or ``(n_taxels, 3)``."""
         values = self.sensor.quantity(name, ground_truth)
-        return self.to_device_frame(values) if values.ndim == 2 else values
+        return self.to_device_frame(values) if self._turned and values.ndim == 2 else values
 
     def to_device_frame(self, vectors: np.ndarray) -> np.ndarray:
         """Return vectors of the link's frame, ``(..., 3)``, in the device's frame."""
@@ -146,7 +146,8 @@ class PlacedSkin:
 
     def ambient(self, name: str, t_ns: int, link: str = "") -> np.ndarray | float:
         """Return the temperature, acceleration or angular velocity of one link of the device; "" is the first."""
-        part = next((part for part in self.parts if link in part.part.links), self.parts[0])
+        parts = self.parts
+        part = parts[0] if len(parts) == 1 else next((each for each in parts if link in each.part.links), parts[0])
         return part.ambient(name, t_ns)
 
     def positions(self, t_s: float) -> np.ndarray:
@@ -265,34 +266,54 @@ class SenseReader:
         """The imperfections of the readings, which can change while it runs; ``None`` for a recording."""
         return self.skin.imperfections
 
-    def sense(self, sense: Sense, t_ns: int, ground_truth: bool = False) -> np.ndarray:
-        """Return the reading of one sense now; shapes as in :data:`firmware_protocols.device.Quantity`."""
-        if sense.quantity in CONTACT:
-            return self.skin.quantity(sense.quantity, ground_truth)
+    def read(self, senses: Iterable[Sense], t_ns: int) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+        """Return the ideal and the measured readings of senses now; shapes as in
+        :data:`firmware_protocols.device.Quantity`."""
+        ideal: dict[str, np.ndarray] = {}
+        measured: dict[str, np.ndarray] = {}
+        for sense in senses:
+            key, quantity = sense.key, sense.quantity
+            if quantity in CONTACT:
+                ideal[key] = self.skin.quantity(quantity, ground_truth=True)
+                measured[key] = self.skin.quantity(quantity)
+            elif quantity in DERIVED:
+                ideal[key] = self._derived(sense, ground_truth=True)
+                measured[key] = self._derived(sense)
+            elif quantity == "load":
+                ideal[key] = measured[key] = self._loads(sense)
+            else:
+                ideal[key] = measured[key] = self._around(sense, t_ns)
+        return ideal, measured
+
+    def _derived(self, sense: Sense, ground_truth: bool = False) -> np.ndarray:
+        """Return a reading that follows from those of all taxels together."""
         at: Any = sense.at
-        match sense.quantity:
-            case "wrench" if (wrench := self.skin.wrench) is not None:
-                return np.broadcast_to(wrench, (len(at), 6))
-            case "wrench":
-                return self._layout.wrenches(self.skin.quantity("force", ground_truth), at)
-            case "vibration":
-                push = self._layout.push(self.skin.quantity("force", ground_truth)).sum()
-                return np.full(len(at), push / self._layout.areas.sum())
-            case "load":  # the torques of an engine's joints on the motors
-                motors = self._device.drives
-                return np.zeros(len(at)) if motors is None or not motors.is_in_engine else motors.loads()
-            case quantity:
-                if self._ambient_ns != t_ns:  # read once for all conversions of one time
-                    self._ambient_ns, self._ambient = t_ns, {}
-                found = self._ambient
-                if sense.key not in found:
-                    if len(at.links) == 1:
-                        value = self._at(t_ns, quantity, at.links[0])
-                        found[sense.key] = np.broadcast_to(value, (len(at), *value.shape))
-                    else:
-                        values = [self._at(t_ns, quantity, patch.link) for patch in at.patches]
-                        found[sense.key] = np.repeat(values, [len(patch) for patch in at.patches], axis=0)
-                return found[sense.key]
+        if sense.quantity == "wrench" and (wrench := self.skin.wrench) is not None:
+            return np.broadcast_to(wrench, (len(at), 6))
+        forces = self.skin.quantity("force", ground_truth)
+        if sense.quantity == "wrench":
+            return self._layout.wrenches(forces, at)
+        return np.full(len(at), self._layout.push(forces).sum() / self._layout.areas.sum())
+
+    def _loads(self, sense: Sense) -> np.ndarray:
+        """Return the torques of an engine's joints on the motors; zeros without an engine."""
+        at: Any = sense.at
+        motors = self._device.drives
+        return np.zeros(len(at)) if motors is None or not motors.is_in_engine else motors.loads()
+
+    def _around(self, sense: Sense, t_ns: int) -> np.ndarray:
+        """Return an ambient reading, which is read once for all conversions of one time."""
+        if self._ambient_ns != t_ns:
+            self._ambient_ns, self._ambient = t_ns, {}
+        at: Any = sense.at
+        found, quantity = self._ambient, sense.quantity
+        if sense.key not in found:
+            if len(at.links) == 1:
+                found[sense.key] = self._at(t_ns, quantity, at.links[0])[None].repeat(len(at), axis=0)
+            else:
+                values = [self._at(t_ns, quantity, patch.link) for patch in at.patches]
+                found[sense.key] = np.repeat(values, [len(patch) for patch in at.patches], axis=0)
+        return found[sense.key]
 
     def _at(self, t_ns: int, quantity: str, link: str) -> np.ndarray:
         found = self._ambient

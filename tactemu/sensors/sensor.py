@@ -87,6 +87,8 @@ class Sensor(Adjustments, Generic[R]):
     _arrays: dict[bool, SensorArrays] = field(default_factory=dict, repr=False)
     _flags: WarpArray | None = field(default=None, repr=False)
     _staging: wp.array | None = field(default=None, repr=False)
+    _views: dict[tuple[str, bool], np.ndarray] = field(default_factory=dict, repr=False)
+    """Views of the quantities that were read on a CPU, whose memory the host shares, by name and branch."""
 
     def _clone(self) -> Sensor[R]:
         """Return a separate handle on the same skin, for another simulation."""
@@ -102,7 +104,7 @@ class Sensor(Adjustments, Generic[R]):
     def _attach(self, sim: Built, imperfections: Imperfections, outputs: Outputs) -> None:
         """Connect the handle to the arrays of a built scene; a later build replaces them."""
         self._sim, self.imperfections, self._outputs = sim, imperfections, outputs
-        self._arrays, self._flags, self._staging = {}, None, None
+        self._arrays, self._flags, self._staging, self._views = {}, None, None, {}
 
     # -- the skin ---------------------------------------------------------------------------------------------------
 
@@ -227,10 +229,26 @@ class Sensor(Adjustments, Generic[R]):
         Raises:
             SceneError: this model does not offer it.
         """
-        array = reading_array(self, ground_truth)
+        self._simulation._before_read()
+        view = self._views.get((name, ground_truth))
+        if view is None:
+            view = self._view(name, ground_truth)
+        return view > 0 if name == "touch" else view.copy()
+
+    def _view(self, name: str, ground_truth: bool) -> np.ndarray:
+        """Return one quantity of environment 0; on a CPU a view that shows every later step, too."""
+        layouts = self._layouts
+        if name not in layouts:
+            has, kind = ", ".join(layouts) or "none", type(self.model).__name__
+            raise SceneError(f"sensor {self.name!r} ({kind}) has no {name!r}; it offers: {has}")
+        array, is_cpu = reading_array(self, ground_truth), self._simulation.device.is_cpu
         # a slice saves copying all environments from a GPU; on a CPU numpy() copies nothing
-        first = array[:1] if array.size and self._simulation.device.is_cuda else array
-        return pick(self, name, self._numpy(first)[:1])[0].copy()
+        values = (array if is_cpu or not array.size else array[:1]).numpy()[0]
+        values = (values[0] if values.ndim == 3 else values)[..., layouts[name]]  # of a history the latest
+        view = values[..., 0] if values.shape[-1] == 1 or name == "touch" else values
+        if is_cpu:
+            self._views[name, ground_truth] = view
+        return view
 
     # -- imperfections ----------------------------------------------------------------------------------------------
 
@@ -347,25 +365,6 @@ def reading_array(sensor: Sensor, ground_truth: bool = False) -> wp.array:
     """
     outputs = sensor._built
     return outputs.truth if ground_truth else outputs.measured
-
-
-def pick(sensor: Sensor, name: str, values: np.ndarray) -> np.ndarray:
-    """Return one quantity of a host copy of :func:`reading_array`: a view, ``(n_envs, n_taxels)`` or ``(n_envs,
-    n_taxels, 3)``; of a history the latest entry.
-
-    Raises:
-        SceneError: this sensor does not offer it.
-    """
-    layouts = sensor._layouts
-    if name not in layouts:
-        has = ", ".join(layouts) or "none"
-        kind = type(sensor.model).__name__
-        raise SceneError(f"sensor {sensor.name!r} ({kind}) has no {name!r}; it offers: {has}")
-    values = values[:, 0] if values.ndim == 4 else values
-    values = values[..., layouts[name]]
-    if name == "touch":
-        return values[..., 0] > 0
-    return values[..., 0] if values.shape[-1] == 1 else values
 
 
 def _plain(values: np.ndarray) -> np.ndarray:

@@ -128,7 +128,7 @@ class Simulation(PoseInput):
         self._compiler = SensorCompiler(self.bodies, self._poses, self.context)
         attachments = [self._compiler.compile(sensor, self) for sensor in self.sensors]
         self.plan.stages += self._compiler.stages
-        self._bad_view = self._poses.bad.numpy() if self.device.is_cpu else None
+        self._bad_poses = memoryview(self._poses.bad.numpy().reshape(-1)) if self.device.is_cpu else None
         return attachments
 
     @property
@@ -171,7 +171,7 @@ class Simulation(PoseInput):
         if length != self._length:
             self._set_length(length)
         step = self._step
-        if self._bad_view is None and wp.get_stream(self.device).is_capturing:
+        if self._bad_poses is None and wp.get_stream(self.device).is_capturing:
             step = self._step_within_capture
         for _ in range(n):
             step()
@@ -199,7 +199,7 @@ class Simulation(PoseInput):
             self._move()
         self._world.upload()
         self.plan.run()
-        if self._bad_view is not None and self._bad_view.any():
+        if self._bad_poses is not None and 1 in self._bad_poses.tobytes():  # NumPy's any() takes as long as a kernel
             self.check()
 
     def _step_within_capture(self) -> None:
@@ -245,7 +245,8 @@ class Simulation(PoseInput):
         dt_ns = self.dt_ns
         steps = max((t_ns - self.time_ns) // dt_ns, 0) if dt_ns else 0
         if max_steps is None or steps <= max_steps:
-            self.step(steps)
+            if steps:
+                self.step(steps)
             return False
         self.step(dt=(steps - max_steps + 1) * dt_ns * 1e-9)
         self.step(max_steps - 1)
@@ -282,7 +283,7 @@ class Simulation(PoseInput):
 
     def _before_read(self) -> None:
         """Check the poses of the last step on a GPU, where a step does not wait for the device."""
-        if self._bad_view is None and self.step_count:
+        if self._bad_poses is None and self.step_count:
             self.check()
 
     def clone(self) -> Simulation:

@@ -11,7 +11,7 @@ that fall due meanwhile wait, and those whose period has passed by then are miss
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from statistics import median
 
@@ -20,7 +20,7 @@ import numpy as np
 from firmware_protocols import Sense
 from tactemu.base.clock import VirtualClock
 from tactemu.emulator.assembly import assemble
-from tactemu.emulator.channel import Channel
+from tactemu.emulator.channel import Channel, StreamReadings
 from tactemu.emulator.emulator import Emulator
 from tactemu.emulator.options import AssemblyOptions
 from tactemu.scene.file import LoadedScene
@@ -80,12 +80,12 @@ class ConstantSource:
     imperfections = None
 
     def __init__(self, channel: Channel):
-        senses = channel.device.sensed
-        self._values = {sense.key: channel.source.sense(sense, 0) for sense in senses}
+        _, self._values = channel.source.read(channel.device.sensed, 0)
 
-    def sense(self, sense: Sense, t_ns: int, ground_truth: bool = False) -> np.ndarray:
-        """Return the constant reading of a sense."""
-        return self._values[sense.key]
+    def read(self, senses: Iterable[Sense], t_ns: int) -> StreamReadings:
+        """Return the constant readings of senses."""
+        values = {sense.key: self._values[sense.key] for sense in senses}
+        return values, values
 
 
 def measure_loop(loaded: LoadedScene, rate_hz: float, device: str | None, moment: float) -> LoopCost:

@@ -85,8 +85,9 @@ class Ramp:
         self.time_ns += max(0, t_ns - self.time_ns) // self.dt_ns * self.dt_ns
         return False
 
-    def sense(self, sense, t_ns, ground_truth=False):
-        return np.array([self.time_ns / 1e9])
+    def read(self, senses, t_ns):
+        values = {sense.key: np.array([self.time_ns / 1e9]) for sense in senses}
+        return values, values
 
 
 class LateClock(VirtualClock):

@@ -126,9 +126,10 @@ class Still:
     def __init__(self, device):
         self.device = device
 
-    def sense(self, sense, t_ns, ground_truth=False):
-        stream = next(name for name in self.device.periods if sense in self.device.senses_of(name))
-        return reading_of(self.device, 0.0, stream)[sense.key]
+    def read(self, senses, t_ns):
+        stream = next(name for name in self.device.periods if senses == self.device.senses_of(name))
+        values = reading_of(self.device, 0.0, stream).values
+        return values, values
 
 
 @pytest.mark.parametrize("name", fp.names())

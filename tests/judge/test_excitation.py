@@ -24,7 +24,7 @@ def measured_counts(name):
         skin.put(excitation(1e-9 * t_ns)[name], 1e-9 * t_ns)
         row = []
         for stream in device.periods:
-            seen = {sense.key: senses.sense(sense, t_ns) for sense in device.senses_of(stream)}
+            _, seen = senses.read(device.senses_of(stream), t_ns)
             row += flattened(calls.measure(device, Reading(seen, stream), t_ns))
         rows.append(np.concatenate([np.asarray(each, float).ravel() for each in row]))
     return np.array(rows)

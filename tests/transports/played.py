@@ -23,11 +23,12 @@ class RandomPushes:
         self._device, self._random = device, np.random.default_rng(1)
         self._reading, self._at_ns = None, -1
 
-    def sense(self, sense, t_ns, ground_truth=False):
+    def read(self, senses, t_ns):
         if t_ns != self._at_ns:
             push = self._random.uniform(0.0, 3.0, len(self._device.layout))
             self._reading, self._at_ns = reading_of(self._device, push, ""), t_ns
-        return np.asarray(self._reading[sense.key])
+        values = {sense.key: np.asarray(self._reading[sense.key]) for sense in senses}
+        return values, values
 
 
 class Played:

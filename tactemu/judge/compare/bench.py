@@ -5,7 +5,7 @@ In virtual time it shows what the model sends, and when; in real time, behind a 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -14,7 +14,7 @@ import numpy as np
 from firmware_protocols import Connector, Device, Sense, WireFrame
 from firmware_protocols.check.readings import reading_of
 from tactemu.base.clock import Clock, VirtualClock
-from tactemu.emulator.channel import Channel
+from tactemu.emulator.channel import Channel, StreamReadings
 from tactemu.emulator.emulator import Emulator
 from tactemu.emulator.sampling import SampleClock
 from tactemu.transports.memory import MemoryTransport
@@ -82,11 +82,12 @@ class BenchSource:
         self._device = device
         self._time_ns, self._values = -1, {}
 
-    def sense(self, sense: Sense, t_ns: int, ground_truth: bool = False) -> np.ndarray:
-        """Return the reading of a sense at this time."""
+    def read(self, senses: Iterable[Sense], t_ns: int) -> StreamReadings:
+        """Return the readings of senses at this time."""
         if t_ns != self._time_ns:
             self._time_ns, self._values = t_ns, self._measured(t_ns)
-        return self._values[sense.key]
+        values = {sense.key: self._values[sense.key] for sense in senses}
+        return values, values
 
     def _measured(self, t_ns: int) -> dict[str, np.ndarray]:
         forces, values = self.readings.forces(self._device, t_ns), {}
