@@ -24,6 +24,13 @@ point, of those on its link, or of all if it names none; ``vibration`` [Pa] (n,)
 ``load`` [Nm, N] (n,) of each joint, in the order of :meth:`Device.joints`.
 """
 
+QUANTITY_UNITS: Mapping[str, str] = {
+    "force": "N", "pressure": "Pa", "depth": "m", "displacement": "m", "touch": "", "field": "T", "resistance": "Ohm",
+    "capacitance": "F", "temperature": "°C", "acceleration": "m/s²", "angular_velocity": "rad/s", "wrench": "N, Nm",
+    "vibration": "Pa", "load": "Nm",
+}  # fmt: skip
+"""The SI unit of each quantity; a wrench has two, and the load of a linear joint is in N."""
+
 TOUCH = ("force", "pressure", "depth", "displacement", "touch")
 """The quantities that a sensor model computes for each taxel by itself."""
 TRANSDUCED = ("field", "resistance", "capacitance")

@@ -12,6 +12,9 @@ from firmware_protocols.tables import Frame
 from tactemu.emulator.channel import Channel
 from tactemu.emulator.emulator import Emulator
 
+_COLUMN_FIELDS = ("name", "axis", "sense", "unit", "counts_per_unit", "shared", "rest", "low", "high")
+"""The fields of a column of counts that a description has."""
+
 
 def described(emulator: Emulator) -> Callable[[], dict[str, Any]]:
     """Return a function that returns the description. Call this in the loop; the function takes long, and another
@@ -46,16 +49,14 @@ def _adjustable(channel: Channel) -> list[str]:
 
 
 def _device(device: Device) -> dict[str, Any]:
-    """Return the device's frame tables, as text with the bound values; its commands; rest and span of its columns."""
+    """Return the device's frame tables, as text with the bound values; its commands; name, scale, rest and span of its
+    columns."""
     own = [value for value in vars(device).values() if isinstance(value, Frame)]
     tables = {table.name: table for table in (*tables_of(type(device), Frame), *own)}
     return {
         "tables": [_table(table) for table in tables.values()],
         "commands": [{"name": each.name, "request": text_of(each.frame)} for each in device.commands],
-        "columns": [
-            {"name": each.name, "rest": each.rest, "low": each.low, "high": each.high, "unit": each.unit}
-            for each in device.columns
-        ],
+        "columns": [{name: getattr(each, name) for name in _COLUMN_FIELDS} for each in device.columns],
     }
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from firmware_protocols.layouts import Layout, Patch
@@ -11,6 +13,12 @@ from tactemu.truth.entries import BodyPose, Entry, Injection, Passage, PortEvent
 
 MAX_COLUMNS = 24
 """Maximum number of columns, and of rows, of the picture of a patch that is no grid."""
+
+_PREFIXED = frozenset({"N", "Nm", "Pa", "m", "T", "F", "Ohm", "V", "A"})
+"""The SI units that take a prefix."""
+_PREFIXES = {-4: "p", -3: "n", -2: "µ", -1: "m", 0: "", 1: "k", 2: "M", 3: "G"}
+_WRITTEN = {"degC": "°C", "uT": "µT", "m/s^2": "m/s²", "Ohm": "Ω", "um": "µm"}
+"""The signs for the units that devices declare in ASCII."""
 
 
 def cells(layout: Layout, patch: Patch) -> np.ndarray:
@@ -62,3 +70,16 @@ def log_text(entry: Entry) -> str:
 def is_warning(entry: Entry) -> bool:
     """Return True for a fault, and for a frame that was never sent."""
     return isinstance(entry, Injection) or (isinstance(entry, Passage) and entry.kind == "drop")
+
+
+def written(unit: str) -> str:
+    """Return the sign of a unit as people write it: ``µT`` for ``uT``."""
+    return _WRITTEN.get(unit, unit)
+
+
+def prefixed(largest: float, unit: str) -> tuple[float, str]:
+    """Return a factor and a unit in which the largest value lies between about 1 and 1000, such as ``(1e3, "mN")``."""
+    if unit not in _PREFIXED or not math.isfinite(largest) or largest <= 0:
+        return 1.0, written(unit)
+    power = min(max(math.floor(math.log10(1.05 * largest) / 3), min(_PREFIXES)), max(_PREFIXES))
+    return 10.0 ** (-3 * power), _PREFIXES[power] + written(unit)

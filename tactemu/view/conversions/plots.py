@@ -22,6 +22,7 @@ from typing import Any
 import matplotlib  # noqa: TID253  this module is imported only to draw
 import numpy as np
 
+from firmware_protocols.senses import QUANTITY_UNITS
 from tactemu.base.errors import TactemuError
 from tactemu.base.style import IDEAL, LIGHT, MEASURED, figure, page, plot_colours, plot_style
 from tactemu.scene.description import SceneDescription, SenseDescription, SkinDescription
@@ -33,7 +34,6 @@ matplotlib.use("agg")
 from matplotlib.figure import Figure  # noqa: TID253
 
 SUFFIXES = (".png", ".svg", ".html")
-UNITS = {"force": "N", "pressure": "Pa", "depth": "m", "displacement": "m", "temperature": "°C", "wrench": "N, Nm"}
 
 
 @dataclass
@@ -98,7 +98,7 @@ def _begun(sample: Sample, scene: SceneDescription) -> Series:
     positions = np.zeros((len(np.atleast_1d(sample.ideal)), 3))
     for part in parts_of(scene, sample):
         positions[part.taxels] = part.positions
-    return Series(sample.device, sample.sense, UNITS.get(sense.quantity, ""), positions)
+    return Series(sample.device, sample.sense, QUANTITY_UNITS.get(sense.quantity, ""), positions)
 
 
 def _magnitudes(values: np.ndarray) -> np.ndarray:

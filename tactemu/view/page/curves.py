@@ -3,46 +3,77 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable, Mapping
+from html import escape
 from typing import Any
 
 import numpy as np
 import viser
 import viser.uplot
 
+from tactemu.base.style import SERIES
 from tactemu.truth.entries import Sample
-from tactemu.view.page.feed import magnitudes
+from tactemu.view.conversions.display import prefixed
+from tactemu.view.page.feed import PageSkin, deviation_unit, magnitudes
+from tactemu.view.page.readings import taxel_name
 
 _SECONDS = 10.0
 _MAX_POINTS = 300
-MAX_TAXELS = 4
+_CHART_PX = 135
+MAX_TAXELS = len(SERIES)
 """Maximum number of taxels with curves at a time; of more, the latest chosen stay."""
-_COLOURS = ("#1c7ed6", "#e8590c", "#2f9e44", "#9c36b5")
+_IDEAL_ALPHA = "55"
+"""The opacity of ideal curves, in hex: broad and pale, so that the measured one is seen upon it."""
 
 
 class Curves:
-    """Two charts of the taxels that viewers clicked last: their readings, and their counts relative to baseline."""
+    """Two charts of the taxels that viewers clicked last: their readings, and their counts relative to baseline.
 
-    def __init__(self, gui: viser.GuiApi):
-        self._gui = gui
+    Args:
+        gui: viser's controls; the charts are added where its context is now.
+        skins: the skins, by name.
+        selected: returns the selected skin and taxel.
+    """
+
+    def __init__(self, gui: viser.GuiApi, skins: Mapping[str, PageSkin], selected: Callable[[], tuple[str, int]]):
+        self._gui, self._skins = gui, skins
         self.chosen: list[tuple[str, int]] = []
+        self._is_automatic = True
+        """True until a viewer has chosen a taxel: the first one that is touched is shown."""
         self._times: deque[float] = deque(maxlen=_MAX_POINTS)
         self._rows: deque[list[float]] = deque(maxlen=_MAX_POINTS)
+        self._units: dict[str, tuple[str, str]] = {}
+        """The unit of the reading, and that of the counts, by skin."""
+        self._axes: tuple[str, str] = ("", "")
         self._charts: list[Any] = []
-        self._title = gui.add_html("")
-        self._make()
+        add = gui.add_button_group("curves", ("Add taxel", "Clear"), hint=_CURVES_HINT)
+        self._folder = gui.add_folder(None)
+        with self._folder:
+            self._legends = [gui.add_html(_HINT, order=0.0), gui.add_html("", order=2.0)]
+
+        @add.on_click
+        async def _(_: viser.GuiEvent) -> None:
+            if add.value == "Clear":
+                self._is_automatic = True
+                self.chosen = []
+                self._begin()
+            elif (one := selected()) not in self.chosen:
+                self.choose(*one)
 
     def choose(self, skin: str, taxel: int) -> None:
         """Add the taxel to the charts, or remove it if it is shown."""
+        if self._is_automatic:
+            self._is_automatic = False
         if (skin, taxel) in self.chosen:
             self.chosen.remove((skin, taxel))
         else:
             self.chosen = [*self.chosen, (skin, taxel)][-MAX_TAXELS:]
-        self._times.clear()
-        self._rows.clear()
-        self._make()
+        self._begin()
 
     def add(self, t_s: float, samples: dict[str, Sample], deviations: dict[str, np.ndarray | None]) -> None:
         """Add the readings of a time [s]; ``deviations`` has how far each skin's counts are from baseline."""
+        if self._is_automatic and not self.chosen:
+            self._choose_touched(samples)
         if self._times and t_s <= self._times[-1]:
             self._times.clear()
             self._rows.clear()
@@ -52,12 +83,15 @@ class Curves:
             if sample is None or taxel >= len(sample.ideal):
                 row += [np.nan] * 3
                 continue
+            if name not in self._units:
+                self._units[name] = self._units_of(sample, name)
             sent = deviations.get(name)
             one = slice(taxel, taxel + 1)
-            values = (magnitudes(sample.ideal[one])[0], magnitudes(sample.measured[one])[0], np.nan)
-            row += [values[0], values[1], np.nan if sent is None else float(sent[taxel])]
-        self._times.append(t_s)
-        self._rows.append(row)
+            values = (magnitudes(sample.ideal[one])[0], magnitudes(sample.measured[one])[0])
+            row += [*values, np.nan if sent is None else float(sent[taxel])]
+        if self._rows or not np.isnan(row).any():  # uPlot finds no range where the first value is none
+            self._times.append(t_s)
+            self._rows.append(row)
 
     def draw(self) -> None:
         """Show the last :data:`_SECONDS`."""
@@ -66,30 +100,104 @@ class Curves:
         times, rows = np.array(self._times), np.array(self._rows)
         inside = times > times[-1] - _SECONDS
         times, rows = times[inside] - times[-1], rows[inside]
-        read = [rows[:, 3 * k + j] for k in range(len(self.chosen)) for j in (0, 1)]
-        sent = [rows[:, 3 * k + 2] for k in range(len(self.chosen))]
-        for chart, columns in zip(self._charts, (read, sent)):
-            chart.data = (times, *columns)
+        read = np.delete(rows, slice(2, None, 3), axis=1)
+        sent = rows[:, 2::3]
+        units = [self._units.get(name, ("", "")) for name, _ in self.chosen]
+        shown = [_shared(float(np.nanmax(part, initial=0.0)), [unit[k] for unit in units])
+                 for k, part in enumerate((read, sent))]  # fmt: skip
+        axes = (f"reading [{shown[0][1]}]", f"change [{shown[1][1]}]")
+        if axes != self._axes or not self._charts:
+            self._axes = axes
+            self._make()
+        for chart, part, (factor, _) in zip(self._charts, (read, sent), shown):
+            chart.data = (times, *(part * factor).T)
+        _show(self._legends[0], self._legend(rows[-1], (0, 1), shown[0], "Readings of touched taxels"))
+        _show(self._legends[1], self._legend(rows[-1], (2,), shown[1], "Sent: change of the counts from baseline"))
 
-    def _make(self) -> None:
+    def _choose_touched(self, samples: Mapping[str, Sample]) -> None:
+        for name, sample in samples.items():
+            size = np.nan_to_num(magnitudes(sample.ideal)) if np.ndim(sample.ideal) else np.zeros(0)
+            if size.any() and name in self._skins and len(size) == len(self._skins[name].layout):
+                self.chosen = [(name, int(size.argmax()))]
+                self._begin()
+                return
+
+    def _units_of(self, sample: Sample, name: str) -> tuple[str, str]:
+        skin = self._skins.get(name)
+        if skin is None:
+            return "", ""
+        columns = np.asarray(sample.counts).reshape(len(sample.counts), -1).shape[1] if np.ndim(sample.counts) else 0
+        return skin.unit(sample.sense), deviation_unit(skin.channels(sample.sense, columns))
+
+    def _begin(self) -> None:
+        """Drop the charts and what they showed; :meth:`draw` makes new ones."""
+        self._times.clear()
+        self._rows.clear()
         for chart in self._charts:
             chart.remove()
         self._charts = []
         if not self.chosen:
-            self._title.content = "<p>Click taxels in the picture to see their curves.</p>"
-            return
-        names = ", ".join(f"{skin} {taxel}" for skin, taxel in self.chosen)
-        self._title.content = f"<p>taxels {names}: dashed ideal, solid measured; below, counts relative to baseline</p>"
-        none = np.zeros(1)
-        read, sent = [viser.uplot.Series(label="s")], [viser.uplot.Series(label="s")]
-        for colour, (_, taxel) in zip(_COLOURS, self.chosen):
-            read.append(viser.uplot.Series(label=f"{taxel} ideal", stroke=colour, width=1, dash=(4.0, 4.0)))
-            read.append(viser.uplot.Series(label=f"{taxel} measured", stroke=colour, width=2))
-            sent.append(viser.uplot.Series(label=f"{taxel} sent", stroke=colour, width=2))
-        for series in (read, sent):
-            self._charts.append(
+            _show(self._legends[0], _HINT)
+            _show(self._legends[1], "")
+
+    def _make(self) -> None:
+        for chart in self._charts:
+            chart.remove()
+        none, pairs = np.zeros(1), list(zip(SERIES, self.chosen))
+        series = {
+            0: [each for colour, _ in pairs for each in (_line(colour + _IDEAL_ALPHA, 6), _line(colour, 1.5))],
+            1: [_line(colour, 1.5) for colour, _ in pairs],
+        }
+        axis: dict[str, Any] = {"labelSize": 18, "labelFont": "11px sans-serif", "font": "11px sans-serif"}
+        with self._folder:
+            self._charts = [
                 self._gui.add_uplot(
-                    (none,) * len(series), tuple(series), height=190, legend=viser.uplot.Legend(show=series is read),
-                    scales={"x": viser.uplot.Scale(time=False, range=(-_SECONDS, 0.0))},
+                    (none,) * (len(lines) + 1), (viser.uplot.Series(label="time"), *lines), height=_CHART_PX,
+                    order=1.0 + 2 * k, legend=viser.uplot.Legend(show=False), cursor=viser.uplot.Cursor(show=False),
+                    scales={"x": viser.uplot.Scale(time=False, range=(-_SECONDS, 0.0))}, padding=(8, 12, 0, 0),
+                    axes=(viser.uplot.Axis(label="time before now [s]", size=28, **axis),
+                          viser.uplot.Axis(label=self._axes[k], size=46, **axis)),
                 )
-            )  # fmt: skip
+                for k, lines in series.items()
+            ]  # fmt: skip
+
+    def _legend(self, row: np.ndarray, parts: tuple[int, ...], shown: tuple[float, str], title: str) -> str:
+        entries = []
+        for k, (colour, (skin, taxel)) in enumerate(zip(SERIES, self.chosen)):
+            known = self._skins.get(skin)
+            name = taxel_name(known.layout, taxel) if known is not None else str(taxel)
+            where = f"{skin} {name}" if len(self._skins) > 1 else f"taxel {name}"
+            for part in parts:
+                what = ("ideal", "measured", "sent")[part]
+                value = row[3 * k + part] * shown[0]
+                text = f"{where}, {what}: {value:.3g} {shown[1]}" + ", broad line" * (part == 0)
+                entries.append(f"<span>{_swatch(colour, is_ideal=part == 0)}{escape(text)}</span>")
+        return f'<div class="tt"><h4>{title}</h4><div class="tt-legend">{"".join(entries)}</div></div>'
+
+
+_CURVES_HINT = (
+    f"Add taxel: also show the selected taxel, up to {MAX_TAXELS}. Clear: show the next taxel that is touched."
+)
+_HINT = '<div class="tt"><p>No taxel is touched yet. Click taxels in the scene to see their curves.</p></div>'
+
+
+def _line(colour: str, width: float) -> viser.uplot.Series:
+    return viser.uplot.Series(label="", stroke=colour, width=width)
+
+
+def _swatch(colour: str, *, is_ideal: bool) -> str:
+    width, opacity = (6, 0.35) if is_ideal else (2, 1)
+    return (
+        f'<svg width="22" height="8" aria-hidden="true"><line x1="0" y1="4" x2="22" y2="4" stroke="{colour}" '
+        f'stroke-width="{width}" stroke-opacity="{opacity}"/></svg>'
+    )
+
+
+def _shared(largest: float, units: list[str]) -> tuple[float, str]:
+    """Return factor and unit of an axis; where skins have several units, their SI units."""
+    return prefixed(largest, units[0]) if len(set(units)) == 1 else (1.0, " or ".join(dict.fromkeys(units)))
+
+
+def _show(handle: Any, content: str) -> None:
+    if handle.content != content:
+        handle.content = content

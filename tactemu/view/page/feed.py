@@ -2,15 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from firmware_protocols.layouts import Layout
+from firmware_protocols.senses import QUANTITY_UNITS
 from tactemu.scene.description import SceneDescription, SkinDescription
 from tactemu.truth.entries import Sample
+from tactemu.view.conversions.display import prefixed
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One of the numbers that a device sends for each taxel."""
+
+    name: str
+    axis: str = ""
+    unit: str = ""
+    """The unit of a count: ``µT``, ``10 mN``, or ``counts`` where the device has no published scale."""
+    rest: float = 0.0
+    """The count without contact, by the datasheet."""
 
 
 @dataclass(frozen=True)
@@ -26,6 +40,50 @@ class PageSkin:
     def layout(self) -> Layout:
         """The taxels in the device's frame."""
         return self.described.layout
+
+    def quantity(self, sense: str) -> str:
+        """Return the quantity of a sense; without a name: of the first."""
+        senses = self.described.senses
+        found = senses.get(sense) or next(iter(senses.values()), None)
+        return found.quantity if found is not None else ""
+
+    def unit(self, sense: str) -> str:
+        """Return the SI unit of a sense's readings; "" if it has none."""
+        return QUANTITY_UNITS.get(self.quantity(sense), "")
+
+    def channels(self, sense: str, columns: int) -> list[Channel]:
+        """Return the channels of a taxel's counts; if the device does not name as many as there are, they have numbers
+        for names."""
+        about = [each for each in self.about.get("columns", ()) if not each.get("shared")]
+        of_sense = [each for each in about if not sense or each.get("sense", "") in ("", sense)]
+        for each in (of_sense, about):
+            if len(each) == columns:
+                return [_channel(one) for one in each]
+        return [Channel(f"channel {k}" if columns > 1 else "count", unit="counts") for k in range(columns)]
+
+
+def _channel(column: Mapping[str, Any]) -> Channel:
+    scale, unit = column.get("counts_per_unit"), column.get("unit", "")
+    step = "counts"
+    if scale and unit:
+        factor, shown = prefixed(1 / scale, unit)
+        size = factor / scale
+        step = shown if abs(size - 1) < 1e-6 else f"{size:.4g} {shown}"
+    return Channel(column["name"], column.get("axis", ""), step, float(column["rest"]))
+
+
+def deviation_channels(channels: Sequence[Channel]) -> list[int]:
+    """Return the channels in which contact shows: those with an axis that have the unit of the first of these; if none
+    has an axis, all."""
+    axes = [channel for channel in channels if channel.axis]
+    return [k for k, each in enumerate(channels) if not axes or (each.axis and each.unit == axes[0].unit)]
+
+
+def deviation_unit(channels: Sequence[Channel]) -> str:
+    """Return the unit of :meth:`Baseline.deviation`: that of its channels if they share one, else counts."""
+    units = {channels[k].unit for k in deviation_channels(channels)}
+    unit = units.pop() if len(units) == 1 else "counts"
+    return unit if not unit[:1].isdigit() else f"counts of {unit}"
 
 
 class DescribedRun:
@@ -85,24 +143,24 @@ class Baseline:
     the datasheet."""
 
     def __init__(self, skin: PageSkin):
-        self._datasheet_counts = np.array([column["rest"] for column in skin.about.get("columns", ())], float)
+        self._skin = skin
+        self._columns: list[int] = []
         self._baseline = np.zeros((0, 0))
         self._seen = np.zeros(0, bool)
 
     def deviation(self, sample: Sample) -> np.ndarray | None:
-        """Return how far the counts are from the baseline, shape ``(n,)``, or None if they are not by taxels."""
+        """Return how far the counts of :func:`deviation_channels` are from the baseline, shape ``(n,)``, or None if
+        they are not by taxels."""
         counts = np.asarray(sample.counts, float)
         if counts.ndim == 0 or len(counts) != len(sample.ideal):
             return None
         columns = counts.reshape(len(counts), -1)
         if columns.shape != self._baseline.shape:
-            given = (
-                self._datasheet_counts
-                if self._datasheet_counts.shape == columns.shape[1:]
-                else np.zeros(columns.shape[1])
-            )
-            self._baseline, self._seen = np.tile(given, (len(columns), 1)), np.zeros(len(columns), bool)
+            channels = self._skin.channels(sample.sense, columns.shape[1])
+            self._columns = deviation_channels(channels)
+            self._baseline = np.tile([channel.rest for channel in channels], (len(columns), 1))
+            self._seen = np.zeros(len(columns), bool)
         new = ~self._seen & (magnitudes(sample.ideal) == 0)
         self._baseline[new] = columns[new]
         self._seen |= new
-        return np.linalg.norm(columns - self._baseline, axis=1)
+        return np.linalg.norm((columns - self._baseline)[:, self._columns], axis=1)

@@ -30,6 +30,7 @@ from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 
 from tactemu.base.errors import TactemuError
+from tactemu.view.page.page_style import STYLE
 
 MAX_VIEWERS = 16
 MAX_MESSAGE_BYTES = 65_536
@@ -93,7 +94,7 @@ class Gate:
         head, mark, tail = page.read_text(encoding="utf-8").partition("<title>Viser</title>")
         if not mark:
             raise TactemuError(f"the page of viser {viser.__version__} is not supported; {INSTALL_TESTED}")
-        self._page = gzip.compress(f"{head}<title>{title}</title>{_SCRIPT}{tail}".encode())
+        self._page = gzip.compress(f"{head}<title>{title}</title>{_SCRIPT}<style>{STYLE}</style>{tail}".encode())
 
     def say(self, text: str) -> None:
         """Report a line, at most one a second, so that repeated requests do not fill the terminal."""

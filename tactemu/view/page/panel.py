@@ -7,21 +7,23 @@ from collections.abc import Callable, Mapping, Sequence
 from html import escape
 from typing import Any
 
+import numpy as np
 import viser
 
+from tactemu.view.page.controls import Controls
 from tactemu.view.page.curves import Curves
 from tactemu.view.page.feed import Baseline, DescribedRun, PageSkin, PageState
-from tactemu.view.page.pictures import Pictures
-from tactemu.view.page.viewer_commands import Report, ViewerCommands
+from tactemu.view.page.pictures import ALL, KINDS, Pictures
+from tactemu.view.page.readings import readings_html, statistics_html
+from tactemu.view.page.viewer_commands import ViewerCommands
 from tactemu.view.page.wire import Wire
 
-SHARES = ("drop", "flip", "truncate", "checksum", "duplicate", "garbage", "late")
-"""The faults that hit a share of the frames, which a slider sets."""
 READ_HZ = 5.0
 """The rate at which text, pictures and curves are renewed: a browser takes longer to lay them out than to draw the
 scene."""
-_RIGHT_PX = 430
-_LEFT_PX = 300
+_RIGHT_PX = 400
+_LEFT_PX = 290
+_UNHEARD = "No driver has the port open."
 
 
 class Panel:
@@ -44,7 +46,9 @@ class Panel:
         title: str,
     ):
         self._run, self._viewer_commands, self._datasheet = run, viewer_commands, datasheet
-        self._next_read_s = 0.0
+        self._next_read_s = self._t_s = 0.0
+        self._answer = ""
+        self._is_held = False
         self._pictures, self._wire = Pictures(), Wire(run)
         self._baselines = {name: Baseline(skin) for name, skin in run.skins.items()}
         gui = self._gui = server.gui
@@ -53,11 +57,12 @@ class Panel:
         gui.configure_theme(show_logo=False, show_share_button=False, control_width="medium")
         self._status = gui.add_html("")
         names = list(run.skins) or ["none"]
-        self._skin = gui.add_dropdown("skin", names, hint="its pictures, wire, statistics and datasheet are shown")
-        self._taxel = gui.add_number("taxel", 0, min=0, step=1, hint="or click one in the scene")
-        self._add_touch()
-        self._add_breaking()
-        self._add_imperfections()
+        self._skin = gui.add_dropdown("skin", names, hint="Its pictures, numbers, wire and datasheet are shown")
+        self._taxel = gui.add_number("taxel", 0, min=0, step=1, hint="The taxel to press; or click one in the scene")
+        self._controls = Controls(gui, run, viewer_commands, self._target, self._command_done)
+        self._controls.add_key("N", "Show the next skin", lambda client: self._show_next_skin())
+        self._controls.add_key("H", "Hold pictures, curves and wire, or go on", lambda client: self._toggle_hold())
+        self._controls.add_keys_section()
         gui.main_panel.dock_left()
         gui.main_panel.set_width(_LEFT_PX)
         self._add_views()
@@ -69,100 +74,8 @@ class Panel:
         """The selected skin: its pictures, wire, statistics and datasheet are shown."""
         return self._run.skins.get(self._skin.value)
 
-    # -- what may be done ----------------------------------------------------------------------------------------------
-
-    def _add_touch(self) -> None:
-        gui = self._gui
-        with gui.add_folder("Touch"):
-            gui.add_html(_padded("<small>Drag a blue body. Esc gives it back.</small>"))
-            depth = gui.add_slider("depth [mm]", 0.1, 5.0, 0.1, 1.0)
-            seconds = gui.add_slider("for [s]", 0.1, 10.0, 0.1, 1.0)
-            press = gui.add_button("Press the taxel")
-            back = gui.add_button("Give all back")
-        self._on(
-            press,
-            lambda: [
-                ("press", {"depth": depth.value * 1e-3, "dwell": seconds.value, "taxel": int(self._taxel.value),
-                           "skin": self._skin.value, "wait": False})
-            ],
-        )  # fmt: skip
-
-        @back.on_click
-        async def _(event: viser.GuiEvent) -> None:
-            self._viewer_commands.give_back(None, reporter(event.client))
-
-        escape_key = gui.add_command("Give back what I hold", hotkey="escape")
-
-        @escape_key.on_trigger
-        async def _(event: Any) -> None:
-            self._viewer_commands.give_back(event.client.client_id, reporter(event.client))
-
-    def _add_breaking(self) -> None:
-        gui = self._gui
-        with gui.add_folder("Break"):
-            unplug = gui.add_button("Unplug for 1 s")
-            reset = gui.add_button("Reboot")
-            hang = gui.add_button("Hang for 1 s")
-            share = gui.add_dropdown("fault", SHARES, hint="tactemu faults explains them")
-            percent = gui.add_slider("of frames [%]", 0.0, 100.0, 1.0, 0.0)
-            with gui.add_form(None) as form:
-                words = gui.add_text("any fault", "", hint="such as: late 20% by 30ms; Enter begins it")
-                begin = gui.add_button("Begin it")
-            mend = gui.add_button("Mend all")
-        skin = lambda **more: {"skin": self._skin.value, **more}  # noqa: E731
-        self._on(unplug, lambda: [("unplug", skin(seconds=1.0))])
-        self._on(reset, lambda: [("reset", skin())])
-        self._on(hang, lambda: [("hang", skin(seconds=1.0))])
-        self._on(mend, lambda: [("mend", skin())])
-        self._shares: dict[tuple[str, str], str] = {}
-
-        @percent.on_update
-        async def _(event: viser.GuiEvent) -> None:
-            key, say = (self._skin.value, share.value), reporter(event.client)
-            if before := self._shares.pop(key, None):
-                self._viewer_commands.submit("mend", say, fault=before, skin=key[0])
-            if percent.value > 0:
-                self._shares[key] = f"{share.value} {percent.value:g}%"
-                self._viewer_commands.submit("fault", say, fault=self._shares[key], skin=key[0])
-
-        @mend.on_click
-        async def _(_: viser.GuiEvent) -> None:
-            self._shares.clear()
-            percent.value = 0.0
-
-        async def ask(event: viser.GuiEvent) -> None:
-            if words.value.strip():
-                self._viewer_commands.submit(
-                    "fault", reporter(event.client), fault=words.value.strip(), skin=self._skin.value
-                )
-
-        form.on_submit(ask)
-        begin.on_click(ask)
-
-    def _add_imperfections(self) -> None:
-        gui = self._gui
-        options = {name: list(skin.about.get("adjustable", ())) for name, skin in self._run.skins.items()}
-        there = sorted({option for each in options.values() for option in each if option != "dead"})
-        with gui.add_folder("Imperfections", expand_by_default=bool(there)):
-            if there:
-                option = gui.add_dropdown("option", there)
-                value = gui.add_number("value", 0.0, step=1e-6)
-                change = gui.add_button("Set")
-                self._on(change, lambda: [("set", {"options": {option.value: value.value}, "skin": self._skin.value})])
-            if any("dead" in each for each in options.values()):
-                kill = gui.add_button("Kill the taxel")
-                taxel = lambda: {"taxels": [int(self._taxel.value)], "skin": self._skin.value}  # noqa: E731
-                self._on(kill, lambda: [("dead", taxel())])
-            else:
-                gui.add_html(
-                    _padded("<small>To change more, start the run with --adjustable noise --adjustable dead.</small>")
-                )
-
-    def _on(self, button: viser.GuiButtonHandle, commands: Callable[[], list[tuple[str, dict[str, Any]]]]) -> None:
-        @button.on_click
-        async def _(event: viser.GuiEvent) -> None:
-            for verb, arguments in commands():
-                self._viewer_commands.submit(verb, reporter(event.client), **arguments)
+    def _target(self) -> tuple[str, int]:
+        return self._skin.value, int(self._taxel.value)
 
     # -- what is shown -------------------------------------------------------------------------------------------------
 
@@ -170,13 +83,19 @@ class Panel:
         gui = self._gui
         upper, lower = gui.add_panel(), gui.add_panel()
         with upper.add_tab("Pictures"):
+            self._shown = gui.add_button_group(
+                "show", (ALL, *KINDS),
+                hint="Ideal: without imperfections. Measured: with them. Sent: the counts, as change from baseline.",
+            )  # fmt: skip
             self._flat = gui.add_html("")
         with upper.add_tab("Curves"):
-            self.curves = Curves(gui)
+            self.curves = Curves(gui, self._run.skins, self._target)
+        with upper.add_tab("Numbers"):
+            self._numbers = gui.add_html("")
         with lower.add_tab("Wire"):
             self._running = gui.add_html("")
         with lower.add_tab("Statistics"):
-            self._numbers = gui.add_html("")
+            self._statistics = gui.add_html("")
         with lower.add_tab("Datasheet"):
             self._details = gui.add_html("")
         upper.dock_right()
@@ -194,8 +113,19 @@ class Panel:
         self._taxel.max = max(len(skin.layout) - 1, 0)
         self._taxel.value = min(self._taxel.value, self._taxel.max)
         lines = "\n".join(self._datasheet(skin))
-        self._details.content = f'<pre class="sheet">{escape(lines)}</pre>{_SHEET}'
+        self._details.content = f'<div class="tt"><pre class="tt-sheet">{escape(lines)}</pre></div>'
         self._wire = Wire(self._run)
+        self._shown.value = ALL if len(skin.layout.patches) == 1 else KINDS[1]
+
+    def _show_next_skin(self) -> None:
+        names = list(self._run.skins)
+        if names:
+            self._skin.value = names[(names.index(self._skin.value) + 1) % len(names)]
+            self._choose_skin()
+
+    def _toggle_hold(self) -> None:
+        self._is_held = not self._is_held
+        self._next_read_s = 0.0
 
     def choose_taxel(self, skin: str, taxel: int) -> None:
         """Select a taxel that a viewer has clicked, and its skin."""
@@ -206,6 +136,7 @@ class Panel:
 
     def draw(self, state: PageState, words: str) -> None:
         """Show a state; text, pictures and curves are renewed at :data:`READ_HZ` only."""
+        self._t_s = state.t_s
         is_due = (now := time.monotonic()) >= self._next_read_s
         looked_at = {name for name, _ in self.curves.chosen}
         deviations = {
@@ -213,35 +144,57 @@ class Panel:
             for name, sample in state.samples.items()
             if name in self._baselines and (is_due or name in looked_at)
         }
-        self.curves.add(state.t_s, state.samples, deviations)
-        if state.wire or state.missing:
-            self._wire.add(state.wire, state.missing)
+        if not self._is_held:
+            self.curves.add(state.t_s, state.samples, deviations)
+            if state.wire or state.missing:
+                self._wire.add(state.wire, state.missing)
         if not is_due:
             return
         self._next_read_s = now + 1 / READ_HZ
+        self._show_status(state, words)
+        if not self._is_held:
+            self._show_views(state, deviations)
+
+    def _show_views(self, state: PageState, deviations: Mapping[str, np.ndarray | None]) -> None:
+        skin = self.skin
+        if skin is not None:
+            sample = state.samples.get(skin.name)
+            pictures = self._pictures.html(skin, sample, deviations.get(skin.name), self._shown.value)
+            _show(self._flat, pictures)
+            _show(self._numbers, readings_html(skin, sample, int(self._taxel.value)))
+        self.curves.draw()
+        _show(self._running, self._wire.html())
+
+    def _show_status(self, state: PageState, words: str) -> None:
         holders = self._viewer_commands.holders
-        held = [
+        lines = [f"<b>{state.t_s:.1f} s</b>, {escape(words)}"]
+        if self._is_held:
+            lines.append("<b>The panels are held.</b> Press H to go on.")
+        if self.skin is not None and self._wire.is_unheard(self.skin.name):
+            lines.append(f'<span class="tt-dim">{_UNHEARD}</span>')
+        lines += [
             f"{escape(body)}: {holder_text(holders.get(body))}"
             for body, each in state.bodies.items()
             if each["in_hand"] and body in holders
         ]
-        lines = [f"<b>{state.t_s:.1f} s</b>, {words}", *held]
-        _show(self._status, _padded("<br>".join(lines)))
-        skin = self.skin
-        if skin is not None:
-            _show(self._flat, self._pictures.html(skin, state.samples.get(skin.name), deviations.get(skin.name)))
-        self.curves.draw()
-        _show(self._running, self._wire.html())
+        if self._answer:
+            lines.append(f'<div class="tt-answer">{escape(self._answer)}</div>')
+        _show(self._status, f'<div class="tt tt-status">{"<br>".join(lines)}</div>')
+
+    def _command_done(self, text: str) -> str:
+        """Show what a command has done in the status, and return a remark if no driver can notice it."""
+        self._answer = f"{self._t_s:.1f} s: {text}"
+        self._next_read_s = 0.0
+        return _UNHEARD if self.skin is not None and self._wire.is_unheard(self.skin.name) else ""
 
     def end(self, t_s: float, why: str) -> None:
         """Report that nothing more comes."""
-        words = f'<b style="color:#e03131">{escape(why)}</b><br>the last picture is of {t_s:.1f} s'
-        _show(self._status, _padded(words))
+        words = f'<span class="tt-wrong">{escape(why)}</span><br>The page shows the state at {t_s:.1f} s.'
+        _show(self._status, f'<div class="tt tt-status">{words}</div>')
 
     def numbers(self, stats: Mapping[str, Any]) -> None:
         """Show the emulator's statistics."""
-        tables = [_table(name, entry) for name, entry in stats.get("skins", {"wire": stats}).items()]
-        _show(self._numbers, "".join(tables) + _SHEET)
+        _show(self._statistics, statistics_html(stats))
 
 
 def holder_text(viewer: int | None) -> str:
@@ -249,38 +202,6 @@ def holder_text(viewer: int | None) -> str:
     return "held" if viewer is None else f"viewer {viewer + 1} has it"
 
 
-def reporter(client: viser.ClientHandle | None) -> Report:
-    """Return a callable that shows an error to a viewer."""
-
-    def say(text: str) -> None:
-        if client is not None:
-            client.add_notification("That cannot be done", text[:300], auto_close_seconds=8.0, color="red")
-
-    return say
-
-
-def _padded(html: str) -> str:
-    return f'<div style="padding: 0 0.8em 0.5em">{html}</div>'
-
-
 def _show(handle: Any, content: str) -> None:
     if handle.content != content:
         handle.content = content
-
-
-def _table(name: str, entry: Mapping[str, Any]) -> str:
-    rows = []
-    for what, value in entry.items():
-        if isinstance(value, Mapping):
-            rows += [f"<tr><td>{escape(what)}: {escape(k)}</td><td>{v}</td></tr>" for k, v in value.items()]
-        elif what != "skin":
-            rows.append(f"<tr><td>{escape(what.replace('_', ' '))}</td><td>{value}</td></tr>")
-    return f'<table class="numbers"><tr><th colspan="2">{escape(name)}</th></tr>{"".join(rows)}</table>'
-
-
-_SHEET = """<style>
-pre.sheet { font-size: 11px; overflow: auto; max-height: 60vh; margin: 0; }
-table.numbers { font-size: 12px; width: 100%; }
-table.numbers th { text-align: left; }
-table.numbers td:last-child { text-align: right; font-variant-numeric: tabular-nums; }
-</style>"""

@@ -1,25 +1,46 @@
-"""Patches of taxels as flat pictures: ideal, measured and sent side by side, with the counts."""
+"""Patches of taxels as flat pictures: ideal, measured and sent, each with its colour bar."""
 
 from __future__ import annotations
 
 import base64
 import io
+import re
+from collections.abc import Sequence
 from html import escape
 
 import numpy as np
 from PIL import Image
 
 from firmware_protocols.layouts import Patch
-from tactemu.base.style import colours
+from tactemu.base.style import NAN, RAMP, colours
 from tactemu.truth.entries import Sample
-from tactemu.view.conversions.display import MAX_COLUMNS, cells
-from tactemu.view.page.feed import PageSkin, magnitudes
+from tactemu.view.conversions.display import cells, prefixed
+from tactemu.view.page.feed import PageSkin, deviation_unit, magnitudes
 
-_MAX_NUMBERED_TAXELS = 64
-"""Maximum number of taxels of a patch whose counts are written below its picture."""
+KINDS: tuple[str, ...] = ("ideal", "measured", "sent")
+"""The pictures that there are of a skin."""
+ALL = "all three"
+"""The choice that shows all of them."""
 _MAX_PATCHES = 24
 """Maximum number of patches of one skin that are drawn."""
-_COLUMNS: tuple[str, ...] = ("ideal", "measured", "sent")
+_MAX_TAXEL_PX = 26
+"""Maximum size of a taxel in a skin of several patches."""
+_MIN_TAXEL_PX = 4
+"""Minimum size of a taxel: where a row of patches takes more room than the panel has, it breaks."""
+_ROW_PX = 320
+"""The width that a row of patches takes [px], without the gaps."""
+_MIN_NAME_PX = 56
+"""The width that a patch's name has at least [px]."""
+_SQUARE_PX, _MAX_SQUARES = 8, 1000
+"""The size of a taxel in the image with its line [px], and the number of taxels up to which there are lines."""
+_MIN_WIDE = 1.6
+"""Ratio of width to height from which on pictures stand one above the other instead of side by side."""
+_FINGERS = ("thumb", "index", "middle", "ring", "little")
+_SEGMENTS = ("tip", "top", "distal", "middle", "proximal", "pad", "base")
+"""The parts of a finger, from its end."""
+
+DrawnPatch = tuple[Patch, np.ndarray]
+"""A patch, and the row and column of each of its taxels."""
 
 
 class Pictures:
@@ -27,82 +48,151 @@ class Pictures:
 
     def __init__(self) -> None:
         self._skin: PageSkin | None = None
-        self._places: list[tuple[Patch, np.ndarray]] = []
-        self._most = dict.fromkeys(_COLUMNS, 0.0)
+        self._rows: list[list[list[DrawnPatch]]] = []
+        self._most = dict.fromkeys(KINDS, 0.0)
 
-    def html(self, skin: PageSkin, sample: Sample | None, sent: np.ndarray | None) -> str:
-        """Return the pictures of a sample; ``sent`` is how far the counts are from baseline."""
+    def html(self, skin: PageSkin, sample: Sample | None, sent: np.ndarray | None, shown: str = ALL) -> str:
+        """Return the pictures of a sample.
+
+        Args:
+            skin: the skin of the sample.
+            sample: the sample; None: there is none yet.
+            sent: how far the counts are from the baseline; None: they are not by taxels.
+            shown: one of :data:`KINDS`, or :data:`ALL`.
+        """
         if skin is not self._skin:
             self._skin = skin
-            self._most = dict.fromkeys(_COLUMNS, 0.0)
-            self._places = [(patch, cells(skin.layout, patch)) for patch in skin.layout.patches[:_MAX_PATCHES]]
+            self._most = dict.fromkeys(KINDS, 0.0)
+            self._rows = picture_rows(
+                [(patch, cells(skin.layout, patch)) for patch in skin.layout.patches[:_MAX_PATCHES]]
+            )
         if sample is None or not len(skin.layout) or len(sample.ideal) != len(skin.layout):
-            return "<p>nothing to draw: this skin has no reading for each taxel</p>"
-        sizes: dict[str, np.ndarray | None] = {
-            "ideal": magnitudes(sample.ideal),
-            "measured": magnitudes(sample.measured),
-            "sent": sent,
-        }
+            return '<div class="tt"><p>No picture: this skin has no reading for each taxel yet.</p></div>'
+        sizes = {"ideal": magnitudes(sample.ideal), "measured": magnitudes(sample.measured), "sent": sent}
         for name, size in sizes.items():
             if size is not None:
                 self._most[name] = max(self._most[name], float(np.nanmax(size, initial=0.0)))
-        together = max(self._most["ideal"], self._most["measured"])
-        scale = {"ideal": together, "measured": together, "sent": self._most["sent"]}
-        head = "".join(f"<th>{name}<br><small>0 to {scale[name]:.3g}</small></th>" for name in _COLUMNS)
-        rows = "".join(self._row(patch, places, sizes, scale, sample) for patch, places in self._places)
-        more = len(skin.layout.patches) - len(self._places)
-        note = f"<p>and {more} more patches</p>" if more > 0 else ""
-        return f'<table class="flat"><tr>{head}</tr>{rows}</table>{note}{_STYLE}'
-
-    def _row(
-        self,
-        patch: Patch,
-        places: np.ndarray,
-        sizes: dict[str, np.ndarray | None],
-        scale: dict[str, float],
-        sample: Sample,
-    ) -> str:
-        pixels = [picture(size, patch, places, scale[name]) for name, size in sizes.items()]
-        pictures = "".join(f"<td>{each}</td>" for each in pixels)
-        return f'<tr><td colspan="3" class="name">{escape(patch.name)}</td></tr><tr>{pictures}</tr>' + _numbers(
-            patch, places, sample
+        both = max(self._most["ideal"], self._most["measured"])
+        scales = {"ideal": both, "measured": both, "sent": self._most["sent"]}
+        si = skin.unit(sample.sense)
+        units = {"ideal": si, "measured": si, "sent": _sent_unit(skin, sample)}
+        kinds = KINDS if shown == ALL else (shown,)
+        boxes = "".join(
+            f'<section class="tt-kind"><header><h4>{name}</h4>{_meaning(skin, sample, name)}'
+            f"{_colour_bar(scales[name], units[name], sizes[name])}</header>"
+            f"{self._patches(sizes[name], scales[name], len(kinds))}</section>"
+            for name in kinds
         )
+        more = len(skin.layout.patches) - sum(len(column) for row in self._rows for column in row)
+        note = f"<p>{more} more patches are not drawn.</p>" if more > 0 else ""
+        beside = " tt-beside" if len(kinds) > 1 and self._is_narrow() else ""
+        return f'<div class="tt"><div class="tt-kinds{beside}">{boxes}</div>{note}</div>'
+
+    def _is_narrow(self) -> bool:
+        """Return True if the pictures of one patch fit side by side."""
+        rows, cols = self._rows[0][0][0][1].max(axis=0) + 1
+        return self._is_single() and cols / rows < _MIN_WIDE
+
+    def _is_single(self) -> bool:
+        return len(self._rows[0]) == 1 and len(self._rows[0][0]) == 1
+
+    def _patches(self, size: np.ndarray | None, most: float, kinds: int) -> str:
+        if size is None:
+            return "<p>The counts are not one for each taxel.</p>"
+        if self._is_single():
+            limit = "44vh" if kinds == 1 else "24vh" if self._is_narrow() else "11vh"
+            return _figure(*self._rows[0][0][0], size, most, f"max-height:{limit}", has_name=False)
+        rows = "".join(self._row(row, size, most) for row in self._rows if row)
+        return f'<div class="tt-rows">{rows}</div>'
+
+    def _row(self, row: Sequence[Sequence[DrawnPatch]], size: np.ndarray, most: float) -> str:
+        widths = [max(_columns(places) for _, places in column) for column in row]
+        taxel_px = max(_MIN_TAXEL_PX, min(_MAX_TAXEL_PX, _ROW_PX / sum(widths)))
+        boxes = []
+        for width, column in zip(widths, row):
+            figures = [
+                _figure(*place, size, most, f"width:{_columns(place[1]) * taxel_px:.0f}px", has_name=True)
+                for place in column
+            ]
+            outer = max(width * taxel_px, _MIN_NAME_PX)
+            boxes.append(f'<div class="tt-finger" style="width:{outer:.0f}px">{"".join(figures)}</div>')
+        return f'<div class="tt-patches">{"".join(boxes)}</div>'
 
 
-def picture(size: np.ndarray | None, patch: Patch, places: np.ndarray, most: float) -> str:
-    """Return an image of one pixel for each taxel, which the browser enlarges."""
-    if size is None:
-        return "<small>not by taxels</small>"
+def picture_rows(places: Sequence[DrawnPatch]) -> list[list[list[DrawnPatch]]]:
+    """Return the patches in rows of columns: of a hand, a column for each finger, its tip on top, and the others in a
+    second row; else one row, with a column for each patch."""
+    fingers: dict[str, list[DrawnPatch]] = {}
+    others: list[list[DrawnPatch]] = []
+    for place in places:
+        finger = place[0].name.split(" ")[0].replace("pinky", "little")
+        if finger in _FINGERS:
+            fingers.setdefault(finger, []).append(place)
+        else:
+            others.append([place])
+    if len(fingers) < 2:
+        return [[[place] for place in places]]
+    ordered = [sorted(fingers[name], key=lambda place: _rank(place[0].name)) for name in _FINGERS if name in fingers]
+    return [ordered, others]
+
+
+def _rank(name: str) -> tuple[float, str]:
+    """Return the rank of a part of a finger from the tip: words by :data:`_SEGMENTS`, numbers downwards."""
+    part = name.partition(" ")[2]
+    if part in _SEGMENTS:
+        return _SEGMENTS.index(part), part
+    number = re.match(r"\d+", part)
+    return (len(_SEGMENTS) - int(number[0]) / 100 if number else len(_SEGMENTS) / 2), part
+
+
+def _columns(places: np.ndarray) -> int:
+    """Return the number of columns of a patch's picture."""
+    return int(places[:, 1].max()) + 1
+
+
+def _figure(patch: Patch, places: np.ndarray, size: np.ndarray, most: float, style: str, *, has_name: bool) -> str:
+    picture = image(size[patch.taxels], places, most)
+    rows, cols = places.max(axis=0) + 1
+    name = escape(patch.name)
+    caption = f"<figcaption>{name}</figcaption>" if has_name else ""
+    return (
+        f'<figure class="tt-patch"><img alt="{name}" src="{picture}" style="aspect-ratio:{cols}/{rows};{style}">'
+        f"{caption}</figure>"
+    )
+
+
+def image(size: np.ndarray, places: np.ndarray, most: float) -> str:
+    """Return an image with a square for each taxel and lines between them, as an address with its data."""
     rows, cols = places.max(axis=0) + 1
     pixels = np.zeros((rows, cols, 4), np.uint8)
-    pixels[places[:, 0], places[:, 1], :3] = (255 * colours(size[patch.taxels] / (most or 1.0))).round()
+    pixels[places[:, 0], places[:, 1], :3] = (255 * colours(size / (most or 1.0))).round()
     pixels[places[:, 0], places[:, 1], 3] = 255
+    if len(size) <= _MAX_SQUARES:
+        pixels = pixels.repeat(_SQUARE_PX, axis=0).repeat(_SQUARE_PX, axis=1)
+        pixels[_SQUARE_PX - 1 :: _SQUARE_PX] = pixels[:, _SQUARE_PX - 1 :: _SQUARE_PX] = 0
     buffer = io.BytesIO()
     Image.fromarray(pixels).save(buffer, "PNG", compress_level=1)
-    data = base64.b64encode(buffer.getvalue()).decode()
-    return f'<img alt="" src="data:image/png;base64,{data}" style="aspect-ratio:{cols}/{rows}">'
+    return f"data:image/png;base64,{base64.b64encode(buffer.getvalue()).decode()}"
 
 
-def _numbers(patch: Patch, places: np.ndarray, sample: Sample) -> str:
-    """Return a table of the counts, each at its taxel's place in the picture."""
-    counts = np.asarray(sample.counts)
-    rows, cols = (int(extent) for extent in places.max(axis=0) + 1)
-    if counts.ndim == 0 or len(counts) != len(sample.ideal) or len(places) > _MAX_NUMBERED_TAXELS or cols > MAX_COLUMNS:
-        return ""
-    grid = [["<td></td>"] * cols for _ in range(rows)]
-    for taxel, (row, col) in zip(range(patch.start, patch.start + len(patch)), places.tolist()):
-        words = "<br>".join(f"{value:.6g}" for value in np.atleast_1d(counts[taxel]).tolist())
-        grid[row][col] = f'<td title="taxel {taxel}">{words}</td>'
-    body = "".join(f"<tr>{''.join(row)}</tr>" for row in grid)
-    return f'<tr><td colspan="3"><div class="wide"><table class="counts">{body}</table></div></td></tr>'
+def _colour_bar(most: float, unit: str, size: np.ndarray | None) -> str:
+    factor, shown = prefixed(most, unit)
+    ramp, lost = ", ".join(RAMP), ""
+    if size is not None and np.isnan(size).any():
+        lost = f' <span class="tt-ramp" style="flex:0 0 10px;background:{NAN}"></span><span>NaN</span>'
+    largest = f"{most * factor:.3g} {escape(shown)}" if most else "no contact yet"
+    return (
+        f'<div class="tt-bar"><span>0</span><span class="tt-ramp" style="background:linear-gradient(90deg, {ramp})">'
+        f"</span><span>{largest}</span>{lost}</div>"
+    )
 
 
-_STYLE = """<style>
-table.flat { width: 100%; table-layout: fixed; border-spacing: 4px; font-size: 12px; }
-table.flat img { width: 100%; max-height: 220px; object-fit: contain; image-rendering: pixelated; display: block; }
-table.flat .name { opacity: 0.7; }
-table.flat .wide { overflow-x: auto; }
-table.counts { width: 100%; font-size: 10px; border-spacing: 2px; text-align: center;
-  font-family: ui-monospace, monospace; }
-table.counts td[title] { background: rgba(128, 128, 128, 0.15); border-radius: 3px; }
-</style>"""
+def _sent_unit(skin: PageSkin, sample: Sample) -> str:
+    columns = np.asarray(sample.counts).reshape(len(sample.counts), -1).shape[1] if np.ndim(sample.counts) else 0
+    return deviation_unit(skin.channels(sample.sense, columns))
+
+
+def _meaning(skin: PageSkin, sample: Sample, kind: str) -> str:
+    """Return what the picture shows, in words."""
+    text = "counts − baseline" if kind == "sent" else skin.quantity(sample.sense).replace("_", " ")
+    return f'<div class="tt-dim">{escape(text)}</div>'

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
+import re
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from html import escape
 from typing import Any
 
@@ -17,13 +18,30 @@ from firmware_protocols.tables import TableError
 from tactemu.base import frame_text
 from tactemu.truth import COMMAND
 from tactemu.view.page.feed import DescribedRun, PageSkin
+from tactemu.view.page.viewer_commands import answer_words
 
 _MAX_LINES = 60
 """Maximum number of lines shown; older ones are dropped."""
-_MAX_FRAME_BYTES = 48
+_MAX_FRAME_BYTES = 40
 """Maximum number of bytes shown of a frame."""
 _MAX_FIELD_VALUES = 6
 """Maximum number of values shown of a field."""
+_UNHEARD = "nobody listens"
+"""The reason in the log for a frame that was sent while no driver had the port open."""
+_WHEN = re.compile(r" at \d+ns")
+"""The time in a fault's words, which stands beside it anyway."""
+_MARKS = {
+    "question": "← question", "answer": "→ answer", "data": "→ data", "lost": "⌀ lost", "fault": "✕ fault",
+    "event": "· event",
+}  # fmt: skip
+_CLASSES = {"answer": "tt-sent", "data": "tt-sent"}
+_LEGEND = "<p>" + ", ".join(
+    f'<b style="color:var(--tt-{colour})">{mark}</b> {text}'
+    for mark, colour, text in (
+        ("←", "question", "from the driver"), ("→", "answer", "to the driver"), ("⌀", "lost", "not sent"),
+        ("✕", "fault", "changed by a fault"),
+    )
+) + "</p>"  # fmt: skip
 
 
 class Wire:
@@ -32,34 +50,76 @@ class Wire:
     def __init__(self, run: DescribedRun):
         self._readers = {name: _Reader(skin) for name, skin in run.skins.items()}
         self._lines: deque[str] = deque(maxlen=_MAX_LINES)
+        self._unheard: dict[str, int] = {}
+        """The number of frames since the last driver closed the port of a device; absent if one has it open."""
+        self._is_unheard_line = False
+        """True if the newest line counts frames that no driver could read: the next one of these replaces it."""
+
+    def is_unheard(self, device: str) -> bool:
+        """Return True if the device's last frame was sent while no driver had the port open."""
+        return any(device in names.split("+") for names in self._unheard)
 
     def add(self, rows: list[Mapping[str, Any]], missing: int) -> None:
         """Add the entries since the last state; ``missing`` is the number of those that were left out."""
-        if missing:
-            self._lines.appendleft(f'<tr class="more"><td></td><td></td><td>… {missing} more</td></tr>')
+        if missing and not self._unheard:
+            self._push(
+                '<div class="tt-frame tt-event"><span class="tt-mark">…</span>'
+                f'<span class="tt-what">{missing} more</span></div>'
+            )
         for row in rows[-_MAX_LINES:]:
-            self._lines.appendleft(self._line(row))
+            self._add_row(row)
 
     def html(self) -> str:
         """Return all lines as HTML."""
         if not self._lines:
-            return f"<p>no frames yet</p>{_STYLE}"
-        return f'<div class="wire"><table>{"".join(self._lines)}</table></div>{_STYLE}'
+            return '<div class="tt"><p>No frames yet.</p></div>'
+        return f'<div class="tt">{_LEGEND}{"".join(self._lines)}</div>'
+
+    def _push(self, line: str) -> None:
+        self._lines.appendleft(line)
+        self._is_unheard_line = False
+
+    def _restart_counts(self) -> None:
+        """Let the next line of frames that no driver could read count from 1."""
+        self._unheard = dict.fromkeys(self._unheard, 0)
+
+    def _add_row(self, row: Mapping[str, Any]) -> None:
+        device = row.get("device", "")
+        if row["kind"] != "drop" or row.get("why") != _UNHEARD:
+            if row["kind"] in ("tx", "rx"):
+                self._unheard.pop(device, None)
+            self._restart_counts()
+            self._push(self._line(row))
+            return
+        self._unheard[device] = self._unheard.get(device, 0) + 1
+        if self._is_unheard_line:
+            self._lines.popleft()
+        self._push(self._unheard_line(row, self._unheard[device]))
+        self._is_unheard_line = True
+
+    def _unheard_line(self, row: Mapping[str, Any], seen: int) -> str:
+        words = f"<b>no driver has the port open</b>, {seen} frames; the last: {self._frame(row)}"
+        return _row(row, "lost", words)
 
     def _line(self, row: Mapping[str, Any]) -> str:
         kind = row["kind"]
         if kind == "inject":
-            became = f"{row['before']} → {', '.join(row['after']) or 'nothing'}" if row.get("before") else ""
-            words = f"<b>{escape(row['what'])}</b> {escape(row['detail'])} <code>{escape(became[:200])}</code>"
-            return _row(row, "fault", words)
+            words = _WHEN.sub("", row["detail"]) or row["what"]
+            code = f"<br><code>{escape(_change(row['before'], row['after']))}</code>" if row.get("before") else ""
+            return _row(row, "fault", f"<b>{escape(words)}</b>{code}")
         if kind == "event":
             return _row(row, "event", _event(row["what"]))
+        why = f"<b>{escape(row['why'])}</b>: " if row.get("why") else ""
+        reader = self._reader(row["device"])
+        shown = "lost" if kind == "drop" else "question" if kind == "rx" else reader.sent_kind if reader else "data"
+        return _row(row, shown, why + self._frame(row))
+
+    def _frame(self, row: Mapping[str, Any]) -> str:
+        """Return the words of a frame, and below them its bytes."""
         reader = self._reader(row["device"])
         frame = frame_text.parse(row["data"])
-        words = f"<code>{escape(_shown(frame))}</code> {reader.words(frame, kind) if reader else ''}"
-        words += f" <small>sample {row['sample']}</small>" if "sample" in row else ""
-        words += f" <b>{escape(row['why'])}</b>" if row.get("why") else ""
-        return _row(row, kind, words)
+        words = reader.words(frame, row["kind"], row.get("sample")) if reader else ""
+        return f"{words}<br><code>{escape(_shown(frame))}</code>"
 
     def _reader(self, device: str) -> _Reader | None:
         return next((self._readers[name] for name in device.split("+") if name in self._readers), None)
@@ -71,17 +131,38 @@ class _Reader:
     def __init__(self, skin: PageSkin):
         self._tables = [table for each in skin.about.get("tables", ()) if (table := _table(each)) is not None]
         self._commands = [(each["name"], each["request"]) for each in skin.about.get("commands", ())]
+        self._channels = ", ".join(each.name for each in skin.channels("", len(skin.described.column_names(""))))
+        self._taxels = len(skin.layout)
+        self._question: str | None = None
+        """The name of the driver's last question; None until there is one."""
 
-    def words(self, frame: WireFrame, kind: str) -> str:
+    @property
+    def sent_kind(self) -> str:
+        """The kind of a frame to the driver: ``answer`` once the driver has asked, else ``data``."""
+        return "data" if self._question is None else "answer"
+
+    def words(self, frame: WireFrame, kind: str, sample: int | None) -> str:
         """Return the names of the command and of the table that the frame matches, with the values of its fields."""
-        command = next((name for name, request in self._commands if kind == "rx" and matches(request, frame)), None)
-        named = f"<b>{escape(command)}</b> " if command else ""
+        if kind == "rx":
+            self._question = next((name for name, request in self._commands if matches(request, frame)), "")
+        named = f"<b>{escape(self._question)}</b>" if kind == "rx" and self._question else ""
+        carried = "" if sample is None else f' <span class="tt-dim">sample {sample}</span>'
         for table in self._tables:
             values = _fields(table, frame)
             if values is not None:
-                fields = ", ".join(f"{escape(name)} {escape(_value(value))}" for name, value in values.items())
-                return f"{named}<b>{escape(table.name)}</b> {fields}"
-        return named
+                about = {field.name: field.about for field in table.fields}
+                fields = "; ".join(_field(name, value, about.get(name, "")) for name, value in values.items())
+                return f"{named} <b>{escape(table.name)}</b>: {fields}{carried}"
+        if sample is not None and not named:
+            return f"<b>sample {sample}</b>: {escape(self._channels)} of {self._taxels} taxels"
+        if kind == "tx" and self._question:
+            return f"to <b>{escape(self._question)}</b>{carried}"
+        return f"{named}{carried}" or f'<span class="tt-dim">{len(payload(frame))} bytes</span>'
+
+
+def _field(name: str, value: Any, about: str) -> str:
+    remark = f' <span class="tt-dim">({escape(about)})</span>' if about else ""
+    return f"{escape(name.replace('_', ' '))} {escape(_value(value))}{remark}"
 
 
 def _table(state: Mapping[str, Any]) -> Table | None:
@@ -123,30 +204,34 @@ def _shown(frame: WireFrame) -> str:
     return frame[:_MAX_FRAME_BYTES].hex(" ") + (f" … {len(frame)} bytes" if len(frame) > _MAX_FRAME_BYTES else "")
 
 
+def _change(before: str, after: Sequence[str]) -> str:
+    """Return what a fault has made of a frame: the bytes that it changed, or the frames before and after."""
+    if not after:
+        return "the frame is lost"
+    if len(after) > 1:
+        return f"{len(after)} frames instead of one"
+    head, old = before.rpartition("#")[::2]
+    new = after[0].rpartition("#")[2]
+    if len(old) != len(new):
+        return f"{len(old) // 2} bytes became {len(new) // 2}"
+    changed = [k for k in range(0, len(old), 2) if old[k : k + 2] != new[k : k + 2]]
+    pairs = [f"byte {k // 2}: {old[k : k + 2]} → {new[k : k + 2]}" for k in changed[:_MAX_FIELD_VALUES]]
+    more = ", …" if len(changed) > len(pairs) else ""
+    return f"{head} {', '.join(pairs)}{more}".strip() if changed else "the same bytes, at another time"
+
+
 def _event(what: str) -> str:
     if not what.startswith(COMMAND):
         return escape(what)
     try:
         said = json.loads(what[len(COMMAND) :])
-        words = " ".join(f"{name}={value}" for name, value in said["args"].items())
-        return f"<b>{escape(str(said['verb']))}</b> {escape(words[:200])} <small>{escape(str(said['by']))}</small>"
+        return f"<b>{escape(answer_words(str(said['verb']), said['args'])[:200])}</b>, by {escape(str(said['by']))}"
     except (ValueError, KeyError, TypeError, AttributeError):
         return escape(what[:300])
 
 
-_MARKS = {"tx": "→ driver", "rx": "← driver", "drop": "lost", "fault": "fault", "event": "·"}
-
-
 def _row(row: Mapping[str, Any], kind: str, words: str) -> str:
-    return f'<tr class="{kind}"><td>{row["t_ns"] / 1e9:.4f}</td><td>{_MARKS[kind]}</td><td>{words}</td></tr>'
-
-
-_STYLE = """<style>
-.wire { overflow: auto; max-height: 60vh; font-size: 11px; }
-.wire td { vertical-align: top; padding: 1px 6px 1px 0; white-space: nowrap; }
-.wire td:last-child { white-space: normal; overflow-wrap: anywhere; }
-.wire .rx td:nth-child(2) { color: #1c7ed6; }
-.wire .tx td:nth-child(2) { color: #2b8a3e; }
-.wire .fault td, .wire .drop td:nth-child(2) { color: #e03131; }
-.wire .event td, .wire .more td { opacity: 0.65; }
-</style>"""
+    return (
+        f'<div class="tt-frame {_CLASSES.get(kind, f"tt-{kind}")}"><span class="tt-mark">{_MARKS[kind]}</span>'
+        f'<time>{row["t_ns"] / 1e9:.3f} s</time><span class="tt-what">{words}</span></div>'
+    )

@@ -1,0 +1,80 @@
+"""The page's panels at three widths, light and dark: nothing overlaps, nothing is cut, all text can be read."""
+
+from pathlib import Path
+
+import pytest
+
+import tactemu as tt
+from tests.control.conftest import runtime_folder  # noqa: F401
+from tests.view.page.browser import browsing, opened
+from tests.view.page.test_page import Seen
+
+pytest.importorskip("viser", reason="the page comes with the extra web")
+pytestmark = [pytest.mark.timeout(180)]
+
+LAYOUT = (Path(__file__).parent / "page_layout.js").read_text().split("\n", 2)[2]
+SIZES = {1440: 900, 1000: 700, 400: 800}
+SCHEMES = ("light", "dark")
+DEVICES = ("anyskin", "flexitac", "inspire_rh56dftp", "bota_sensone", "icub_skin", "sensing_tex_mat")
+"""A skin of few taxels with four channels, sheets, hands with many patches, a CAN device, a force torque sensor."""
+SET_SCHEME = """scheme => {
+  document.documentElement.setAttribute("data-mantine-color-scheme", scheme);
+  return new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)));
+}"""
+TABS = ("Curves", "Numbers", "Statistics", "Datasheet")
+
+
+def look_at_all(browser, url: str, width: int, wrong: list[str]) -> list[str]:
+    """What is wrong with every tab of the page, light and dark."""
+    page = opened(browser, url, wrong, width=width, height=SIZES[width])
+    if width < 576:
+        for panel in ("Pictures", "Wire"):
+            page.get_by_role("button", name=f"Expand panel {panel}").click()
+    page.locator(".tt-patch img, .tt-numbers, .tt p").first.wait_for(timeout=60_000)
+    page.get_by_role("button", name="Press taxel").click()
+    page.locator(".mantine-Notification-root", has_text="Pressed taxel").wait_for(timeout=60_000)
+    page.locator(".tt-frame").first.wait_for(timeout=60_000)
+    found = look(page, width, "Pictures, Wire")
+    for tab in TABS:
+        page.get_by_role("tab", name=tab).click()
+        if tab == "Curves":
+            page.get_by_role("button", name="Add taxel").click()
+            page.locator(".tt-legend").first.wait_for(timeout=60_000)
+        found += look(page, width, tab)
+    page.context.close()
+    return found
+
+
+def look(page, width: int, where: str) -> list[str]:
+    """What is wrong with the page as it is now, in each colour scheme."""
+    found = []
+    for scheme in SCHEMES:
+        page.evaluate(SET_SCHEME, scheme)
+        seen = page.evaluate(LAYOUT)
+        assert seen["leaves"] > 20, f"{width} {scheme} {where}: the panels are empty"
+        found += [f"{width} {scheme} {where}: {each}" for each in seen["wrong"]]
+    return found
+
+
+def look_at_device(device: str) -> None:
+    """All panels of a device that is touched, while a fault is in force."""
+    wrong: list[str] = []
+    with tt.serve(device, "memory:", name="layout", adjustable=["noise", "dead"]) as dev:
+        page = Seen("layout")
+        dev.fault("flip 20%")
+        dev.press(depth=1e-3, taxel=0, wait=True)
+        with browsing() as browser:
+            found = [each for width in SIZES for each in look_at_all(browser, page.url, width, wrong)]
+        page.end()
+    assert not found, "\n".join(found)
+    assert not wrong
+
+
+def test_panels_are_whole_and_can_be_read(runtime_folder):  # noqa: F811
+    look_at_device("linker_hand_l6")
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("device", DEVICES)
+def test_panels_of_many_devices_are_whole(device, runtime_folder):  # noqa: F811
+    look_at_device(device)
