@@ -20,6 +20,7 @@ Measure this tree on this machine. Figures are medians; compare those of one run
 
 \b
   python -m benchmarks loop     time to the first frame, lateness of frames
+  python -m benchmarks on_time  samples, answers, commands, closed loop: each with its limit
   python -m benchmarks layer    the elastic layer: grids, contact areas, batches
   python -m benchmarks reality  the levels of fidelity against presses on a real skin
   python -m benchmarks state    size and time of a saved state, and of a fork
@@ -55,6 +56,26 @@ def loop(
     if only not in ("", "open", "closed"):
         raise typer.BadParameter(f"expected open or closed, got {only!r}", param_hint="--only")
     save(run(typer.echo, seconds=seconds, repeats=repeats, questions=questions, only=only), out)
+
+
+@bench.command("on_time")
+def on_time(
+    seconds: Annotated[
+        float, typer.Option(metavar="S", min=0.1, help="Length of the run at 1 kHz; the other parts are shorter.")
+    ] = 60.0,
+    out: Out = None,
+) -> None:
+    """Measure all that must be on time, each with its limit, in less than four minutes on a quiet machine.
+
+    The exit code is 1 if a limit is not met.
+    """
+    from benchmarks.on_time import run
+    from tactemu.base.kernels import start_quietly
+
+    start_quietly()
+    figures, is_met = run(typer.echo, seconds=seconds)
+    save(figures, out)
+    raise typer.Exit(0 if is_met else 1)
 
 
 @bench.command()

@@ -12,6 +12,8 @@ import subprocess
 import sys
 import tempfile
 import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -100,11 +102,22 @@ def answer_ms(case: Case, count: int) -> dict[str, float]:
     return json.loads(output)
 
 
+@contextmanager
+def busy_processes(count: int) -> Iterator[None]:
+    """Run so many processes that each keep a core busy."""
+    processes = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(count)]
+    try:
+        yield
+    finally:
+        for process in processes:
+            process.kill()
+            process.wait()
+
+
 def run(report: Report, *, count: int = 10_000) -> dict[str, float]:
     """Measure every case beside a process that keeps one core busy, and return the figures by name."""
     figures: dict[str, float] = {}
-    neighbour = subprocess.Popen([sys.executable, "-c", "while True: pass"])
-    try:
+    with busy_processes(1):
         for case in CASES:
             found = answer_ms(case, count)
             figures |= {f"answer_{what}_ms_{case.name}": value for what, value in found.items()}
@@ -112,7 +125,4 @@ def run(report: Report, *, count: int = 10_000) -> dict[str, float]:
                 f"answer on {case.name:4} beside a busy process    p50 {found['p50']:.2f} ms, "
                 f"p99 {found['p99']:.2f} ms of {count} questions, {found['lost']:.0f} lost"
             )
-    finally:
-        neighbour.kill()
-        neighbour.wait()
     return figures

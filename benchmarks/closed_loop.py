@@ -53,9 +53,9 @@ MODEL = """
   </worldbody>
 </mujoco>
 """
-SCENE = f"""
+SCENE = """
 [scene]
-dt = {STEP_S}
+dt = {step_s}
 [engine]
 kind = "mujoco"
 file = "model.xml"
@@ -105,15 +105,15 @@ class Witness:
         return (self.steps - 1) / max(real, 1e-9), (self.steps - 1) / max(own, 1e-9)
 
 
-def measured(seconds: float, *, looked_at: bool) -> dict[str, float]:
-    """Measure one run, and return its figures by name."""
+def measured(seconds: float, *, looked_at: bool, step_s: float = STEP_S) -> dict[str, float]:
+    """Measure one run with steps of ``step_s``, and return its figures by name."""
     from tactemu.session.serving import serve
 
     name = f"bench-closed-{os.getpid()}"
     with contextlib.ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="tactemu-bench-")))
         (folder / "model.xml").write_text(MODEL, encoding="utf-8")
-        (folder / "scene.toml").write_text(SCENE, encoding="utf-8")
+        (folder / "scene.toml").write_text(SCENE.format(step_s=step_s), encoding="utf-8")
         run = stack.enter_context(serve(folder / "scene.toml", name=name))
         witness = Witness(run.emulator, run.simulation.posers[0].__self__)
         if looked_at:
@@ -133,7 +133,7 @@ def measured(seconds: float, *, looked_at: bool) -> dict[str, float]:
         late = run.stats("pads")["skins"]["pads"]
         rate, could = witness.rates()
     told = np.array(json.loads(said))
-    after = np.array([told[told > at - STEP_S].min(initial=np.inf) - at for at in witness.contacts])
+    after = np.array([told[told > at - step_s].min(initial=np.inf) - at for at in witness.contacts])
     after = after[after < MAX_LATENCY_S]
     if not len(after):
         raise RuntimeError(f"no contact came through: {len(witness.contacts)} in the engine, {len(told)} on the wire")

@@ -26,9 +26,12 @@ from statistics import median
 import numpy as np
 
 from benchmarks import answers, closed_loop
+from tactemu.base.statistics import ChannelStatistics
 from tactemu.truth import Truth
 from tactemu.tune.timing import Report
 
+STARTING_S = 0.5
+"""The time for a reader to start."""
 TAXELS = (16, 1000, 19_000)
 """The numbers of taxels whose truth is logged."""
 
@@ -76,7 +79,8 @@ def truth_us(n_taxels: int, path: Path | None, samples: int = 100) -> float:
 
 
 def lateness(rate_hz: float, seconds: float, *, device: str = "anyskin", truth: Path | None = None) -> dict[str, float]:
-    """Return the statistics of a device that streams at ``rate_hz`` for ``seconds`` to a process that reads all."""
+    """Return the statistics of a device that streams at ``rate_hz`` for ``seconds`` to a process that reads all; the
+    time in which that process starts does not count."""
     from tactemu.base.clock import RealClock
     from tactemu.emulator.assembly import assemble
     from tactemu.emulator.options import AssemblyOptions
@@ -86,10 +90,13 @@ def lateness(rate_hz: float, seconds: float, *, device: str = "anyskin", truth: 
     run_options = AssemblyOptions(port=f"pty:{folder}/port", rate_hz=rate_hz)
     emulator = assemble(file.load(device), run_options, truth=Truth(truth)).emulator
     emulator.clock = RealClock()
+    channel = emulator.channels[0]
     with emulator, _drained(f"{folder}/port"):
+        emulator.run(STARTING_S)
+        channel.statistics = ChannelStatistics()
         emulator.run(seconds)
     os.rmdir(folder)
-    return emulator.channels[0].statistics.as_dict()
+    return channel.statistics.as_dict()
 
 
 @contextmanager
