@@ -29,7 +29,9 @@ Function = ast.FunctionDef | ast.AsyncFunctionDef
 
 def is_warp(node: ast.AST) -> bool:
     """Return True for a kernel, or a function that kernels call."""
-    return isinstance(node, Function) and any(ast.unparse(each).startswith("wp.") for each in node.decorator_list)
+    return isinstance(node, Function) and any(
+        ast.unparse(each).startswith(("wp.", "warp_kernel")) for each in node.decorator_list
+    )
 
 
 def functions(tree: ast.AST) -> Iterator[Function]:

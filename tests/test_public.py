@@ -60,7 +60,7 @@ def test_packages_say_that_they_have_types(package):
 
 def test_only_files_with_kernels_are_checked_less():
     """Rules are switched off where Warp's types defeat them, file by file, but for one about annotations."""
-    reasons = re.compile(r"^\s*@wp\.(kernel|func|struct)|(import |load_)mujoco", re.MULTILINE)
+    reasons = re.compile(r"^\s*@(warp_kernel|wp\.(kernel|func|struct))|(import |load_)mujoco", re.MULTILINE)
     for package in ("tactemu", "firmware_protocols"):
         for path in (ROOT / package).rglob("*.py"):
             text = path.read_text()

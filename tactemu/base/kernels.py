@@ -1,11 +1,29 @@
-"""The start of Warp without its banner, which would mix with screens and JSON lines, and its kernel cache."""
+"""The declaration of our kernels; the start of Warp without its banner, which would mix with screens and JSON lines;
+its kernel cache, which gets the kernels that were compiled ahead of time."""
 
 from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Callable
+from typing import Any
 
+from tactemu.base.cpu_code import compiler_flags, fill_cache
 from tactemu.base.folders import temporary_folder
+
+
+def warp_kernel(function: Callable | None = None, *, module_options: dict[str, Any] | None = None, **options) -> Any:
+    """Declare a kernel in a module of its own, without a backward pass, compiled for the CPU with our flags.
+
+    Args:
+        function: the kernel; a decorator without arguments passes it.
+        module_options: more options of the kernel's module, by Warp's names.
+        options: more options of ``wp.kernel``.
+    """
+    import warp as wp
+
+    how = {"cpu_compiler_flags": compiler_flags(), **(module_options or {})}
+    return wp.kernel(function, module="unique", enable_backward=False, module_options=how, **options)
 
 
 def start_quietly() -> None:
@@ -39,6 +57,15 @@ def start() -> None:
 
 
 def _start() -> str:
+    """Initialise Warp, and return the note for the user."""
+    import warp
+
+    note = _init()
+    fill_cache(str(warp.config.kernel_cache_dir))
+    return note
+
+
+def _init() -> str:
     import warp
 
     try:

@@ -116,7 +116,18 @@ def _gpu(name: str) -> Finding:
     return Finding(name, True, f"{title.value.decode()}; give --device cuda:0")
 
 
+def _kernels(name: str) -> Finding:
+    from tactemu.base.cpu_code import prebuilt_versions, why_compiled
+    from tactemu.base.kernels import start_quietly
+
+    start_quietly()
+    if why := why_compiled():
+        helps = "".join(f"pip install warp-lang=={version}" for version in prebuilt_versions()[-1:])
+        return Finding(name, False, f"the first start of each device compiles kernels, for seconds: {why}", helps)
+    return Finding(name, True, "no device compiles kernels for its default scene: they were compiled ahead")
+
+
 CHECKS: dict[str, Callable[[str], Finding]] = {
     "python": _python, "ports": _ports, "view": _view, "preload": _preload, "vcan": _vcan, "can": _can,
-    "guest": _guest, "gpu": _gpu, **TIMING_CHECKS,
+    "guest": _guest, "gpu": _gpu, "kernels": _kernels, **TIMING_CHECKS,
 }  # fmt: skip

@@ -25,6 +25,7 @@ import numpy as np
 import warp as wp
 
 from tactemu.base.errors import SceneError
+from tactemu.base.kernels import warp_kernel
 from tactemu.engines.batch_engine import BatchEngine
 from tactemu.engines.newton_source import NewtonSource
 from tactemu.scene.engine_tables import NewtonTable
@@ -157,7 +158,7 @@ def _timestep(file: Path) -> float | None:
     return found[-1] if found else None
 
 
-@wp.kernel(module="unique", enable_backward=False)
+@warp_kernel
 def remember(now: wp.array(dtype=wp.int32), so_far: wp.array(dtype=wp.int32)):
     """Collect flags that the solver clears at its next step."""
     e = wp.tid()

@@ -9,12 +9,13 @@ and start places do not change when noise is switched on.
 
 import warp as wp
 
+from tactemu.base.kernels import warp_kernel
 from tactemu.imperfections.random import draw, stream_keys, unit_f64
 from tactemu.plan.clock import Clock
 from tactemu.plan.plan import Context
 
 
-@wp.kernel(module="unique", enable_backward=False)
+@warp_kernel
 def _fill(keys: wp.vec2ui, clock: Clock, first: int, out: wp.array2d(dtype=wp.float32)):
     e, k = wp.tid()
     out[e, k] = wp.float32(unit_f64(draw(keys, clock.streams[e], wp.int64(0), first + k)[0]))

@@ -8,6 +8,7 @@ import functools
 import numpy as np
 import warp as wp
 
+from tactemu.base.kernels import warp_kernel
 from tactemu.imperfections.material import decay, grown, ramp_share
 from tactemu.imperfections.options import ChainOptions
 from tactemu.plan.clock import Clock
@@ -37,7 +38,7 @@ COUNT = 7
 def _kernel(material: bool, walk: bool, noise: bool, temperature: bool):
     f64 = wp.float64
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @warp_kernel
     def imperfection_coefficients(
         clock: Clock,
         taus: wp.vec4d,

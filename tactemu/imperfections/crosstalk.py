@@ -15,6 +15,7 @@ import numpy as np
 import warp as wp
 
 from tactemu.base.errors import SceneError
+from tactemu.base.kernels import warp_kernel
 from tactemu.base.options import numbers
 from tactemu.imperfections.info import ReadingInfo
 from tactemu.imperfections.laws import is_on
@@ -59,7 +60,7 @@ def _kernel(real: type, width: int, split: bool, conserving: bool):
     """
     vector, part = wp.types.vector(width, real), _part_function(real, width)
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @warp_kernel
     def crosstalk(
         first_env: int,
         x: wp.array3d(dtype=real),
@@ -107,7 +108,7 @@ def _line_kernel(real: type, width: int, last: bool, conserving: bool):
     """Return the kernel of one of the two passes of a separable kernel; the ``last`` adds the taxels' own shares."""
     vector, part = wp.types.vector(width, real), _part_function(real, width)
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @warp_kernel
     def crosstalk_along(
         first_env: int,
         x: wp.array3d(dtype=real),

@@ -7,6 +7,7 @@ import functools
 
 import warp as wp
 
+from tactemu.base.kernels import warp_kernel
 from tactemu.imperfections.elementwise import threads
 from tactemu.imperfections.random import draw, step_of, unit_f64
 from tactemu.imperfections.ring import entries, entry_before, share_of_newer, slot
@@ -28,7 +29,7 @@ def select_kernel(jitter: bool, nearest: bool, linear: bool, reorder: bool):
     These are the slot to write, the slot to read, and with ``linear`` the next newer slot with its share.
     """
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @warp_kernel
     def select_entry(
         first_env: int,
         clock: Clock,
@@ -89,7 +90,7 @@ def deliver_kernel(dtype: type, linear: bool):
     Each thread handles four columns.
     """
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @warp_kernel
     def deliver(
         first_env: int,
         x: wp.array2d(dtype=dtype),
@@ -125,7 +126,7 @@ def deliver_kernel(dtype: type, linear: bool):
 def remember_kernel(dtype: type):
     """Return the kernel that shifts the history by one reading: entry 0 is the newest."""
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @warp_kernel
     def remember(first_env: int, x: wp.array2d(dtype=dtype), history: wp.array3d(dtype=dtype)):
         e, c = wp.tid()
         e = natural(e + first_env)

@@ -12,6 +12,7 @@ import functools
 
 import warp as wp
 
+from tactemu.base.kernels import warp_kernel
 from tactemu.imperfections import coefficients as co
 from tactemu.imperfections.material import play, rise
 from tactemu.imperfections.random import draw, normals, step_of
@@ -40,7 +41,7 @@ def material_kernel(real: type, laws: frozenset[str]):
     hysteresis, two_sided = "hysteresis" in laws, "unloading" in laws
     creep, backlash = "creep" in laws, "backlash" in laws
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @warp_kernel
     def material_memory(
         first_env: int,
         x: wp.array2d(dtype=real),
@@ -112,7 +113,7 @@ def electronics_kernel(real: type, laws: frozenset[str]):
         b = per_root[e, wp.min(c, per_root.shape[1] - 1)] * scale
         return wp.sqrt(a * a + b * b)
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @warp_kernel
     def electronics(
         first_env: int,
         x: wp.array2d(dtype=real),

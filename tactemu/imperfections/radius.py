@@ -6,6 +6,7 @@ import functools
 
 import warp as wp
 
+from tactemu.base.kernels import warp_kernel
 from tactemu.imperfections.elementwise import threads
 from tactemu.imperfections.random import draw, step_of, unit_f64
 from tactemu.plan.clock import Clock
@@ -18,7 +19,7 @@ def radius_kernel(real: type):
     The radius of a filler stays 0.
     """
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @warp_kernel
     def noisy_radius(
         first_env: int,
         nominal: wp.array(dtype=real),

@@ -6,6 +6,7 @@ import functools
 
 import warp as wp
 
+from tactemu.base.kernels import warp_kernel
 from tactemu.imperfections.elementwise import ALIVE, DIES_AT_FIRST
 from tactemu.imperfections.random import draw, unit_f64
 from tactemu.plan.clock import Clock
@@ -22,7 +23,7 @@ def gain_kernel(real: type):
     """Return the kernel that draws a gain per taxel, uniform in a range."""
     gains = wp.array2d(dtype=real)
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @warp_kernel
     def resample_gain(mask: wp.array(dtype=wp.bool), clock: Clock, keys: wp.vec2ui, limits: wp.vec2d, gain: gains):
         e, i = wp.tid()
         if mask[e]:
@@ -38,7 +39,7 @@ def dead_kernel(real: type):
     :data:`tactemu.imperfections.elementwise.ALIVE` explains the values.
     """
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @warp_kernel
     def redraw_dead(
         mask: wp.array(dtype=wp.bool),
         clock: Clock,

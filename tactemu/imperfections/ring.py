@@ -10,6 +10,7 @@ import math
 import warp as wp
 
 from tactemu.base.errors import SceneError
+from tactemu.base.kernels import warp_kernel
 from tactemu.plan.plan import Context
 
 FRESH = -1
@@ -74,7 +75,7 @@ def entry_before(
     return wp.min(age, times.shape[0] - 1)
 
 
-@wp.kernel(module="unique", enable_backward=False)
+@warp_kernel
 def mark_fresh(mask: wp.array(dtype=wp.bool), birth: wp.array(dtype=wp.int64)):
     """Reset environments: their next step is the first, whatever its number."""
     e = wp.tid()

@@ -8,6 +8,7 @@ import numpy as np
 import warp as wp
 
 from tactemu.base.errors import SceneError
+from tactemu.base.kernels import warp_kernel
 from tactemu.base.options import numbers
 from tactemu.imperfections.info import ReadingInfo
 from tactemu.imperfections.options import ChainOptions
@@ -17,7 +18,7 @@ from tactemu.plan.plan import Context, Stage
 
 @functools.cache
 def _kernel(real: type):
-    @wp.kernel(module="unique", enable_backward=False)
+    @warp_kernel
     def scan(
         first_env: int,
         x: wp.array2d(dtype=real),

@@ -7,10 +7,12 @@ import functools
 import numpy as np
 import warp as wp
 
+from tactemu.base.kernels import warp_kernel
+
 
 @functools.cache
 def _fill_kernel(dtype):
-    @wp.kernel(module="unique", enable_backward=False)
+    @warp_kernel
     def fill(mask: wp.array(dtype=wp.bool), value: dtype, state: wp.array2d(dtype=dtype)):
         e, c = wp.tid()
         if mask[e]:
@@ -21,7 +23,7 @@ def _fill_kernel(dtype):
 
 @functools.cache
 def _restore_kernel(dtype):
-    @wp.kernel(module="unique", enable_backward=False)
+    @warp_kernel
     def restore(mask: wp.array(dtype=wp.bool), start: wp.array2d(dtype=dtype), state: wp.array2d(dtype=dtype)):
         e, c = wp.tid()
         if mask[e]:

@@ -4,6 +4,8 @@
 
 import warp as wp
 
+from tactemu.base.kernels import warp_kernel
+
 _HALF = wp.constant(wp.int64(32))
 _LOW = wp.constant(wp.int64(0xFFFFFFFF))
 _POSITIVE = wp.constant(wp.int64(0x7FFFFFFF))
@@ -30,7 +32,7 @@ def clock_of(**arrays: wp.array) -> Clock:
     return clock
 
 
-@wp.kernel(module="unique", enable_backward=False)
+@warp_kernel
 def begin(mask: wp.array(dtype=wp.bool), seeds: wp.array(dtype=wp.int64), clock: Clock):
     """Begin an episode where the mask is true: steps and time of these environments count from here, and random numbers
     are drawn from their ``seeds``, or anew if there are none."""
@@ -52,7 +54,7 @@ def advance(clock: Clock, dt_ns: wp.array(dtype=wp.int64)):
     clock.time_ns[0] = clock.time_ns[0] + dt_ns[0]
 
 
-@wp.kernel(module="unique", enable_backward=False)
+@warp_kernel
 def tick(clock: Clock, dt_ns: wp.array(dtype=wp.int64)):
     """Advance the step count and the time, before threads that share a step begin."""
     advance(clock, dt_ns)

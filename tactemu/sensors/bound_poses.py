@@ -12,6 +12,7 @@ import numpy as np
 import warp as wp
 
 from tactemu.base.errors import SceneError
+from tactemu.base.kernels import warp_kernel
 from tactemu.geometry import rotation
 from tactemu.geometry.bodies import Body, find_body
 from tactemu.geometry.device_arrays import as_warp_array, check_device, scalar_view, view
@@ -53,7 +54,7 @@ def convert_kernel(types: tuple, scalar_last: bool, at_com: bool, at_points: boo
         spin: wp.array3d(dtype=spin_t)
         place: wp.array3d(dtype=place_t)
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @warp_kernel
     def convert_poses(first_env: int, bound: Bound, given: Given, world: wp.array3d(dtype=wp.float64)):
         e, k = wp.tid()
         e += first_env

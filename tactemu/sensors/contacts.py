@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import warp as wp
 
+from tactemu.base.kernels import warp_kernel
 from tactemu.geometry.shapes.distance import shape_functions
 from tactemu.geometry.shapes.rays import ray_function
 from tactemu.plan.clearing import clear_rows
@@ -37,7 +38,7 @@ def _contact_kernel(real, kinds: frozenset, along_normal: bool):
     functions = shape_functions(real, kinds)
     distance_in_link, reaches, enters = functions.distance_in_link, functions.reaches, ray_function(real, kinds)
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @warp_kernel
     def find_contacts(
         first_env: int,
         clock: Clock,

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from tactemu.base.kernels import warp_kernel
 from tactemu.geometry.bodies import Body
 from tactemu.geometry.motion import InTurn, Motion, Together
 from tactemu.geometry.motion.track import PlainMotion, Track
@@ -168,7 +169,7 @@ def _knot_at(knots: wp.array2d(dtype=wp.float64), first: int, n: int, local: wp.
     return low
 
 
-@wp.kernel(module="unique", enable_backward=False, module_options={"fuse_fp": False})
+@warp_kernel(module_options={"fuse_fp": False})
 def move_bodies(
     first_env: int,
     clock: Clock,
@@ -256,7 +257,7 @@ def move_bodies(
     world[e, b, 3] = turn[3]
 
 
-@wp.kernel(module="unique", enable_backward=False)
+@warp_kernel
 def drive_again(mask: wp.array(dtype=wp.bool), may_drive: wp.array(dtype=wp.uint8), driven: wp.array2d(dtype=wp.uint8)):
     """Give bodies back to their motions where the mask is true, unless their poses are bound."""
     e, k = wp.tid()

@@ -18,6 +18,7 @@ from typing import cast
 import numpy as np
 import warp as wp
 
+from tactemu.base.kernels import warp_kernel
 from tactemu.geometry.bodies import Body
 from tactemu.geometry.coalesced import row_writer
 from tactemu.geometry.shapes.shape import FAR
@@ -78,7 +79,7 @@ def relative_pose_kernel(real, with_twist: bool, ticks: bool):
         usable = length >= wp.float64(1.0e-6) and length <= wp.float64(MAX_QUATERNION_NORM)
         return q * (wp.float64(1.0) / wp.where(usable, length, wp.float64(wp.nan)))
 
-    @wp.kernel(module="unique", enable_backward=False, grid_stride=False)
+    @warp_kernel(grid_stride=False)
     def relative_poses(first_env: int, clock: Clock, dt_ns: wp.array(dtype=wp.int64), links: links_type(real)):
         e, b = wp.tid()
         e += first_env

@@ -9,6 +9,7 @@ import numpy as np
 import warp as wp
 
 from tactemu.base.errors import SceneError
+from tactemu.base.kernels import warp_kernel
 from tactemu.geometry.device_arrays import as_warp_array, check_device
 from tactemu.sensors.world import World, on_host
 
@@ -124,7 +125,7 @@ class Seeds:
         wp.launch(kernel, dim=self._world.n_envs, inputs=inputs, device=self._device)
 
 
-@wp.kernel(module="unique", enable_backward=False)
+@warp_kernel
 def _count_kernel(mask: wp.array(dtype=wp.bool), chosen: wp.array(dtype=wp.int32)):
     e = wp.tid()
     chosen[e] = wp.where(mask[e], 1, 0)
@@ -135,7 +136,7 @@ def _number_kernel(dtype: type):
     """Return the kernel that writes a number for each environment: its own, or the first one plus its place in the
     mask."""
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @warp_kernel
     def number(given: wp.array(dtype=dtype), order: wp.array(dtype=wp.int32), seeds: wp.array(dtype=wp.int64)):
         e = wp.tid()
         if given.shape[0] == 1:

@@ -42,8 +42,8 @@ in :mod:`tactemu.sensors.models` registers a model of this package for scene fil
 i = wp.tid()`` the kernel adds it, ``e += first_env``, so that threads can share a batch; a plain
 :func:`tactemu.plan.launches.record` does not pass it, and one thread runs the launch.
 
-A kernel comes from a cached factory per float type, with ``@wp.kernel(module="unique", enable_backward=False)``, in a
-file *without* ``from __future__ import annotations``. A NaN pose must come out as NaN, not as 'no contact':
+A kernel comes from a cached factory per float type, with ``@warp_kernel`` of :mod:`tactemu.base.kernels`, in a file
+*without* ``from __future__ import annotations``. A NaN pose must come out as NaN, not as 'no contact':
 ``wp.max(0, NaN)`` is 0.
 """
 

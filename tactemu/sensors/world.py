@@ -10,6 +10,7 @@ import numpy as np
 import warp as wp
 
 from tactemu.base.errors import SceneError
+from tactemu.base.kernels import warp_kernel
 from tactemu.geometry import rotation
 from tactemu.geometry.bodies import Body
 from tactemu.geometry.motion import Pose
@@ -263,7 +264,7 @@ class World:
             self._values[b, where] = row
 
 
-@wp.kernel(module="unique", enable_backward=False)
+@warp_kernel
 def _restart_kernel(
     mask: wp.array(dtype=wp.bool), start: wp.array2d(dtype=wp.float64), world: wp.array3d(dtype=wp.float64)
 ):
@@ -277,7 +278,7 @@ def _restart_kernel(
 def _spread_kernel(dtype, first: int = 0):
     """Return the kernel that copies rows, from number ``first`` on and round."""
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @warp_kernel
     def spread(source: wp.array2d(dtype=dtype), target: wp.array2d(dtype=wp.float64)):
         e, k = wp.tid()
         target[e, k] = wp.float64(source[wp.min(e, source.shape[0] - 1), (k + first) % source.shape[1]])

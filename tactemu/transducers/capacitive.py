@@ -19,6 +19,7 @@ from dataclasses import dataclass
 
 import warp as wp
 
+from tactemu.base.kernels import warp_kernel
 from tactemu.base.units import Length, Newtons, NonNegative, Pascals, Positive, TimeConstant
 from tactemu.plan.clearing import clear_rows
 from tactemu.plan.clock import Clock
@@ -54,7 +55,7 @@ def gap_kernel(real, vector: bool, push: bool, follows: bool):
     pressure, skin_struct, gap_struct = pressure_function(real, vector), skin_type(real), gap_type(real)
     readings = wp.array3d(dtype=real)
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @warp_kernel
     def read_gaps(first_env: int, clock: Clock, x: readings, skin: skin_struct, gap: gap_struct, out: readings):
         e, i = wp.tid()
         e += first_env

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 
 import warp as wp
 
+from tactemu.base.kernels import warp_kernel
 from tactemu.base.units import TimeConstant
 from tactemu.plan.clearing import clear_rows
 from tactemu.plan.clock import Clock
@@ -30,7 +31,7 @@ def medium_kernel(real, vector: bool, shared: bool):
     """Return the kernel that computes the pressure of the medium, which lags behind that on the taxels."""
     pressure, readings = pressure_function(real, vector), wp.array3d(dtype=real)
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @warp_kernel
     def pass_on(
         first_env: int,
         clock: Clock,

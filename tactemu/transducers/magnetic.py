@@ -25,6 +25,7 @@ import warp as wp
 
 from firmware_protocols.bounds import Bounds
 from tactemu.base.errors import SceneError, shown
+from tactemu.base.kernels import warp_kernel
 from tactemu.base.options import numbers, triple
 from tactemu.base.units import Length, NonNegative
 from tactemu.plan.plan import Stage
@@ -70,7 +71,7 @@ def move_kernel(real):
     """Return the kernel that computes the positions of the magnets."""
     vec3, magnets_struct = wp.types.vector(3, real), magnets_type(real)
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @warp_kernel
     def move_magnets(first_env: int, moved: wp.array3d(dtype=real), magnets: magnets_struct):
         e, j = wp.tid()
         e += first_env
@@ -98,7 +99,7 @@ def field_kernel(real, earth: bool, neighbours: bool):
         near = real(1.0) / (square * wp.sqrt(square))
         return near * (real(3.0) * wp.dot(m, r) / square * r - m)
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @warp_kernel
     def fields_at_chips(
         first_env: int,
         magnets: magnets_struct,

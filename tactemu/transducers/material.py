@@ -22,6 +22,7 @@ from dataclasses import dataclass
 import warp as wp
 
 from tactemu.base.errors import SceneError
+from tactemu.base.kernels import warp_kernel
 from tactemu.base.units import NonNegative, Positive, SignedShare
 from tactemu.plan.clearing import clear_rows
 from tactemu.plan.clock import Clock
@@ -65,7 +66,7 @@ def material_kernel(real, creep: bool, loop: bool, presses: bool):
     """Return the kernel of the laws that are switched on; the others leave no code."""
     f64, readings = wp.float64, wp.array3d(dtype=real)
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @warp_kernel
     def remember_load(first_env: int, clock: Clock, x: readings, skin: SoftSkin, out: readings):
         e, i, c = wp.tid()
         e += first_env

@@ -23,6 +23,7 @@ import warp as wp
 
 from firmware_protocols.bounds import Bounds
 from tactemu.base.errors import SceneError
+from tactemu.base.kernels import warp_kernel
 from tactemu.base.options import number
 from tactemu.base.units import Celsius, Newtons, NonNegative, PerKelvin, Positive, Share
 from tactemu.plan.plan import Stage
@@ -58,7 +59,7 @@ def share_kernel(real, vector: bool):
     """Return the kernel that computes the output of each divider, as a share of the supply."""
     pressure = pressure_function(real, vector)
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @warp_kernel
     def shares_of_supply(first_env: int, x: wp.array3d(dtype=real), skin: skin_type(real), divider: divider_type(real)):
         e, i = wp.tid()
         e += first_env
@@ -75,7 +76,7 @@ def share_kernel(real, vector: bool):
 def readout_kernel(real, push: bool, ghosts: bool):
     """Return the kernel that computes readings from the dividers' outputs: resistances, or with ``push`` forces."""
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @warp_kernel
     def read_divider(first_env: int, skin: skin_type(real), divider: divider_type(real), out: wp.array3d(dtype=real)):
         e, i = wp.tid()
         e += first_env

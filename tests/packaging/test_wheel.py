@@ -108,6 +108,12 @@ def test_the_wheel_has_scenes_examples_and_pages(files):
     assert not [name for name in files if name.startswith(("tests/", "scripts/")) or "/pictures/" in name]
 
 
+def test_only_the_wheel_for_x86_64_has_kernels_and_they_are_small(files, wheel):
+    kernels = {name: content for name, content in files.items() if name.startswith("tactemu/prebuilt/")}
+    assert bool(kernels) == wheel.name.endswith("_x86_64.whl")
+    assert sum(map(len, kernels.values())) < 3e6
+
+
 POINTER = re.compile(r"(?<![\w./@-])(?:docs|examples|scripts|tests)/[\w./-]*\w")
 ALLOWED = {
     # where: what it says, of a source tree and not of what is installed

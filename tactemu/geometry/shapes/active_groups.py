@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import warp as wp
 
+from tactemu.base.kernels import warp_kernel
 from tactemu.geometry.warp_collectives import ballot_count, lanes_per_environment, rank
 from tactemu.plan.plan import Context
 
@@ -27,7 +28,7 @@ class ActiveGroups:
 
 @functools.cache
 def _list_kernel(lanes: int):
-    @wp.kernel(module="unique", enable_backward=False)
+    @warp_kernel
     def list_groups(
         first_env: int,
         counts: wp.array2d(dtype=wp.int32),

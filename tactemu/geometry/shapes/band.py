@@ -21,6 +21,7 @@ import numpy as np
 import warp as wp
 
 from tactemu.base.errors import SceneError
+from tactemu.base.kernels import warp_kernel
 from tactemu.geometry.shapes.mesh import MESH
 from tactemu.geometry.shapes.mesh_query import mesh_functions
 from tactemu.geometry.shapes.shape import FAR, Row, ShapeKind, table_type, unknown_function
@@ -134,7 +135,7 @@ def _node_kernel(real):
     functions = mesh_functions(real, True)
     distance, nearest_node = functions.distance, functions.nearest_node
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @warp_kernel
     def fill_band(shapes: shapes_type, origin: vec3, cell: real, reach: real, out: wp.array3d(dtype=vec4)):
         i, j, k = wp.tid()
         p = origin + cell * vec3(real(i), real(j), real(k))
@@ -164,7 +165,7 @@ def _cell_kernel(real):
         parallel = wp.dot(wp.normalize(slope), way) > real(MIN_GRADIENT_COSINE)
         return close and (wp.abs(right) <= real(EXACT_WITHIN_M) or parallel)
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @warp_kernel
     def compare_cells(shapes: shapes_type, values: wp.array3d(dtype=vec4), out: wp.array3d(dtype=wp.uint8)):
         i, j, k = wp.tid()
         n = wp.vec3i(values.shape[0], values.shape[1], values.shape[2])

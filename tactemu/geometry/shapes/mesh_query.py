@@ -23,6 +23,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import warp as wp
 
+from tactemu.base.kernels import warp_kernel
 from tactemu.geometry.shapes.mesh_features import Features, features_of
 from tactemu.geometry.shapes.nearest_feature import feature_functions, normal_function, surfaces_type, upload_surfaces
 from tactemu.geometry.shapes.shape import table_type
@@ -100,7 +101,7 @@ def _faster_hierarchy(mesh: wp.Mesh) -> wp.Mesh:
 
 @functools.cache
 def _within_kernel():
-    @wp.kernel(module="unique", enable_backward=False)
+    @warp_kernel
     def count_within(mesh: wp.uint64, every: int, places: wp.array(dtype=wp.vec2), out: wp.array(dtype=wp.int32)):
         """Count the tested points of each face that have solid on their outer side."""
         i, k = wp.tid()
@@ -154,7 +155,7 @@ def _node_kernel(wound: bool):
     _foot, nearest = feature_functions(real)
     normal_of = normal_function(real)
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @warp_kernel
     def node_distances(
         mesh: wp.uint64,
         surfaces: surfaces_type(real),

@@ -221,12 +221,14 @@ def _ray_or(real, code: int, ray, others):
 def _thickness_kernel(real, kinds: frozenset):
     import warp as wp
 
+    from tactemu.base.kernels import warp_kernel
+
     vec3 = wp.types.vector(3, real)
     quat = wp.types.quaternion(real)
     shapes_type = table_type(real)
     enters = ray_function(real, kinds)
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @warp_kernel
     def find_thickness(
         shapes: shapes_type,
         b: int,

@@ -8,6 +8,7 @@ import numpy as np
 import warp as wp
 
 from tactemu.base.errors import SceneError
+from tactemu.base.kernels import warp_kernel
 from tactemu.geometry.shapes.distance import shape_functions
 from tactemu.geometry.shapes.shape import table_type
 from tactemu.geometry.shapes.voxel_grid import MAX_GRID_NODES, VoxelGrid
@@ -25,7 +26,7 @@ def _sample_kernel(real, kinds: frozenset):
     shapes_type = table_type(real)
     distance = shape_functions(real, kinds).distance
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @warp_kernel
     def sample(shapes: shapes_type, origin: vec3, cell: real, out: wp.array3d(dtype=real)):
         i, j, k = wp.tid()
         d, _n = distance(shapes, 0, origin + cell * vec3(real(i), real(j), real(k)))

@@ -13,6 +13,7 @@ from typing import Any
 
 import warp as wp
 
+from tactemu.base.kernels import warp_kernel
 from tactemu.geometry.shapes.active_groups import active_groups
 from tactemu.geometry.shapes.distance import ShapeFunctions
 from tactemu.geometry.shapes.shape import table_type
@@ -52,7 +53,7 @@ def _kernels(real, functions: ShapeFunctions, slope: float, area_weighted: bool)
     anchors_struct, distance = anchors_type(real), functions.distance
     max_slope = wp.constant(real(slope))
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @warp_kernel
     def follow_points(
         first_env: int,
         shapes: table_type(real),
@@ -108,7 +109,7 @@ def _kernels(real, functions: ShapeFunctions, slope: float, area_weighted: bool)
         state.n_latched[env, c] = latched
         state.n_pulling[env, c] = pulling
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @warp_kernel
     def release_all(envs: wp.array(dtype=wp.bool), state: anchors_struct):
         env, p = wp.tid()
         if envs[env]:

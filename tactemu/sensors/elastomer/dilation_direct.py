@@ -12,6 +12,7 @@ import numpy as np
 import warp as wp
 
 from tactemu.base.errors import SceneError
+from tactemu.base.kernels import warp_kernel
 from tactemu.geometry.shapes.active_groups import active_groups
 from tactemu.plan.launches import in_turn
 from tactemu.plan.plan import Context
@@ -113,7 +114,7 @@ def _kernels(real, quick: bool):
     taxels_struct, pressed_struct, weights_struct = taxels_type(real), pressed_type(real), weights_type(real)
     vec3 = wp.types.vector(3, real)
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @warp_kernel
     def list_pressed(first_env: int, found: pressed_struct):
         env, chunk = wp.tid()
         env += first_env
@@ -125,7 +126,7 @@ def _kernels(real, quick: bool):
                 count += 1
         found.n_pressed[env, chunk] = count
 
-    @wp.kernel(module="unique", enable_backward=False, module_options={"fast_math": quick})
+    @warp_kernel(module_options={"fast_math": quick})
     def sum_pressed(
         first_env: int,
         found: pressed_struct,

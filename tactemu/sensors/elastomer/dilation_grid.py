@@ -12,6 +12,7 @@ from collections.abc import Callable
 import numpy as np
 import warp as wp
 
+from tactemu.base.kernels import warp_kernel
 from tactemu.geometry.vector_io import vector_readers, vector_writer
 from tactemu.plan.launches import in_turn
 from tactemu.plan.plan import Context
@@ -98,7 +99,7 @@ def _kernels(real):
     block, store = wp.types.vector(WIDTH, real), vector_writer(real, WIDTH)
     _, load_2, load_4 = vector_readers(real, WIDTH)
 
-    @wp.kernel(module="unique", enable_backward=False, launch_bounds=(BLOCK, 6))
+    @warp_kernel(launch_bounds=(BLOCK, 6))
     def sum_rows(
         first_env: int, grid: grid_struct, row_blocks: wp.array2d(dtype=block), partial: wp.array4d(dtype=block)
     ):
@@ -116,7 +117,7 @@ def _kernels(real):
                 total += grid.power[env, k, col] * load_2(row_blocks, term, at - k)
         store(partial, env, term, i_block, col, total)
 
-    @wp.kernel(module="unique", enable_backward=False, launch_bounds=(BLOCK, 4))
+    @warp_kernel(launch_bounds=(BLOCK, 4))
     def sum_columns(
         first_env: int, grid: grid_struct, col_terms: wp.array2d(dtype=real), partial: wp.array4d(dtype=block)
     ):

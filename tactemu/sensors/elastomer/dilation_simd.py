@@ -7,6 +7,7 @@ import functools
 
 import warp as wp
 
+from tactemu.base.kernels import warp_kernel
 from tactemu.geometry.simd import padded_length, vector_prelude
 
 
@@ -45,7 +46,7 @@ def dilation_kernel(real):
     @wp.func_native(vector_prelude(real) + _DILATE)
     def dilate(env: int, grid: grid_struct, row_terms: numbers, col_terms: numbers, scratch: wp.array(dtype=real)): ...
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @warp_kernel
     def dilate_grids(turns: wp.vec4i, grid: grid_struct, row_terms: numbers, col_terms: numbers, scratch: numbers):
         place, _thread = wp.tid()
         for env in range(turns[0] + place, turns[1], turns[3]):

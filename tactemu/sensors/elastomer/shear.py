@@ -17,6 +17,7 @@ from typing import Any
 
 import warp as wp
 
+from tactemu.base.kernels import warp_kernel
 from tactemu.geometry.simd import padded_length, vector_prelude
 from tactemu.plan.plan import Context
 from tactemu.sensors.elastomer.anchors import anchors_type
@@ -80,7 +81,7 @@ _NEGLIGIBLE = 1.0e-30
 def _direct_kernel(real, add: bool, quick: bool):
     vec3 = wp.types.vector(3, real)
 
-    @wp.kernel(module="unique", enable_backward=False, module_options={"fast_math": quick})
+    @warp_kernel(module_options={"fast_math": quick})
     def add_shear(
         first_env: int,
         anchors: anchors_type(real),
@@ -125,7 +126,7 @@ def _tables_kernel(real, add: bool):
     @wp.func_native(vector_prelude(real) + snippet.replace("ADD", str(int(add))))
     def drag(env: int, anchors: anchors_struct, plane: plane_struct, tables: wp.array(dtype=real)): ...
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @warp_kernel
     def add_shear(turns: wp.vec4i, anchors: anchors_struct, plane: plane_struct, tables: wp.array2d(dtype=real)):
         slot, _thread = wp.tid()
         for env in range(turns[0] + slot, turns[1], turns[3]):
@@ -196,7 +197,7 @@ def _block_kernel(real, add: bool, quick: bool):
     anchors_struct, plane_struct = anchors_type(real), plane_type(real)
     block = wp.types.vector(WIDTH, real)
 
-    @wp.kernel(module="unique", enable_backward=False, module_options={"fast_math": quick})
+    @warp_kernel(module_options={"fast_math": quick})
     def add_shear(first_env: int, anchors: anchors_struct, plane: plane_struct):
         env, i_block, col = wp.tid()
         env += first_env

@@ -20,6 +20,7 @@ from typing import Any
 
 import warp as wp
 
+from tactemu.base.kernels import warp_kernel
 from tactemu.sensors.layer.block import BLOCK, Block, Window, block_sync
 from tactemu.sensors.layer.convolution import convolution_functions, workspace_type
 from tactemu.sensors.layer.friction_cells import friction_cells
@@ -226,7 +227,7 @@ def friction_kernel(real, lanes: int, coupled: bool, is_shared: bool):
             iteration += 1
         return residual, iteration
 
-    @wp.kernel(module="unique", enable_backward=False, launch_bounds=SHARED_MEMORY_BLOCK if is_shared else BLOCK)
+    @warp_kernel(launch_bounds=SHARED_MEMORY_BLOCK if is_shared else BLOCK)
     def solve_friction(
         turns: wp.vec4i,
         layer: layer_struct,

@@ -6,6 +6,7 @@ import functools
 
 import warp as wp
 
+from tactemu.base.kernels import warp_kernel
 from tactemu.geometry.shapes.rays import ray_function
 from tactemu.geometry.shapes.shape import FAR, table_type
 from tactemu.plan.scalars import is_finite, natural
@@ -70,7 +71,7 @@ def near_kernel(real, is_bent: bool = False):
         last = wp.clamp((centre + bound - start) / size + real(1.0), real(0.0), real(count))
         return wp.vec2i(int(first), int(last))
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @warp_kernel
     def find_near(first_env: int, sensed: sensed_struct, cells: cells_struct, over: overlap_struct):
         env = wp.tid()
         env += first_env
@@ -158,7 +159,7 @@ def overlap_kernel(real, kinds: frozenset, with_slide: bool, is_bent: bool = Fal
                 lowest = real(wp.nan)
         return lowest, body
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @warp_kernel
     def find_overlap(first_env: int, sensed: sensed_struct, cells: cells_struct, over: overlap_struct, parts: int):
         env, y, part = wp.tid()
         env = natural(env + first_env)
@@ -200,7 +201,7 @@ def keep_poses_kernel(real):
     """Return the kernel that keeps the poses of a step for the next."""
     transform = wp.types.transformation(real)
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @warp_kernel
     def remember_poses(first_env: int, pose: wp.array2d(dtype=transform), last_pose_out: wp.array2d(dtype=transform)):
         env, b = wp.tid()
         env += first_env

@@ -20,6 +20,7 @@ import functools
 
 import warp as wp
 
+from tactemu.base.kernels import warp_kernel
 from tactemu.plan.scalars import is_nan
 from tactemu.sensors.layer.block import BLOCK, Block, Window, block_sync
 from tactemu.sensors.layer.convolution import Workspace, convolution_functions, padded_zeros, workspace_type
@@ -229,7 +230,7 @@ def normal_kernel(real, lanes: int, is_shared: bool):
             residual = wp.sqrt(block_sum(mask_gap(win, at)) / reference)
         return residual, iteration
 
-    @wp.kernel(module="unique", enable_backward=False, launch_bounds=SHARED_MEMORY_BLOCK if is_shared else BLOCK)
+    @warp_kernel(launch_bounds=SHARED_MEMORY_BLOCK if is_shared else BLOCK)
     def solve_normal(
         turns: wp.vec4i, layer: layer_struct, over: overlap_struct, win: windows_struct, state: state_struct
     ):

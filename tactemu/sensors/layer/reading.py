@@ -6,6 +6,7 @@ import functools
 
 import warp as wp
 
+from tactemu.base.kernels import warp_kernel
 from tactemu.geometry.coalesced import row_writer
 from tactemu.imperfections.info import Channels
 from tactemu.plan.scalars import is_nan, natural
@@ -52,7 +53,7 @@ def reading_kernel(real, with_surface: bool, with_friction: bool, is_bent: bool 
     pressed_struct, friction_state = pressure_state_type(real), friction_state_type(real)
     row_type, write = wp.types.vector(N_CHANNELS, real), row_writer(real, N_CHANNELS)
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @warp_kernel
     def read_taxels(
         first_env: int,
         skin: skin_struct,
@@ -124,7 +125,7 @@ def traction_kernel(real):
     """Return the kernel that computes the force per area along the surface from the force on each taxel."""
     vec3 = wp.types.vector(3, real)
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @warp_kernel
     def find_traction(
         reading: wp.array3d(dtype=real),
         normals: wp.array(dtype=vec3),
@@ -147,7 +148,7 @@ def status_kernel(real):
     """Return the kernel that copies slip state and residual, which are no measurements, into a reading after
     imperfections."""
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @warp_kernel
     def copy_status(first_env: int, truth: wp.array3d(dtype=real), reading_out: wp.array3d(dtype=real)):
         env, taxel = wp.tid()
         env += first_env

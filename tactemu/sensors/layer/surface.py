@@ -7,6 +7,7 @@ import functools
 import numpy as np
 import warp as wp
 
+from tactemu.base.kernels import warp_kernel
 from tactemu.sensors.layer.block import BLOCK, Block, block_sync, spread
 from tactemu.sensors.layer.compliance import Kernels
 from tactemu.sensors.layer.convolution import convolution_functions, workspace_type
@@ -87,7 +88,7 @@ def surface_kernel(real, lanes: int, with_friction: bool, is_shared: bool):
         steps = (end - begin + wp.static(BOX_STEP - 1)) // wp.static(BOX_STEP)
         return wp.vec2i(begin, steps * wp.static(BOX_STEP))
 
-    @wp.kernel(module="unique", enable_backward=False, launch_bounds=SHARED_MEMORY_BLOCK if is_shared else BLOCK)
+    @warp_kernel(launch_bounds=SHARED_MEMORY_BLOCK if is_shared else BLOCK)
     def find_surface(
         turns: wp.vec4i,
         layer: layer_struct,

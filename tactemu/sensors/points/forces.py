@@ -7,6 +7,7 @@ import functools
 
 import warp as wp
 
+from tactemu.base.kernels import warp_kernel
 from tactemu.sensors.probes.kinematic_taxel import force_torque_writer
 
 
@@ -39,7 +40,7 @@ def proximity_kernel(real, moving: bool, has_gain: bool):
     (:mod:`tactemu.sensors.points.proximity_sums`)."""
     vec3, proximity_struct, write = wp.types.vector(3, real), proximity_type(real), force_torque_writer(real)
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @warp_kernel
     def proximity(first_env: int, c: proximity_struct, out: wp.array3d(dtype=real)):
         e, i = wp.tid()
         e += first_env

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from tactemu.base.kernels import warp_kernel
 from tactemu.geometry.warp_collectives import ballot_count, lanes_per_environment, rank
 from tactemu.sensors.point_cloud import FAR_AWAY_M
 from tactemu.sensors.points.table import cloud_type
@@ -37,7 +38,7 @@ def near_type(real):
 def _kernel(real, lanes: int):
     vec3 = wp.types.vector(3, real)
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @warp_kernel
     def list_near(first_env: int, near: near_type(real)):
         env, lane = wp.tid()
         env += first_env

@@ -12,6 +12,7 @@ import functools
 import numpy as np
 import warp as wp
 
+from tactemu.base.kernels import warp_kernel
 from tactemu.geometry.simd import WIDTH, padded_length, vector_prelude
 from tactemu.plan.launches import Launch
 from tactemu.sensors.point_cloud import CLUSTER_SIZE, spatial_order
@@ -113,7 +114,7 @@ def strips_kernel(real, moving: bool, has_radius: bool, has_truth: bool, has_raw
         e: int, strips: strips_struct, c: proximity_struct, radius: numbers, truth: readings, raw: readings
     ): ...
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @warp_kernel
     def measure_proximity(
         first_env: int, strips: strips_struct, c: proximity_struct, radius: numbers, truth: readings, raw: readings
     ):

@@ -14,6 +14,7 @@ from collections.abc import Callable
 import numpy as np
 import warp as wp
 
+from tactemu.base.kernels import warp_kernel
 from tactemu.geometry.vector_io import vector_readers
 from tactemu.sensors.point_cloud import CLUSTER_SIZE, spatial_order
 from tactemu.sensors.points.near import near_type
@@ -51,7 +52,7 @@ def _kernel(real):
     vec3, vec4, sums_struct = wp.types.vector(3, real), wp.types.vector(4, real), sums_type(real)
     fetch, _, _ = vector_readers(real, 4)
 
-    @wp.kernel(module="unique", enable_backward=False, module_options={"fast_math": True}, launch_bounds=LAUNCH_BOUNDS)
+    @warp_kernel(module_options={"fast_math": True}, launch_bounds=LAUNCH_BOUNDS)
     def sum_points(first_env: int, sums: sums_struct):
         env, k, place = wp.tid()
         env += first_env

@@ -16,6 +16,7 @@ import functools
 import numpy as np
 import warp as wp
 
+from tactemu.base.kernels import warp_kernel
 from tactemu.geometry.shapes.shape import FAR
 from tactemu.geometry.shapes.sphere import SPHERE
 from tactemu.geometry.simd import WIDTH, vector_prelude
@@ -54,7 +55,7 @@ def ball_kernel(formula: Formula):
     @wp.func_native(snippet)
     def measure_env(e: int, near: wp.int64, task: task_struct, lanes: wp.array3d(dtype=real)): ...
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @warp_kernel
     def measure_balls(first_env: int, task: task_struct, lanes: wp.array3d(dtype=real)):
         e = wp.tid()
         e += first_env

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import warp as wp
 
+from tactemu.base.kernels import warp_kernel
 from tactemu.plan.scalars import natural
 from tactemu.sensors.probes.formula import Formula, probe_functions, task_type
 from tactemu.sensors.sensed import near_bits
@@ -77,7 +78,7 @@ def block_kernel(formula: Formula, shift: int):
     real, task_struct = formula.real, task_type(formula.real, formula.numbers)
     margin, nearest, write, _away = probe_functions(formula)
 
-    @wp.kernel(module="unique", enable_backward=False, grid_stride=False)
+    @warp_kernel(grid_stride=False)
     def measure_probes(first_env: int, task: task_struct):
         block = block_index()
         e = natural(block >> wp.static(shift))

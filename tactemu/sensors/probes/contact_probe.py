@@ -16,6 +16,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from tactemu.base.errors import SceneError
+from tactemu.base.kernels import warp_kernel
 from tactemu.base.units import Metres
 from tactemu.plan.plan import Context, Stage
 from tactemu.plan.scalars import is_nan
@@ -29,7 +30,7 @@ from tactemu.sensors.sensor_model import Compiled, SensorModel, Site
 def schmitt_kernel(real):
     """Return the kernel that latches each channel; the bit (0 or 1) is its own state. NaN stays NaN."""
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @warp_kernel
     def schmitt(
         first_env: int, depth: wp.array3d(dtype=real), enter: real, leave: real, bit_out: wp.array3d(dtype=real)
     ):

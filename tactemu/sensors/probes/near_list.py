@@ -10,6 +10,7 @@ import functools
 
 import warp as wp
 
+from tactemu.base.kernels import warp_kernel
 from tactemu.geometry.shapes.shape import FAR, without_search
 from tactemu.plan.launches import Launch, in_turn
 from tactemu.plan.scalars import natural
@@ -49,7 +50,7 @@ def list_kernel(formula: Formula):
     some_known = not formula.along_normal and any(kind.without_search for kind in formula.kinds)
     margin, known, write, away = probe_functions(formula._replace(kinds=without_search(formula.kinds)))
 
-    @wp.kernel(module="unique", enable_backward=False, grid_stride=False)
+    @warp_kernel(grid_stride=False)
     def list_near(first_env: int, task: task_struct, near: wp.array(dtype=wp.int32), n_near: wp.array(dtype=wp.int32)):
         thread = wp.tid()
         i = natural(thread // task.sensed.pose.shape[0])
@@ -77,7 +78,7 @@ def search_kernel(formula: Formula):
     task_struct = task_type(formula.real, formula.numbers)
     margin, nearest, write, _away = probe_functions(formula)
 
-    @wp.kernel(module="unique", enable_backward=False, grid_stride=False)
+    @warp_kernel(grid_stride=False)
     def search_near(
         first_env: int, task: task_struct, near: wp.array(dtype=wp.int32), n_near: wp.array(dtype=wp.int32)
     ):

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from tactemu.base.kernels import warp_kernel
 from tactemu.geometry.shapes.rays import thickness_behind
 from tactemu.geometry.shapes.shape import FAR
 from tactemu.geometry.simd import WIDTH
@@ -81,7 +82,7 @@ def strip_kernel(formula: Formula):
     margin, nearest, write, away = probe_functions(formula)
     touches, noise = strip_function(real, formula.kinds), noise_function(real, formula.has_radius)
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @warp_kernel
     def measure_strips(first_env: int, task: task_struct):
         e, strip = wp.tid()
         e = natural(e + first_env)

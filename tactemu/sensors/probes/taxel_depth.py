@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import warp as wp
 
+from tactemu.base.kernels import warp_kernel
 from tactemu.geometry.warp_collectives import lanes_per_environment, warp_max
 from tactemu.plan.launches import in_turn
 from tactemu.plan.scalars import natural
@@ -33,7 +34,7 @@ class TaxelDepth:
 
 @functools.cache
 def _clear_kernel():
-    @wp.kernel(module="unique", enable_backward=False)
+    @warp_kernel
     def clear_box(first_env: int, box: wp.array2d(dtype=wp.int32)):
         env = wp.tid()
         env += first_env
@@ -50,7 +51,7 @@ def box_kernel(real, lanes: int):
     """Return the kernel that finds the box with a warp per environment: on a GPU atomics of many taxels on few numbers
     would queue."""
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @warp_kernel
     def find_box(first_env: int, depth: wp.array2d(dtype=real), cols: int, box: wp.array2d(dtype=wp.int32)):
         env, lane = wp.tid()
         env = natural(env + first_env)

@@ -14,6 +14,7 @@ from typing import Any, Literal
 import numpy as np
 import warp as wp
 
+from tactemu.base.kernels import warp_kernel
 from tactemu.base.option_groups import from_flat
 from tactemu.geometry.shapes.box import Box
 from tactemu.geometry.shapes.mesh import Mesh
@@ -163,7 +164,7 @@ def _ball(mesh: bool):
     return Mesh(source=trimesh.creation.icosphere(6, radius=0.02))
 
 
-@wp.kernel(module="unique", enable_backward=False)
+@warp_kernel
 def _move_kernel(
     start: wp.array2d(dtype=wp.float64),
     body: int,
@@ -179,7 +180,7 @@ def _move_kernel(
     poses[e, body, 2] = start[e, 2] - wp.float64(1.0e-6) * far
 
 
-@wp.kernel(module="unique", enable_backward=False)
+@warp_kernel
 def _next_kernel(turn: wp.array(dtype=wp.int32)):
     turn[0] = turn[0] + 1
 
@@ -204,7 +205,7 @@ class Mover:
             self._move()
 
 
-@wp.kernel(module="unique", enable_backward=False)
+@warp_kernel
 def busy_kernel(n: int, out: wp.array(dtype=wp.float32)):
     """Keep a GPU busy while the steps to be timed are queued."""
     x = float(1.0)

@@ -1,0 +1,59 @@
+#!/usr/bin/env python3
+"""Compile the kernels of every device's default scene ahead of time, for processors of one level of x86-64.
+
+    scripts/prebuild_kernels.py [FOLDER]
+
+FOLDER is that of the package if none is given, which `.gitignore` names. On another machine nothing is made, and a line
+says so.
+"""
+
+import json
+import shutil
+import sys
+import tempfile
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT))
+
+import warp as wp
+
+from tactemu.base import cpu_code, kernels
+
+KEPT = (".o", ".meta")
+"""The files of a module that Warp needs to load it."""
+
+
+def main(folder: Path) -> None:
+    if cpu_code.compiler_flags() is None:
+        print(f"{sys.argv[0]}: no kernels ahead of time: this processor is not of the level {cpu_code.LEVEL}")
+        return
+    with tempfile.TemporaryDirectory(prefix="tactemu-kernels-") as cache:
+        wp.config.kernel_cache_dir = cache
+        cpu_code.PREBUILT = Path(cache) / "none"  # all are compiled anew
+        kernels.start_quietly()
+        build_all()
+        modules = [each for each in Path(str(wp.config.kernel_cache_dir)).glob("wp_*") if each.is_dir()]
+        made = folder / cpu_code.prebuilt_folder().name
+        shutil.rmtree(made, ignore_errors=True)
+        for module in modules:
+            (made / module.name).mkdir(parents=True)
+            for file in module.iterdir():
+                if file.suffix in KEPT:
+                    shutil.copyfile(file, made / module.name / file.name)
+    size = sum(file.stat().st_size for file in made.rglob("*") if file.is_file())
+    print(f"{len(modules)} kernels compiled ahead of time, {size / 1e3:.0f} kB, in {made}")
+
+
+def build_all() -> None:
+    """Build the default scene of every device, which loads its kernels."""
+    from tactemu.emulator.assembly import assemble
+    from tactemu.emulator.options import AssemblyOptions
+    from tactemu.scene import file
+
+    for device in json.loads((ROOT / "tactemu/cli/devices.json").read_text()):
+        assemble(file.load(device["name"]), AssemblyOptions(port="memory:"))
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1] if sys.argv[1:] else cpu_code.PREBUILT))
