@@ -24,7 +24,7 @@ A simulated tactile skin at the far end of a wire: the bytes and CAN frames of r
   tactemu explain anyskin              show frames, taxels and the simulated stages
   tactemu new hand.toml                write a scene file to start from
   tactemu poke press --depth 1mm       press, move or break a running emulator
-  tactemu see                          watch a running emulator on a live page
+  tactemu see --demo                   watch a touched glove on a live page; no driver needed
   tactemu tune hand.toml --rate 500    find the most accurate setting for a rate
   tactemu dataset hand.toml --steps 2000 --out presses   write readings as Parquet
   tactemu fit rest.csv --sensor anyskin --out my.toml    fit parameters to a recording

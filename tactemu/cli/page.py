@@ -14,6 +14,7 @@ from tactemu.base.errors import TactemuError
 from tactemu.cli.datasheet import datasheet
 from tactemu.cli.signals import ended_by_signals
 from tactemu.control.client import connect
+from tactemu.control.endpoints import chosen
 from tactemu.scene.building import make_device
 from tactemu.view.page.opening import PageListener, inherited_listener
 
@@ -88,9 +89,20 @@ def main() -> int:
             time.sleep(_RETRY_S)
             page.close()
     except TactemuError as error:
+        if not _runs(name):  # it ended while the page started
+            return 0
         print(f"tactemu: the page: {error}", file=sys.stderr)
         return 1
     return 0
+
+
+def _runs(name: str) -> bool:
+    """Return True if there is an emulator of that name."""
+    try:
+        chosen(name)
+    except TactemuError:
+        return False
+    return True
 
 
 if __name__ == "__main__":

@@ -6,7 +6,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, closing, contextmanager, nullcontext
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TextIO
 
 from rich.console import Console
 
@@ -34,7 +34,8 @@ INCOMPLETE = 4
 def run_session(session: Session, *, style: str, viewer: str | bool = False, page: PageListener | None = None) -> None:
     """Run a device or a scene with a picture, log lines or JSON lines, until it is told to stop.
 
-    ``style`` is auto, plain or json; ``viewer`` is True, or the address of a Rerun viewer.
+    ``style`` is auto, plain, json, or quiet, which prints the link of the page alone.
+    ``viewer`` is True, or the address of a Rerun viewer.
 
     Raises:
         TactemuError: the request cannot be met; nothing is left behind.
@@ -44,7 +45,7 @@ def run_session(session: Session, *, style: str, viewer: str | bool = False, pag
         with report_if_slow(f"building {n_bodies:,} bodies") if n_bodies >= MANY_BODIES else nullcontext():
             session.build()
         if page is not None:
-            session.beside = partial(_page_beside, page)
+            session.beside = partial(_page_beside, page, sys.stdout if style == "quiet" else sys.stderr)
         with closing(session), _rerun_viewer(session, viewer) if viewer else nullcontext():
             _run(session, style)
     finally:
@@ -53,15 +54,15 @@ def run_session(session: Session, *, style: str, viewer: str | bool = False, pag
 
 
 @contextmanager
-def _page_beside(page: PageListener, server: Server | None) -> Iterator[None]:
-    """Serve the web page of a control socket."""
+def _page_beside(page: PageListener, output: TextIO, server: Server | None) -> Iterator[None]:
+    """Serve the web page of a control socket, and print its link."""
     from tactemu.view.page.opening import page_process
 
     if server is None:
         raise TransportError("--web: the page needs the control socket, which could not be opened")
     url = page.url  # page_process closes the socket here
     with page_process(page, server.endpoint.name) as over:
-        print(f"see {url}", file=sys.stderr, flush=True)
+        print(f"see {server.endpoint.name}: {url}", file=output, flush=True)
         try:
             yield
         finally:
@@ -79,7 +80,7 @@ def _run(session: Session, style: str) -> None:
     emulator = session.emulator
     console = Console(highlight=False)
     live = style == "auto" and console.is_terminal and not console.is_dumb_terminal
-    say = say_json if style == "json" else say_text(console)
+    say = {"json": say_json, "quiet": _say_nothing}.get(style) or say_text(console)
     view = _live_view(emulator, console) if live else nullcontext()
     _warm_up(console)
     with ended_by_signals(emulator.stop), closing(session.open()):
@@ -103,6 +104,10 @@ def _run(session: Session, style: str) -> None:
         say("advice", skin="truth log", text=f"{lost} entries are missing: the disk was full, or too slow")
     if lost or save_failed:
         raise SystemExit(INCOMPLETE)
+
+
+def _say_nothing(event: str, **entry: object) -> None:
+    """Print no report."""
 
 
 def _save_failed(session: Session) -> bool:

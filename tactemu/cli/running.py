@@ -30,6 +30,8 @@ from tactemu.cli.words import network_ports_of, options_of, ports_of, rate_of
 if TYPE_CHECKING:
     from tactemu.view.page.opening import PageListener
 
+DEMO = Path(__file__).parents[1] / "scene" / "demo.toml"
+
 commands = typer.Typer(rich_markup_mode=None)
 
 
@@ -175,7 +177,12 @@ def poke(context: typer.Context) -> None:
 
 @commands.command()
 def see(
-    name: Annotated[str | None, typer.Argument(help="Name of the emulator; default: the only one that runs.")] = None,
+    name: Annotated[
+        str | None, typer.Argument(metavar="NAME", help="Name of the emulator; default: the only one that runs.")
+    ] = None,
+    demo: Annotated[
+        bool, typer.Option("--demo", help="Start a glove that is touched, and show it; needs no driver.")
+    ] = False,
     port: WebPort = None,
     host: WebHost = None,
 ) -> None:
@@ -184,18 +191,35 @@ def see(
     The page draws bodies, taxels, curves and the wire; you can drag bodies, press taxels and unplug the device.
 
     \b
-      tactemu run hand.toml               # in one terminal; or a test, `tactemu exec`, `tactemu replay`
-      tactemu see                         # in another: prints a link for a browser on this machine
+      tactemu see --demo               # a glove that is touched, without a driver
+      tactemu run hand.toml            # in one terminal; or a test, exec, replay
+      tactemu see                      # in another terminal
       tactemu see hand --web-port 9000
-      tactemu see --web-host 0.0.0.0      # other machines with the link may watch and touch, too
+      tactemu see --web-host 0.0.0.0   # others with the link may watch and touch
 
-    Ctrl-C ends it. When the emulator ends, the page keeps the last picture, and shows the next run of that name.
+    It prints a link for a browser on this machine. Ctrl-C ends it. When the emulator ends, the page keeps the last
+    picture, and shows the next run of that name.
     """
+    if demo:
+        _show_demo(name, _page(host, port))
+        return
     from tactemu.cli.page import show_runs
     from tactemu.control.endpoints import chosen
 
     place = chosen(name)
     show_runs(place.stem, _page(host, port))
+
+
+def _show_demo(name: str | None, page: PageListener) -> None:
+    """Run the scene of the demo with its page until Ctrl-C."""
+    from tactemu.cli.run_output import run_session
+    from tactemu.session.options import RunOptions
+    from tactemu.session.session import Session
+
+    print("A glove and three objects that touch it; no driver is needed. Open the link in a browser, drag an object,")
+    print("click a taxel. Ctrl-C ends it.", flush=True)
+    options = RunOptions(port="memory:", name=name, default_name=True)
+    run_session(Session(str(DEMO), options), style="quiet", page=page)
 
 
 @commands.command(
