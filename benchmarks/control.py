@@ -13,6 +13,7 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import random
 import subprocess
 import sys
 import tempfile
@@ -97,7 +98,8 @@ def _poke(name: str, seconds: float, per_s: float) -> tuple[list[int], dict]:
     with connect(name) as emulator:
         start = time.perf_counter()
         for k in range(int(seconds * per_s)):
-            time.sleep(max(0.0, start + k / per_s - time.perf_counter()))
+            pause = (k + random.random()) / per_s  # at any moment of the time between two samples
+            time.sleep(max(0.0, start + pause - time.perf_counter()))
             sent.append(time.monotonic_ns())
             emulator.set_pose("ball", position=(0, 0, 0.0095 if k % 2 == 0 else 0.03))
         time.sleep(max(0.0, start + seconds - time.perf_counter()))

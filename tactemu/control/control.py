@@ -74,8 +74,8 @@ class Control:
         self, verb: str, arguments: Mapping[str, Any], by: str = "", on_done: Callable[[LoopTask], None] | None = None
     ) -> LoopTask:
         """Have the loop carry out a command whose arguments are checked already."""
-        self.emulator.look_ahead_ns = LOOK_AHEAD_NS
-        changes = CONTROL_COMMANDS[verb].changes
+        if changes := CONTROL_COMMANDS[verb].changes:
+            self.emulator.look_ahead_ns = LOOK_AHEAD_NS
         return LoopTask(self.emulator, lambda: self.do(verb, arguments, by), changes=changes, on_done=on_done)
 
     def hello(self) -> dict[str, Any]:

@@ -33,6 +33,8 @@ _MAX_SAMPLING_NS = 1_000_000
 """Longest time for which the samples of a turn delay the frames that are ready to leave."""
 _MAX_STEPPING_NS = 50_000
 """Longest time for which a turn takes steps of the simulation ahead; bounds the delay of an answer to a driver."""
+_MIN_LEAD_NS, _LEAD_PER_STEP_TIME = 200_000, 2
+"""The lead of the simulation that steps need not to make a sample late, where live commands wait for it."""
 MAX_STEPS_PER_TURN = 32
 """Maximum number of steps that a turn takes ahead in virtual time; bounds the delay of :meth:`Emulator.stop`."""
 MAX_LAG_NS = 10_000_000_000
@@ -53,7 +55,7 @@ class Emulator(Lifecycle):
 
     TRANSIENT_FIELDS: ClassVar[tuple[str, ...]] = (
         "catch_up_steps", "clock", "look_ahead_ns", "recipe", "_calls", "_channels", "_is_restored", "_ports",
-        "_stop_requested",
+        "_step_ns", "_stop_requested",
     )  # fmt: skip
 
     def __init__(
@@ -70,7 +72,10 @@ class Emulator(Lifecycle):
         self.simulation: Simulated | None = simulation
         super().__init__(channels, clock, truth, recipe or {})
         self.look_ahead_ns: int | None = None
-        """Longest lead of the simulation over real time (or a step, if that is longer); ``None``: unlimited."""
+        """Longest lead of the simulation over real time (or a step, if that is longer), and no more than its steps
+        need; ``None``: unlimited."""
+        self._step_ns = 0
+        """Real time that a step takes, at most, of the latest ones."""
         self._outbox: Agenda[Action] = Agenda(self._is_valid)
         """Samples until their release times."""
 
@@ -222,14 +227,19 @@ class Emulator(Lifecycle):
 
     def _step_for_a_while(self, simulation: Simulated, steps: int) -> int | None:
         """Take at most so many steps in real time, for :data:`_MAX_STEPPING_NS`; return when to take the others."""
-        now_ns, dt_ns = self.clock.now_ns, simulation.dt_ns
-        stop_ns = now_ns() + _MAX_STEPPING_NS
+        begun_ns = self.clock.now_ns()
+        stop_ns = begun_ns + _MAX_STEPPING_NS
         for _ in range(steps):
-            t_ns = simulation.time_ns + dt_ns
-            if self.look_ahead_ns is not None and (begin_ns := t_ns - max(self.look_ahead_ns, dt_ns)) > now_ns():
-                return begin_ns
+            t_ns = simulation.time_ns + simulation.dt_ns
+            if self.look_ahead_ns is not None:
+                lead_ns = _MIN_LEAD_NS + _LEAD_PER_STEP_TIME * self._step_ns
+                begin_ns = t_ns - min(lead_ns, max(self.look_ahead_ns, simulation.dt_ns))
+                if begin_ns > begun_ns:
+                    return begin_ns
             simulation.advance_to(t_ns)
-            if now_ns() > stop_ns:
+            ended_ns = self.clock.now_ns()
+            self._step_ns = max(ended_ns - begun_ns, self._step_ns - self._step_ns // 16)
+            if (begun_ns := ended_ns) > stop_ns:
                 return stop_ns
         return None
 
