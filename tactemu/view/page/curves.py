@@ -38,6 +38,9 @@ class Curves:
     def __init__(self, gui: viser.GuiApi, skins: Mapping[str, PageSkin], selected: Callable[[], tuple[str, int]]):
         self._gui, self._skins = gui, skins
         self.chosen: list[tuple[str, int]] = []
+        """The taxels that viewers have chosen. Their callbacks replace the list, in a thread of viser's."""
+        self._drawn: list[tuple[str, int]] = []
+        """The taxels of the charts, which the page's thread makes, fills and removes."""
         self._is_automatic = True
         """True until a viewer has chosen a taxel: the first one that is touched is shown."""
         self._times: deque[float] = deque(maxlen=_MAX_POINTS)
@@ -56,29 +59,26 @@ class Curves:
             if add.value == "Clear":
                 self._is_automatic = True
                 self.chosen = []
-                self._begin()
             elif (one := selected()) not in self.chosen:
                 self.choose(*one)
 
     def choose(self, skin: str, taxel: int) -> None:
         """Add the taxel to the charts, or remove it if it is shown."""
-        if self._is_automatic:
-            self._is_automatic = False
-        if (skin, taxel) in self.chosen:
-            self.chosen.remove((skin, taxel))
-        else:
-            self.chosen = [*self.chosen, (skin, taxel)][-MAX_TAXELS:]
-        self._begin()
+        self._is_automatic = False
+        others = [each for each in self.chosen if each != (skin, taxel)]
+        self.chosen = others if len(others) < len(self.chosen) else [*others, (skin, taxel)][-MAX_TAXELS:]
 
     def add(self, t_s: float, samples: dict[str, Sample], deviations: dict[str, np.ndarray | None]) -> None:
         """Add the readings of a time [s]; ``deviations`` has how far each skin's counts are from baseline."""
         if self._is_automatic and not self.chosen:
             self._choose_touched(samples)
+        if self._drawn != self.chosen:
+            self._begin()
         if self._times and t_s <= self._times[-1]:
             self._times.clear()
             self._rows.clear()
         row: list[float] = []
-        for name, taxel in self.chosen:
+        for name, taxel in self._drawn:
             sample = samples.get(name)
             if sample is None or taxel >= len(sample.ideal):
                 row += [np.nan] * 3
@@ -95,14 +95,14 @@ class Curves:
 
     def draw(self) -> None:
         """Show the last :data:`_SECONDS`."""
-        if not self.chosen or len(self._times) < 2:
+        if not self._drawn or len(self._times) < 2:
             return
         times, rows = np.array(self._times), np.array(self._rows)
         inside = times > times[-1] - _SECONDS
         times, rows = times[inside] - times[-1], rows[inside]
         read = np.delete(rows, slice(2, None, 3), axis=1)
         sent = rows[:, 2::3]
-        units = [self._units.get(name, ("", "")) for name, _ in self.chosen]
+        units = [self._units.get(name, ("", "")) for name, _ in self._drawn]
         shown = [_shared(float(np.nanmax(part, initial=0.0)), [unit[k] for unit in units])
                  for k, part in enumerate((read, sent))]  # fmt: skip
         axes = (f"reading [{shown[0][1]}]", f"change [{shown[1][1]}]")
@@ -119,7 +119,6 @@ class Curves:
             size = np.nan_to_num(magnitudes(sample.ideal)) if np.ndim(sample.ideal) else np.zeros(0)
             if size.any() and name in self._skins and len(size) == len(self._skins[name].layout):
                 self.chosen = [(name, int(size.argmax()))]
-                self._begin()
                 return
 
     def _units_of(self, sample: Sample, name: str) -> tuple[str, str]:
@@ -130,20 +129,21 @@ class Curves:
         return skin.unit(sample.sense), deviation_unit(skin.channels(sample.sense, columns))
 
     def _begin(self) -> None:
-        """Drop the charts and what they showed; :meth:`draw` makes new ones."""
+        """Drop the charts and what they showed; :meth:`draw` makes new ones, of the chosen taxels."""
+        self._drawn = self.chosen
         self._times.clear()
         self._rows.clear()
         for chart in self._charts:
             chart.remove()
         self._charts = []
-        if not self.chosen:
+        if not self._drawn:
             _show(self._legends[0], _HINT)
             _show(self._legends[1], "")
 
     def _make(self) -> None:
         for chart in self._charts:
             chart.remove()
-        none, pairs = np.zeros(1), list(zip(SERIES, self.chosen))
+        none, pairs = np.zeros(1), list(zip(SERIES, self._drawn))
         series = {
             0: [each for colour, _ in pairs for each in (_line(colour + _IDEAL_ALPHA, 6), _line(colour, 1.5))],
             1: [_line(colour, 1.5) for colour, _ in pairs],
@@ -163,7 +163,7 @@ class Curves:
 
     def _legend(self, row: np.ndarray, parts: tuple[int, ...], shown: tuple[float, str], title: str) -> str:
         entries = []
-        for k, (colour, (skin, taxel)) in enumerate(zip(SERIES, self.chosen)):
+        for k, (colour, (skin, taxel)) in enumerate(zip(SERIES, self._drawn)):
             known = self._skins.get(skin)
             name = taxel_name(known.layout, taxel) if known is not None else str(taxel)
             where = f"{skin} {name}" if len(self._skins) > 1 else f"taxel {name}"

@@ -69,7 +69,7 @@ STYLE = f"""
 .tt-patch figcaption {{ font-size: 11px; line-height: 1.2; color: var(--tt-dim); overflow-wrap: anywhere; }}
 
 .tt-numbers {{ font-variant-numeric: tabular-nums; font-size: 11px; }}
-.tt-numbers th, .tt-numbers td {{ text-align: right; padding: 1px 5px; white-space: nowrap; }}
+.tt-numbers th, .tt-numbers td {{ text-align: right; padding: 1px 4px; white-space: nowrap; }}
 .tt-numbers thead th {{ border-bottom: 1px solid var(--tt-line); }}
 .tt-numbers small {{ font-weight: 400; color: var(--tt-dim); }}
 .tt-numbers .tt-chosen {{ background: var(--tt-fill); font-weight: 600; }}

@@ -26,9 +26,11 @@ _MAX_PATCHES = 24
 _MAX_TAXEL_PX = 26
 """Maximum size of a taxel in a skin of several patches."""
 _MIN_TAXEL_PX = 4
-"""Minimum size of a taxel: where a row of patches takes more room than the panel has, it breaks."""
-_ROW_PX = 320
-"""The width that a row of patches takes [px], without the gaps."""
+"""Minimum size of a taxel; where patches then take more room than the panel has, it scrolls."""
+_PANEL_PX = (372, 300)
+"""The room that all patches take if they can [px]: width and height."""
+_GAP_PX, _NAME_PX = 8, 20
+"""The room between patches, and that of a name with the gap below [px]."""
 _MIN_NAME_PX = 56
 """The width that a patch's name has at least [px]."""
 _SQUARE_PX, _MAX_SQUARES = 8, 1000
@@ -49,6 +51,7 @@ class Pictures:
     def __init__(self) -> None:
         self._skin: PageSkin | None = None
         self._rows: list[list[list[DrawnPatch]]] = []
+        self._taxel_px = _MAX_TAXEL_PX
         self._most = dict.fromkeys(KINDS, 0.0)
 
     def html(self, skin: PageSkin, sample: Sample | None, sent: np.ndarray | None, shown: str = ALL) -> str:
@@ -63,9 +66,9 @@ class Pictures:
         if skin is not self._skin:
             self._skin = skin
             self._most = dict.fromkeys(KINDS, 0.0)
-            self._rows = picture_rows(
-                [(patch, cells(skin.layout, patch)) for patch in skin.layout.patches[:_MAX_PATCHES]]
-            )
+            patches = skin.layout.patches[:_MAX_PATCHES]
+            self._rows = picture_rows([(patch, cells(skin.layout, patch)) for patch in patches])
+            self._taxel_px = taxel_size(self._rows)
         if sample is None or not len(skin.layout) or len(sample.ideal) != len(skin.layout):
             return '<div class="tt"><p>No picture: this skin has no reading for each taxel yet.</p></div>'
         sizes = {"ideal": magnitudes(sample.ideal), "measured": magnitudes(sample.measured), "sent": sent}
@@ -90,7 +93,7 @@ class Pictures:
 
     def _is_narrow(self) -> bool:
         """Return True if the pictures of one patch fit side by side."""
-        rows, cols = self._rows[0][0][0][1].max(axis=0) + 1
+        rows, cols = _extent(self._rows[0][0][0])
         return self._is_single() and cols / rows < _MIN_WIDE
 
     def _is_single(self) -> bool:
@@ -100,23 +103,51 @@ class Pictures:
         if size is None:
             return "<p>The counts are not one for each taxel.</p>"
         if self._is_single():
-            limit = "44vh" if kinds == 1 else "24vh" if self._is_narrow() else "11vh"
+            limit = "44vh" if kinds == 1 else "24vh" if self._is_narrow() else "9.5vh"
             return _figure(*self._rows[0][0][0], size, most, f"max-height:{limit}", has_name=False)
-        rows = "".join(self._row(row, size, most) for row in self._rows if row)
-        return f'<div class="tt-rows">{rows}</div>'
+        boxes = "".join(_row(row, size, most, self._taxel_px) for row in self._rows if row)
+        return f'<div class="tt-rows">{boxes}</div>'
 
-    def _row(self, row: Sequence[Sequence[DrawnPatch]], size: np.ndarray, most: float) -> str:
-        widths = [max(_columns(places) for _, places in column) for column in row]
-        taxel_px = max(_MIN_TAXEL_PX, min(_MAX_TAXEL_PX, _ROW_PX / sum(widths)))
-        boxes = []
-        for width, column in zip(widths, row):
-            figures = [
-                _figure(*place, size, most, f"width:{_columns(place[1]) * taxel_px:.0f}px", has_name=True)
-                for place in column
-            ]
-            outer = max(width * taxel_px, _MIN_NAME_PX)
-            boxes.append(f'<div class="tt-finger" style="width:{outer:.0f}px">{"".join(figures)}</div>')
-        return f'<div class="tt-patches">{"".join(boxes)}</div>'
+
+def _row(row: Sequence[Sequence[DrawnPatch]], size: np.ndarray, most: float, taxel_px: int) -> str:
+    boxes = []
+    for column in row:
+        figures = [
+            _figure(*drawn, size, most, f"width:{_extent(drawn)[1] * taxel_px}px", has_name=True) for drawn in column
+        ]
+        width = _column_px(column, taxel_px)[0]
+        boxes.append(f'<div class="tt-finger" style="width:{width}px">{"".join(figures)}</div>')
+    return f'<div class="tt-patches">{"".join(boxes)}</div>'
+
+
+def taxel_size(rows: Sequence[Sequence[Sequence[DrawnPatch]]]) -> int:
+    """Return the largest size of a taxel [px] with which all patches fit into the panel, of one size for all."""
+    for taxel_px in range(_MAX_TAXEL_PX, _MIN_TAXEL_PX, -1):
+        height = 0
+        for row in rows:
+            left = line = 0
+            for column in row:
+                width, tall = _column_px(column, taxel_px)
+                if left and left + width > _PANEL_PX[0]:
+                    height, left, line = height + line, 0, 0
+                left, line = left + width + _GAP_PX, max(line, tall + _GAP_PX)
+            height += line
+        if height <= _PANEL_PX[1]:
+            return taxel_px
+    return _MIN_TAXEL_PX
+
+
+def _column_px(column: Sequence[DrawnPatch], taxel_px: int) -> tuple[int, int]:
+    """Return width and height of a column of patches with their names [px]."""
+    extents = [_extent(drawn) for drawn in column]
+    width = max(_MIN_NAME_PX, *(cols * taxel_px for _, cols in extents))
+    return width, sum(rows * taxel_px + _NAME_PX for rows, _ in extents)
+
+
+def _extent(drawn: DrawnPatch) -> tuple[int, int]:
+    """Return the number of rows and of columns of a patch's picture."""
+    rows, cols = (drawn[1].max(axis=0) + 1).tolist()
+    return rows, cols
 
 
 def picture_rows(places: Sequence[DrawnPatch]) -> list[list[list[DrawnPatch]]]:
@@ -143,11 +174,6 @@ def _rank(name: str) -> tuple[float, str]:
         return _SEGMENTS.index(part), part
     number = re.match(r"\d+", part)
     return (len(_SEGMENTS) - int(number[0]) / 100 if number else len(_SEGMENTS) / 2), part
-
-
-def _columns(places: np.ndarray) -> int:
-    """Return the number of columns of a patch's picture."""
-    return int(places[:, 1].max()) + 1
 
 
 def _figure(patch: Patch, places: np.ndarray, size: np.ndarray, most: float, style: str, *, has_name: bool) -> str:

@@ -74,7 +74,7 @@ def _components(skin: PageSkin, sample: Sample) -> str:
     is_aligned = len(channels) == len(ideal) and all(each.axis for each in channels)
     names = [each.name for each in channels] if is_aligned else _COMPONENTS.get(len(ideal), range(len(ideal)))
     units = skin.unit(sample.sense).split(", ")
-    sent = [(value, each.unit) for value, each in zip(values, channels)]
+    sent = [(value, _one_count(each.unit)) for value, each in zip(values, channels)]
     rows = []
     for k, name in enumerate(names):
         unit = units[min(k // 3, len(units) - 1)]
@@ -87,6 +87,11 @@ def _components(skin: PageSkin, sample: Sample) -> str:
         rows = [_cells(each.name, *one) for each, one in zip(channels, sent)]
         table += _table([("channel", ""), ("sent", ""), ("one count", "")], rows)
     return table
+
+
+def _one_count(unit: str) -> str:
+    """Return what one count is, in words: ``10 mN``, ``1 N``."""
+    return "no scale" if unit == "counts" else unit if unit[:1].isdigit() else f"1 {unit}"
 
 
 def _cells(*words: str) -> str:

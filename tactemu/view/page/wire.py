@@ -38,8 +38,8 @@ _CLASSES = {"answer": "tt-sent", "data": "tt-sent"}
 _LEGEND = "<p>" + ", ".join(
     f'<b style="color:var(--tt-{colour})">{mark}</b> {text}'
     for mark, colour, text in (
-        ("←", "question", "from the driver"), ("→", "answer", "to the driver"), ("⌀", "lost", "not sent"),
-        ("✕", "fault", "changed by a fault"),
+        ("←", "question", "from driver"), ("→", "answer", "to driver"), ("⌀", "lost", "not sent"),
+        ("✕", "fault", "fault"),
     )
 ) + "</p>"  # fmt: skip
 

@@ -21,6 +21,8 @@ SET_SCHEME = """scheme => {
   document.documentElement.setAttribute("data-mantine-color-scheme", scheme);
   return new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)));
 }"""
+MAX_LOOKS = 20
+"""How often the page is looked at until it stands still: sections glide open, notifications come in."""
 TABS = ("Curves", "Numbers", "Statistics", "Datasheet")
 
 
@@ -31,7 +33,10 @@ def look_at_all(browser, url: str, width: int, wrong: list[str]) -> list[str]:
         for panel in ("Pictures", "Wire"):
             page.get_by_role("button", name=f"Expand panel {panel}").click()
     page.locator(".tt-patch img, .tt-numbers, .tt p").first.wait_for(timeout=60_000)
-    page.get_by_role("button", name="Press taxel").click()
+    if width == 1000:
+        page.keyboard.press("p")
+    else:
+        page.get_by_role("button", name="Press taxel").click()
     page.locator(".mantine-Notification-root", has_text="Pressed taxel").wait_for(timeout=60_000)
     page.locator(".tt-frame").first.wait_for(timeout=60_000)
     found = look(page, width, "Pictures, Wire")
@@ -50,7 +55,11 @@ def look(page, width: int, where: str) -> list[str]:
     found = []
     for scheme in SCHEMES:
         page.evaluate(SET_SCHEME, scheme)
-        seen = page.evaluate(LAYOUT)
+        for _ in range(MAX_LOOKS):
+            seen = page.evaluate(LAYOUT)
+            if not seen["wrong"]:
+                break
+            page.wait_for_timeout(250)
         assert seen["leaves"] > 20, f"{width} {scheme} {where}: the panels are empty"
         found += [f"{width} {scheme} {where}: {each}" for each in seen["wrong"]]
     return found
