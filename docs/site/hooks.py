@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import base64
+import html
 import importlib.metadata
 import inspect
+import json
 import re
 import sys
 from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).parents[2]
+PICTURES = ROOT / "docs" / "pictures"
 sys.path.insert(0, str(ROOT))
 
 from mkdocs.structure.files import File, Files  # noqa: E402
@@ -28,12 +32,19 @@ _INHERITED = ("Sensor", "Simulation")
 """Classes whose methods are spread over base classes that have no entry of their own."""
 _DEVICE_LINK = re.compile(r"\[`(\w+)`\]\(\.\./firmware_protocols/devices/\w+\.py\)")
 """The file of a device in the repository; the site has a page of it."""
+_SCHEME = """
+const frame = document.querySelector(".front iframe"), body = document.body;
+const play = () => frame.src = frame.dataset.src + (body.dataset.mdColorScheme === "slate" ? "&darkMode" : "");
+new MutationObserver(play).observe(body, { attributeFilter: ["data-md-color-scheme"] });
+play();
+"""
+"""The recording is as light or dark as the page."""
 _ABOUT: dict[str, tuple[str, str]] = {}
 """Title and first sentence of each page, by its URL."""
 
 
 def on_files(files: Files, config: Any) -> Files:
-    """Add the pages that no file has, the plot library with its licence, and the style."""
+    """Add the pages that no file has, the plot library and viser's player with their licences, and the style."""
     pages = {
         "index.md": _index(),
         "reference/api.md": _api(),
@@ -44,15 +55,20 @@ def on_files(files: Files, config: Any) -> Files:
     }
     for path, text in pages.items():
         files.append(File.generated(config, path, content=text))
-    plotly = importlib.metadata.distribution("plotly")
-    licence = next(file for file in plotly.files or () if file.name == "LICENSE.txt")
-    library = plotly.locate_file("plotly/package_data/plotly.min.js")
-    files.append(File.generated(config, "assets/plotly.min.js", content=Path(str(library)).read_bytes()))
-    files.append(File.generated(config, "assets/plotly.LICENSE.txt", content=licence.read_text()))
+    library, licence = _of_package("plotly", "plotly/package_data/plotly.min.js")
+    files.append(File.generated(config, "assets/plotly.min.js", content=library))
+    files.append(File.generated(config, "assets/plotly.LICENSE.txt", content=licence))
+    player, licence = _of_package("viser", "viser/client/build/index.html")
+    files.append(File.generated(config, "assets/live.html", content=_recorded(player)))
+    files.append(File.generated(config, "assets/viser.LICENSE.txt", content=licence))
+    for name in ("live.viser", "live.json", "card.html"):  # parts of other files
+        files.remove(files.get_file_from_path(f"pictures/{name}"))
     for name in ("shim.js", "LICENSE"):  # iframe-worker 1.0.4
         text = (Path(__file__).parent / "iframe-worker" / name).read_text()
         files.append(File.generated(config, f"assets/iframe-worker/{name}", content=text))
-    files.append(File.generated(config, "assets/site.css", content=(Path(__file__).parent / "site.css").read_text()))
+    light, dark = (f'[data-md-color-scheme="{scheme}"]' for scheme in ("default", "slate"))
+    sheet = style.stylesheet(light, dark) + (Path(__file__).parent / "site.css").read_text()
+    files.append(File.generated(config, "assets/site.css", content=sheet))
     return files
 
 
@@ -60,6 +76,16 @@ def on_post_page(output: str, page: Any, config: Any) -> str:
     """What Material fetches for the search of files that no server serves is brought along."""
     shim = page.url.count("/") * "../" + "assets/iframe-worker/shim.js"
     return output.replace("https://unpkg.com/iframe-worker/shim", shim)
+
+
+def on_page_content(content: str, page: Any, config: Any, files: Files) -> str:
+    """Figures that follow the page's colours: what the front page shows, and the picture of the trade-off."""
+    if page.file.src_uri == "accuracy.md":
+        picture = f'<div class="wide">{style.figure(_svg("accuracy"))}</div>'
+        return re.sub(r'<p><img [^>]*src="pictures/accuracy\.svg"[^>]*></p>', lambda _: picture, content)
+    if page.file.src_uri == "index.md":
+        return re.sub(r'<p><img [^>]*src="pictures/live\.gif"[^>]*></p>', lambda _: _front(), content)
+    return content
 
 
 def on_page_markdown(markdown: str, page: Any, config: Any, files: Files) -> str:
@@ -84,9 +110,67 @@ def on_post_build(config: Any) -> None:
     (Path(config["site_dir"]) / "llms.txt").write_text("\n".join(lines) + "\n")
 
 
+def _of_package(name: str, path: str) -> tuple[bytes, str]:
+    """Return a file that an installed package contains, and the package's licence."""
+    package = importlib.metadata.distribution(name)
+    licence = next(file for file in package.files or () if file.name.startswith("LICENSE"))
+    return Path(str(package.locate_file(path))).read_bytes(), licence.read_text()
+
+
+def _recorded(player: bytes) -> str:
+    """Return viser's player with the recording in it, so that it also plays from a file that no server serves."""
+    recording = base64.b64encode((PICTURES / "live.viser").read_bytes()).decode()
+    quiet = "<style>.mantine-Notifications-root { display: none; }</style>"
+    head, found, rest = player.decode().partition("</head>")
+    return f'{head}{quiet}<script>window.__VISER_EMBED_DATA__ = "{recording}";</script>{found}{rest}'
+
+
+def _svg(name: str) -> str:
+    text = (PICTURES / f"{name}.svg").read_text()
+    return re.sub(r"<metadata>.*?</metadata>", "", text[text.index("<svg") :], flags=re.DOTALL)
+
+
+def _front() -> str:
+    """Return what the front page shows side by side: the live page, recorded; a report card; the trade-off."""
+    about = json.loads((PICTURES / "live.json").read_text())
+    places = {f"initialCamera{name}": about[key] for name, key in (("Position", "position"), ("LookAt", "look_at"))}
+    query = "&amp;".join(f"{name}={','.join(map(str, place))}" for name, place in places.items())
+    card = re.sub(r".*<body[^>]*>|</body>.*| id=\"[^\"]*\"", "", (PICTURES / "card.html").read_text(), flags=re.DOTALL)
+    command = html.unescape(re.findall(r"<footer>Made by <code>(.*?)</code>", card)[0])
+    figures = (
+        (
+            "Press it on the live page",
+            "live-page.md",
+            "The scene of a run, recorded: turn it, stop it.",
+            f"tactemu run {about['scene']} --web",
+            f'<iframe title="a recorded run" data-src="assets/live.html?hideViserLogo&amp;{query}"></iframe>',
+        ),
+        (
+            "Judge your driver",
+            "judge.md",
+            "The report card of a driver that checks nothing.",
+            command,
+            f'<div class="report" tabindex="0">{card}</div>',
+        ),
+        (
+            "Choose speed or accuracy",
+            "accuracy.md",
+            "Error of the normal force against the cost of a step.",
+            "tactemu bench trade",
+            style.themed(_svg("trade")),
+        ),
+    )
+    shown = "".join(
+        f'<figure><h2><a href="{page.replace(".md", ".html")}">{title}</a></h2>{what}'
+        f"<figcaption>{about} <code>{html.escape(command)}</code></figcaption></figure>"
+        for title, page, about, command, what in figures
+    )
+    return f'<div class="front">{shown}</div><script>{_SCHEME}</script>'
+
+
 def _index() -> str:
     """The README up to its devices, with links as the site has them."""
-    text = (ROOT / "README.md").read_text().split("## Devices")[0]
+    text = "---\nhide: [navigation, toc]\n---\n" + (ROOT / "README.md").read_text().split("## Devices")[0]
     text = (
         text.replace("](docs/", "](")
         .replace("](examples)", "](coming-from.md)")

@@ -38,6 +38,7 @@ THEMES = {
     "muted": ("#5a646f", "#9aa4af"),
     "page": ("#ffffff", "#14181d"),
     "panel": ("#f3f5f8", "#1f262e"),
+    "key": ("#f1f3f6", "#31353c"),
     "line": ("#d3d9e0", "#39424c"),
     "link": ("#0b5d9c", "#6cb6f5"),
     "good": ("#00704e", "#3ecf9f"),
@@ -78,7 +79,7 @@ def stylesheet(light: str = ":root", dark: str = "") -> str:
     series = "".join(f"--series-{k}: {colour}; " for k, colour in enumerate(SERIES, 1))
     night = f"{dark} {{ {night}}}" if dark else f"@media (prefers-color-scheme: dark) {{ :root {{ {night}}} }}"
     rules = Path(__file__).with_suffix(".css").read_text(encoding="utf-8")
-    return f"{light} {{ {day}{series}}}\n{night}\n{rules}"
+    return f":root {{ {series}}}\n{light} {{ {day}}}\n{night}\n{rules}"
 
 
 def page(title: str, parts: Sequence[str], *, command: str = "") -> str:

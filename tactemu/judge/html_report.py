@@ -28,9 +28,9 @@ def html_report(report: Report, command: str = "") -> str:
         f"{report.seconds:.1f} s, seed {report.seed}. Findings marked <span class=bad></span>fail the run "
         f"({escape(', '.join(ABOUT[kind] for kind in report.fail_on))}); those marked <span class=odd></span>are for "
         "you to weigh.</p>",
-        _columns(report),
         "<h2>Trials</h2>",
         _table(report),
+        _columns(report),
         *(_case(outcome) for outcome in report.outcomes if outcome.case or outcome.bad),
         _latency(report, command),
         _skipped(report),

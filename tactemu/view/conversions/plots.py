@@ -149,6 +149,8 @@ def _spectrum(axes: Any, series: Series) -> None:
         power = np.abs(np.fft.rfft((pieces - pieces.mean(1, keepdims=True)) * window)) ** 2
         density = np.sqrt(2 * power.mean(0) * step / (window**2).sum())
         axes.loglog(np.fft.rfftfreq(size, step)[1:], np.maximum(density[1:], 1e-15), color=MEASURED)
+        for axis in (axes.xaxis, axes.yaxis):
+            axis.set_major_formatter(lambda value, _at: f"{value:g}")
     axes.set(xlabel="frequency [Hz]", ylabel=f"measured − ideal [{series.unit}/√Hz]")
 
 

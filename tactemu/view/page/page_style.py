@@ -8,18 +8,14 @@ from __future__ import annotations
 
 from tactemu.base.style import THEMES
 
-_FILLS = ("#f1f3f6", "#31353c")
-"""The background of keys and of the selected row, on viser's panels."""
-
 
 def _variables(k: int) -> str:
     """Return the colours as variables; 0: of a light page, 1: of a dark one."""
     names = {
         "text": "text", "dim": "muted", "line": "line", "link": "link", "question": "link", "answer": "good",
-        "fault": "bad", "lost": "odd",
+        "fault": "bad", "lost": "odd", "fill": "key",
     }  # fmt: skip
-    colours = {name: THEMES[theme][k] for name, theme in names.items()} | {"fill": _FILLS[k]}
-    return " ".join(f"--tt-{name}: {colour};" for name, colour in colours.items())
+    return " ".join(f"--tt-{name}: {THEMES[theme][k]};" for name, theme in names.items())
 
 
 _VISER = """
