@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 from firmware_protocols import WireFrame
+from firmware_protocols.can_frames import CanFrames
 from tactemu.transports.transport import (
     DROPPED,
     MAX_CHUNK_BYTES,
@@ -124,10 +125,17 @@ class MemoryTransport(Transport):
 
     def write(self, frame: WireFrame) -> bool:
         """Pass the frame to the driver's end; ``False`` when that is closed or has too much unread."""
-        if not self.has_reader or len(self.driver.unread) >= MAX_UNREAD_FRAMES:
+        driver = self.driver
+        if not (self._open and driver.is_open) or len(driver.unread) >= MAX_UNREAD_FRAMES:
             return False
-        self.driver.unread.append(frame)
+        driver.unread.append(frame)
         return True
+
+    def write_all(self, frames: CanFrames) -> int:
+        """Pass frames to the driver's end until it is closed or has too much unread, and return how many were."""
+        room = MAX_UNREAD_FRAMES - len(self.driver.unread) if self.has_reader else 0
+        self.driver.unread.extend(frames[:room])
+        return min(room, len(frames))
 
     @property
     def has_reader(self) -> bool:

@@ -46,11 +46,8 @@ class Budget:
         """An upper bound of the bytes in use; deleted memories are subtracted when it reaches the limit."""
         self.memories: weakref.WeakSet[Memory] = weakref.WeakSet()
 
-    def spend(self, size: int) -> None:
-        """Allocate ``size`` bytes; the caller holds the lock."""
-        self.spent += size
-        if self.spent <= self.limit:
-            return
+    def shrink(self) -> None:
+        """Drop the oldest entries until the limit is kept; the caller holds the lock."""
         self.spent = sum(memory.bytes for memory in self.memories)
         while self.spent > self.limit:
             most = max(self.memories, key=lambda memory: memory.bytes)
@@ -87,7 +84,9 @@ class Memory:
         with self.budget.lock:
             entries.append(entry)
             self.bytes += size
-            self.budget.spend(size)
+            self.budget.spent += size
+            if self.budget.spent > self.budget.limit:
+                self.budget.shrink()
 
     def forget(self) -> None:
         """Drop all entries."""

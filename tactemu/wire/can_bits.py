@@ -10,7 +10,6 @@ intermission, after which the next frame may start.
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cache
 
 from firmware_protocols import CanFrame
 
@@ -114,9 +113,11 @@ def _crc15(bits: int, length: int) -> int:
 # -- stuff bits, a byte at a time ----------------------------------------------------------------------------------
 # State: 4 * value of the last bit + length of its run - 1 (runs of 1 to 4; the fifth makes a stuff bit, run of 1).
 
+_STATE = 7 << 8
+"""Mask of the state in a step's result; the number of stuff bits is in the bits above, bit 0: the last bit made one."""
 
-@cache
-def _step(state: int, byte: int) -> tuple[int, int, bool]:
+
+def _step(state: int, byte: int) -> int:
     """Return the stuff bits that a byte causes, the state after it, and whether its last bit caused one."""
     last, run = state >> 2, (state & 3) + 1
     count, at_end = 0, False
@@ -126,10 +127,11 @@ def _step(state: int, byte: int) -> tuple[int, int, bool]:
         at_end = run == 5
         if at_end:
             count, last, run = count + 1, 1 - last, 1
-    return count, 4 * last + run - 1, at_end
+    return count << 24 | (4 * last + run - 1) << 8 | at_end
 
 
-_STEP = [[_step(state, byte) for byte in range(256)] for state in range(8)]
+_STEP = [_step(state, byte) for state in range(8) for byte in range(256)]
+"""The steps by ``state << 8 | byte``."""
 RECESSIVE = 4
 """State of an idle bus: the start bit (0) begins a new run."""
 
@@ -138,8 +140,9 @@ def _stuff_bits(bits: int, length: int, *, at_end: bool = True) -> int:
     """Return the number of stuff bits of a stream from its start-of-frame bit on; ``at_end``: also after its last."""
     pad = -length % 8  # alternating bits that end recessive make no stuff bit
     padded = (0x55 & (1 << pad) - 1) << length | bits
-    count, state, last = 0, RECESSIVE if pad % 2 == 0 else RECESSIVE - 4, False
+    found = (RECESSIVE if pad % 2 == 0 else RECESSIVE - 4) << 8
+    total = 0  # the counts add up, far from the other bits
     for byte in padded.to_bytes((length + pad) // 8, "big"):
-        made, state, last = _STEP[state][byte]
-        count += made
-    return count - (last and not at_end)
+        found = _STEP[found & _STATE | byte]
+        total += found
+    return (total >> 24) - (found & 1 and not at_end)

@@ -96,6 +96,8 @@ class LineModel(ABC):
     """True where several devices may be on the line."""
     is_half_duplex: ClassVar[bool] = False
     """True where the driver's frames travel on the same line as those of the devices."""
+    has_settings: ClassVar[bool] = False
+    """True where each end has settings of its own, and receives noise if they differ."""
     is_byte_stream: ClassVar[bool] = True
     """True where frames stay in order: those after a frame that a fault holds back wait for it."""
 
@@ -275,17 +277,15 @@ class Line:
 
     def take(self, now_ns: int) -> Pending | None:
         """Return the next frame whose last bit has gone by ``now_ns``, or ``None``."""
-        if self._sending is None:
-            self._start(now_ns)
-        return self.finish(now_ns)
-
-    def finish(self, now_ns: int) -> Pending | None:
-        """Return what :meth:`take` returns, but start no other frame, because more may be queued at this moment."""
-        if self._sending is None or self._handover_ns > now_ns:
+        if (self._sending is None and not self._start(now_ns)) or self._handover_ns > now_ns:
             return None
         sent, self._sending = self._sending, None
         self.free_ns = max(self.free_ns, now_ns - self._catch_up_ns)
         return sent
+
+    def finish(self, now_ns: int) -> Pending | None:
+        """Return what :meth:`take` returns, but start no other frame, because more may be queued at this moment."""
+        return None if self._sending is None else self.take(now_ns)
 
     def settle(self, now_ns: int) -> list[Pending]:
         """Return all that is queued or on the line, in the order in which it would leave; the line spends no time."""
@@ -320,28 +320,29 @@ class Line:
             withdrawn += own
         return withdrawn
 
-    def _start(self, now_ns: int) -> None:
-        """Start the frame that wins among those that are ready when the line falls idle, if that moment has come."""
+    def _start(self, now_ns: int) -> bool:
+        """Start the frame that wins among those that are ready when the line falls idle; return False if that moment
+        has not come."""
         waiting = [(name, lane) for name, lane in self._lanes.items() if lane]
         if not waiting:
-            return
+            return False
         start = max(self.free_ns, min([lane[0].ready_ns for _, lane in waiting]))
         if start > now_ns:
-            return
-        contenders = waiting
-        if len(waiting) > 1:
-            waiting = [entry for entry in waiting if entry[1][0].ready_ns <= start]
-            waiting.sort(key=lambda entry: self.line_model.rank(entry[1][0]))
+            return False
         name, lane = waiting[0]
+        if len(waiting) > 1:
+            ready = [entry for entry in waiting if entry[1][0].ready_ns <= start]
+            name, lane = min(ready, key=lambda entry: self.line_model.rank(entry[1][0]))
         if lane[0].ends is None:
             pending = heapq.heappop(lane)
         else:
-            pending = self._part_of_run(lane, [other[0] for _, other in contenders if other is not lane], start, now_ns)
+            pending = self._part_of_run(lane, [other[0] for _, other in waiting if other is not lane], start, now_ns)
         self._waiting_ns[name] -= pending.duration_ns
         pending.end_ns = self.free_ns = start + pending.duration_ns
         self._handover_ns = start if self.is_paced_by_port else pending.end_ns
         self.busy_ns += pending.duration_ns
         self._sending = pending
+        return True
 
     def _part_of_run(self, lane: list[Pending], rivals: list[Pending], start: int, now_ns: int) -> Pending:
         """Return the frames of the run at the head of a lane that left by now without a break, or its next frame."""
@@ -366,6 +367,5 @@ class Line:
             run.gone = last
             run.duration_ns = ends[-1] - ends[last - 1]
         took_ns = zero_ns + ends[last - 1] - start
-        return Pending(
-            run.order, run.number, run.frame[first:last], run.source, run.ready_ns, took_ns, sample=run.sample
-        )
+        left = run.frame[first] if last == first + 1 else run.frame[first:last]
+        return Pending(run.order, run.number, left, run.source, run.ready_ns, took_ns, sample=run.sample)

@@ -19,6 +19,7 @@ from tactemu.transports.transport import DROPPED, Closed, Event, Noted, Received
 from tactemu.truth import Truth
 from tactemu.wire.faults import Fault
 from tactemu.wire.faults.fault import Outage
+from tactemu.wire.faults.link import LatencyChip
 from tactemu.wire.line import DRIVER, Line, Pacing, Pending
 from tactemu.wire.wire_port import ReceivedData, WirePort
 
@@ -110,7 +111,7 @@ class Wire(WirePort):
         due = self.line.next_ns()
         if self.inbound is not self.line and (inbound_ns := self.inbound.next_ns()) is not None:
             due = inbound_ns if due is None or inbound_ns < due else due
-        fault_ns = self._injector.next_ns(self._now_ns)
+        fault_ns = self._injector.next_ns(self._now_ns) if self._injector.faults else None
         return fault_ns if due is None or (fault_ns is not None and fault_ns < due) else due
 
     # -- to the driver -----------------------------------------------------------------------------------------------
@@ -122,31 +123,36 @@ class Wire(WirePort):
 
         ``sample`` is the number of the sample that the frames carry.
         """
-        if isinstance(frames, CanFrames):
-            plain = frames
-        else:
-            frames = list(frames)
-            plain = [each.frame if isinstance(each, Sent) else each for each in frames]
         self._source = source
         if not self.transport.has_reader:
-            self._lose(plain, now_ns, source, "unheard", "nobody listens", sample)
+            counter, why = "unheard", "nobody listens"
         elif self._down is not None:
-            self._lose(plain, now_ns, source, "unheard", str(self._down), sample)
+            counter, why = "unheard", str(self._down)
         elif self.line.backlog_ns(source, self._seen_ns(now_ns)) > self.backlog_ns:
             self.counters["dropped_readings"] += 1
-            self._lose(plain, now_ns, source, "dropped_frames", "line full", sample)
-        elif isinstance(frames, CanFrames) and not self._injector.has_frame_faults:
-            self.line.put_run(frames, now_ns, source, sample=sample)
+            counter, why = "dropped_frames", "line full"
         else:
-            least = self.line_model.turnaround_ns()
-            for each in frames:
-                frame, delay_ns, turn = (
-                    (each.frame, each.delay_ns, each.turn) if isinstance(each, Sent) else (each, 0, 0)
-                )
-                ready_ns = now_ns + max(delay_ns, least)
-                for changed, held_ns in self._injector.corrupt(frame, now_ns, source, "to_driver"):
-                    at = self._after_held("to_driver", ready_ns, held_ns)
-                    self.line.put(changed, at, source, turn=turn, sample=sample)
+            self._queue(frames, now_ns, source, sample)
+            return
+        lost = [each.frame if isinstance(each, Sent) else each for each in frames]
+        self._lose(lost, now_ns, source, counter, why, sample)
+
+    def _queue(self, frames: Iterable[WireFrame | Sent], now_ns: int, source: str, sample: int | None) -> None:
+        """Put frames on the line, as the faults leave them."""
+        is_undisturbed = not self._injector.frame_faults and not self._held_ns
+        if is_undisturbed and isinstance(frames, CanFrames):
+            self.line.put_run(frames, now_ns, source, sample=sample)
+            return
+        least = self.line_model.turnaround_ns()
+        for each in frames:
+            frame, delay_ns, turn = (each.frame, each.delay_ns, each.turn) if isinstance(each, Sent) else (each, 0, 0)
+            ready_ns = now_ns + max(delay_ns, least)
+            if is_undisturbed:
+                self.line.put(frame, ready_ns, source, turn=turn, sample=sample)
+                continue
+            for changed, held_ns in self._injector.corrupt(frame, now_ns, source, "to_driver"):
+                at = self._after_held("to_driver", ready_ns, held_ns)
+                self.line.put(changed, at, source, turn=turn, sample=sample)
 
     def _after_held(self, direction: str, ready_ns: int, held_ns: int) -> int:
         """Return when a frame leaves that a fault holds back by ``held_ns``; later bytes of a stream wait for it."""
@@ -165,7 +171,7 @@ class Wire(WirePort):
         """Write every frame whose last bit has gone, and return how many were written."""
         self._now_ns = self._flushed_ns = now_ns
         began_ns = time.perf_counter_ns() if self.is_real_time and self._injector.traffic else 0
-        frames = self._add_traffic(now_ns)
+        frames = self._add_traffic(now_ns) if self._injector.traffic else 0
         written = self._settle(self.line, now_ns) if self._has_paused_request else 0
         self._has_paused_request = False
         while (pending := self.line.take(now_ns)) is not None:
@@ -214,18 +220,15 @@ class Wire(WirePort):
                 if self.line_model.echoes() and not self.line.is_paced_by_port:  # a real adapter does so itself
                     self.transport.write(pending.frame)
             return 0
-        if len(self.connectors) > 1 and pending.source in self.connectors:
-            self._arrived.append((pending.end_ns, ReceivedData(pending.frame, pending.source)))
+        if len(self.connectors) > 1:
+            self._pass_to_peers([pending.frame], pending)
         return self._write(pending, now_ns)
 
     def _pass_run_on(self, pending: Pending, frames: CanFrames, now_ns: int) -> int:
         """Pass on frames of one device that left the line one after another; return how many the driver took."""
         source = pending.source
-        peers = [connector for name, connector in self.connectors.items() if name != source]
-        if peers and source in self.connectors:
-            for frame in frames:
-                if any(self.line_model.accepts(connector, frame, of_peer=True) for connector in peers):
-                    self._arrived.append((pending.end_ns, ReceivedData(frame, source)))
+        if len(self.connectors) > 1:
+            self._pass_to_peers(frames, pending)
         sent = self.transport.write_all(frames)
         if sent < len(frames):
             why = ("dropped_unread", "not read") if self.transport.has_reader else ("unheard", "nobody listens")
@@ -238,11 +241,11 @@ class Wire(WirePort):
         return sent
 
     def _write(self, pending: Pending, now_ns: int) -> bool:
-        frame, source = pending.head, pending.source
-        received = self._as_received(frame, source, to_driver=True)
+        frame, source, chip = pending.head, pending.source, self._injector.chip
+        received = self._as_received(frame, source, to_driver=True) if self.line_model.has_settings else frame
         if isinstance(received, bytes) and not received:  # the noise holds no byte
             return False
-        if not self._hand_over(received, now_ns):
+        if not (self.transport.write(received) if chip is None else self._hand_over(chip, received, now_ns)):
             why = ("dropped_unread", "not read") if self.transport.has_reader else ("unheard", "nobody listens")
             self._lose([frame], now_ns, source, *why, pending.sample)
             return False
@@ -252,9 +255,9 @@ class Wire(WirePort):
         self.truth.wrote(end_ns, source, received, pending.sample, end_ns - pending.end_ns)
         return True
 
-    def _hand_over(self, frame: WireFrame, now_ns: int) -> bool:
-        chip = self._injector.chip
-        if chip is None or not isinstance(frame, bytes):
+    def _hand_over(self, chip: LatencyChip, frame: WireFrame, now_ns: int) -> bool:
+        """Pass a frame to the port through the model of a USB-serial chip."""
+        if not isinstance(frame, bytes):
             return self.transport.write(frame)
         if not self.transport.has_reader:
             return False
@@ -279,7 +282,8 @@ class Wire(WirePort):
         """Return what happened by ``now_ns``, oldest first; bytes arrive when their last bit has."""
         self._now_ns = now_ns
         events: list[Event | ReceivedData] = []
-        self._apply_outages(self._injector.outage(now_ns), now_ns, events)
+        if self._injector.outages or self._down is not None:
+            self._apply_outages(self._injector.outage(now_ns), now_ns, events)
         for event in self.transport.poll(self._is_reading):
             if isinstance(event, Received):
                 if self._down is None:
@@ -298,7 +302,8 @@ class Wire(WirePort):
                 self._pass_on(pending, now_ns)
         elif (pending := self.line.finish(now_ns)) is not None:
             self._pass_on(pending, now_ns)
-        self._deliver_due(now_ns, events)
+        if self._arrived:
+            self._deliver_due(now_ns, events)
         return events
 
     def deliver(self, data: WireFrame, now_ns: int) -> None:

@@ -14,7 +14,7 @@ from tactemu.truth import Truth
 from tactemu.wire.faults import Fault, Injector
 from tactemu.wire.faults.fault import Outage
 from tactemu.wire.faults.link import Latency
-from tactemu.wire.line import DRIVER, Line, Pacing
+from tactemu.wire.line import DRIVER, Line, Pacing, Pending
 from tactemu.wire.line_models import line_model_for
 
 MAX_POLLS_AT_CLOSE = 100
@@ -215,6 +215,15 @@ class WirePort:
         self.truth.inject(t_ns, source, kind, detail, **frames)
 
     # -- what arrives, and what is lost ------------------------------------------------------------------------------
+
+    def _pass_to_peers(self, frames: Iterable[WireFrame], pending: Pending) -> None:
+        """Deliver frames of a device to the other devices on the wire, as far as one of them accepts them."""
+        source, accepts = pending.source, self.line_model.accepts
+        if source in self.connectors:
+            peers = [connector for name, connector in self.connectors.items() if name != source]
+            for frame in frames:
+                if any(accepts(connector, frame, of_peer=True) for connector in peers):
+                    self._arrived.append((pending.end_ns, ReceivedData(frame, source)))
 
     def _lose(
         self, frames: Iterable[WireFrame], now_ns: int, source: str, counter: str, why: str, sample: int | None = None

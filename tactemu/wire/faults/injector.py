@@ -90,11 +90,11 @@ class Injector:
         self._is_real = False
         self.faults: list[Fault] = []
         self.traffic: list[BusNode] = []
+        self.outages: list[Outage] = []
         self.chip: LatencyChip | None = None
         self.close_code: int | None = None
         """The code with which a fault closes the connection after the next flush."""
-        self._frames: list[ActiveFault] = []
-        self._outages: list[Outage] = []
+        self.frame_faults: list[ActiveFault] = []
         self._copies: Counter[str] = Counter()
         for fault in faults:
             self.add(fault)
@@ -119,9 +119,9 @@ class Injector:
         self.faults.append(fault)
         match fault:
             case FrameFault():
-                self._frames.append(ActiveFault(fault, rng))
+                self.frame_faults.append(ActiveFault(fault, rng))
             case Outage():
-                self._outages.append(fault)
+                self.outages.append(fault)
             case Traffic():
                 self.traffic.append(BusNode(fault, self.line_model, rng))
             case Latency():
@@ -136,15 +136,10 @@ class Injector:
         """
         fault = self.faults.pop(self.faults.index(fault))  # an equal one: after a restore the objects are others
         self.traffic = [each for each in self.traffic if each.fault is not fault]
-        self._outages = [each for each in self._outages if each is not fault]
-        over = [each for each in self._frames if each.fault is fault]
-        self._frames = [each for each in self._frames if each.fault is not fault]
+        self.outages = [each for each in self.outages if each is not fault]
+        over = [each for each in self.frame_faults if each.fault is fault]
+        self.frame_faults = [each for each in self.frame_faults if each.fault is not fault]
         return [held for each in over for held in each.release()]
-
-    @property
-    def has_frame_faults(self) -> bool:
-        """True while a fault of single frames is on."""
-        return bool(self._frames)
 
     def unmount_chip(self) -> bytes:
         """Remove the model of the USB-serial chip, and return the bytes that it held."""
@@ -157,7 +152,7 @@ class Injector:
         ``direction`` is ``to_driver`` or ``from_driver``. The log has the fault, the direction and the frame's number.
         """
         parts: Parts = [(frame, 0)]
-        for active in self._frames:
+        for active in self.frame_faults:
             if active.fault.direction not in (direction, "both"):
                 continue
             changed: Parts = []
@@ -176,21 +171,21 @@ class Injector:
 
     def outage(self, now_ns: int) -> Outage | None:
         """Return the fault that has the link down at ``now_ns``, or None."""
-        return next((fault for fault in self._outages if fault.covers(now_ns)), None)
+        return next((fault for fault in self.outages if fault.covers(now_ns)), None)
 
     def release(self) -> list[Held]:
         """Return all frames that are held back, and hold none, because the port was closed."""
         if self.chip:
             self.chip.drain()
-        return [held for active in self._frames for held in active.release()]
+        return [held for active in self.frame_faults for held in active.release()]
 
     def next_ns(self, now_ns: int) -> int | None:
         """Return the time after ``now_ns`` at which a fault of the link acts by itself, or None."""
-        if not (self.traffic or self.chip or self._outages):
+        if not (self.traffic or self.chip or self.outages):
             return None
         times = [each.next_ns() for each in self.traffic]
         if self.chip:
             times.append(self.chip.next_ns())
-        for fault in self._outages:
+        for fault in self.outages:
             times += [time for time in (fault.start_ns, fault.stop_ns) if time is not None and time > now_ns]
         return min((time for time in times if time is not None), default=None)

@@ -21,6 +21,7 @@ class SerialLine(LineModel, connector=Serial):
         "unplug": "the driver's adapter stays in its socket; pull it out, or use 'halfopen'",
         "latency": "the driver's adapter has a timer of its own, /sys/bus/usb-serial/devices/NAME/latency_timer",
     }
+    has_settings = True
     likely_faults = ("flip", "truncate", "lose", "garbage", "chunk", "split", "merge", "silence", "unplug")
 
     def __init__(self, connector: Any, *, pacing: Pacing = True):
