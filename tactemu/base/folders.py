@@ -3,6 +3,7 @@ can write."""
 
 from __future__ import annotations
 
+import contextlib
 import os
 import shutil
 import stat
@@ -43,6 +44,15 @@ def temporary_folder(kind: str) -> tuple[Path, str]:
     own = tempfile.mkdtemp(prefix=f"tactemu-{kind}-")
     remove_at_end(lambda: shutil.rmtree(own, ignore_errors=True))
     return Path(own), f"and {folder} is not ours alone, {kind} are compiled anew in each run"
+
+
+def cache_folder(kind: str) -> Path:
+    """Return the folder ``~/.cache/tactemu/KIND`` (``$XDG_CACHE_HOME`` moves it), or a temporary one if it cannot be
+    written to."""
+    folder = Path(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")) / "tactemu" / kind
+    with contextlib.suppress(OSError):
+        folder.mkdir(parents=True, exist_ok=True)
+    return folder if os.access(folder, os.W_OK) else temporary_folder(kind)[0]
 
 
 def example_file(name: str) -> Path:

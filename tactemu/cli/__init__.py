@@ -9,6 +9,11 @@ import os
 import shutil
 import sys
 from contextlib import nullcontext
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+    from typing import Any
 
 HELP = os.path.join(os.path.dirname(__file__), "help.txt")
 HELP_COLUMNS = 80
@@ -52,11 +57,19 @@ def main() -> None:
         sys.exit(INTERRUPTED)
 
 
+def _show_progress(items: Iterable[Any], title: str, total: int) -> Iterable[Any]:
+    from tactemu.cli.progress import show_progress
+
+    return show_progress(items, title, total)
+
+
 def _run() -> None:
     """Parse the command line and run its command."""
     from tactemu.base.errors import TactemuError
+    from tactemu.base.long_work import show_long_work
     from tactemu.cli.app import app
 
+    show_long_work(_show_progress)
     try:
         words, command = _split(sys.argv[1:])
         app(words, prog_name="tactemu", obj=command)

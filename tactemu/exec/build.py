@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 import os
 import platform
@@ -33,7 +32,9 @@ def library() -> Path:
     """
     if (SOURCES / BUILT).exists():
         return SOURCES / BUILT
-    made = _cache() / f"{_digest()}.so"
+    from tactemu.base.folders import cache_folder  # the build of a wheel runs this file without the package
+
+    made = cache_folder("exec") / f"{_digest()}.so"
     if not os.access(made, os.R_OK):
         compile_to(made, compiler())
     return made
@@ -77,15 +78,6 @@ def compile_to(target: Path, command: Sequence[str]) -> None:
             made.replace(target)
     except OSError as error:
         raise NoLibrary(f"the preload library cannot be made in {target.parent}: {error.strerror}") from None
-
-
-def _cache() -> Path:
-    from tactemu.base.folders import temporary_folder  # the build of a wheel runs this file without the package
-
-    folder = Path(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")) / "tactemu" / "exec"
-    with contextlib.suppress(OSError):
-        folder.mkdir(parents=True, exist_ok=True)
-    return folder if os.access(folder, os.W_OK) else temporary_folder("libraries")[0]
 
 
 def _digest() -> str:

@@ -8,7 +8,7 @@ import numpy as np
 import warp as wp
 
 from tactemu.geometry.bodies import Body
-from tactemu.geometry.shapes.band import band_row
+from tactemu.geometry.shapes.band_building import band_row
 from tactemu.geometry.shapes.distance import ShapeFunctions, shape_functions
 from tactemu.geometry.shapes.mesh import MESH
 from tactemu.geometry.shapes.nearest_feature import upload_surfaces
@@ -138,6 +138,7 @@ def pack(rows: list[Row], context: Context) -> ShapeTable:
     table.band_nodes = upload([(0, 0, 0) if band is None else band.smooth.shape for band in bands], wp.vec3i)
     table.band_origin = upload([zero if band is None else band.origin for band in bands], vec3)
     table.band_cell = upload([1.0 if band is None else band.cell for band in bands], real)
+    table.band_tolerance = upload([0.0 if band is None else band.tolerance for band in bands], real)
     table.band_values = upload(np.concatenate(nodes) if nodes else np.zeros((1, 4)), wp.types.vector(4, real))
     table.band_smooth = upload(np.concatenate(smooth) if smooth else np.zeros(1, np.uint8), wp.uint8)
     return ShapeTable(table, kinds, shape_functions(real, kinds), rows)

@@ -1,11 +1,15 @@
-"""The band beside a mesh: within 2 µm of the exact distance, and never on the wrong side."""
+"""The band beside a mesh: within its tolerance of the exact distance, never on the wrong side, and kept in a file."""
+
+import itertools
 
 import numpy as np
 import pytest
 import trimesh
 
 import tactemu as tt
+from tactemu.base import long_work
 from tactemu.base.errors import SceneError
+from tactemu.geometry.shapes import band_building, band_files
 from tactemu.geometry.shapes.band import BAND
 from tests.geometry.test_meshes import sharp_cone
 from tests.sensors.rig import depth_of
@@ -63,14 +67,14 @@ def test_what_is_near_a_smooth_surface_is_interpolated():
     assert row.band.smooth.reshape(-1)[np.abs(away) < 0.002].mean() > 0.1  # of so coarse a mesh
 
 
-def table_row(mesh):
+def table_row(mesh, cell=None):
     scene = tt.Scene()
     body = scene.add_body(tt.Mesh(source=mesh), name="tool")
     pad = scene.add_body(name="pad")
-    model = tt.ContactDepthProbe(positions=[[0, 0, 0]], radius=1e-3, depth_query="band")
+    model = tt.ContactDepthProbe(positions=[[0, 0, 0]], radius=1e-3, depth_query="band", voxel_size=cell)
     scene.add_sensor(model, link=pad)
     sim = scene.build()
-    return sim._compiler._shapes.table((body,), "band").rows[body.index]
+    return sim._compiler._shapes.table((body,), "band", cell).rows[body.index]
 
 
 def test_normals_are_those_of_the_surface():
@@ -103,3 +107,75 @@ def test_of_shapes_that_need_no_band_it_is_the_exact_distance():
 def test_cells_that_cannot_be(cell, said):
     with pytest.raises(SceneError, match=said):
         depth_of(tt.Mesh(source=MESHES["box"]()), [[0, 0, 0]], RADIUS, depth_query="band", voxel_size=cell)
+
+
+@pytest.mark.parametrize(
+    ("longest", "most"), [(5e-5, 5e-8), (5e-4, 5e-7), (2e-3, 2e-6), (0.04, 2e-6), (2.0, 2e-6), (20.0, 2e-5)]
+)
+def test_the_tolerance_is_a_share_of_small_and_of_large_bodies(longest, most):
+    assert band_building.tolerance(longest) == pytest.approx(most)
+
+
+@pytest.mark.parametrize(("name", "size"), [("torus", 0.02), ("box", 200.0)])
+def test_small_and_large_bodies_agree_within_their_tolerance(name, size):
+    mesh = MESHES[name]()
+    mesh.apply_scale(size)
+    longest = mesh.extents.max()
+    rng = np.random.default_rng(2)
+    at, faces = trimesh.sample.sample_surface(mesh, 4000, seed=0)
+    points = at + rng.uniform(-2e-3, 2e-3, 4000)[:, None] * size * mesh.face_normals[faces]
+    options = {"dtype": "float64", "voxel_size": longest / 32}
+    exact, band = (
+        depth_of(tt.Mesh(source=mesh), points, RADIUS * size, depth_query=query, **options) for query in ("sdf", "band")
+    )
+    most = band_building.tolerance(longest)
+    apart = np.abs(band - exact)
+    assert 0 < apart.max() <= most  # 0 everywhere if no cell of the band is in use
+
+
+@pytest.fixture
+def bands(tmp_path, monkeypatch):
+    """The folder of bands, of this test alone; all bands are kept."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setattr(band_building, "_KEPT_AFTER_S", 0.0)
+    return tmp_path / "tactemu" / "bands"
+
+
+def test_a_band_is_kept_and_found_by_its_mesh(bands, monkeypatch):
+    first = table_row(MESHES["box"](), 1e-3).band
+    (kept,) = bands.iterdir()
+    with monkeypatch.context() as patch:
+        patch.setattr(band_building, "_built", lambda *_: pytest.fail("it is not built again"))
+        again = table_row(MESHES["box"](), 1e-3).band
+    assert all(np.array_equal(getattr(first, name), getattr(again, name)) for name in ("nodes", "smooth", "origin"))
+    kept.write_bytes(kept.read_bytes()[:1000])
+    assert np.array_equal(table_row(MESHES["box"](), 1e-3).band.smooth, first.smooth), "a damaged file is built anew"
+    table_row(trimesh.creation.box((0.02, 0.014, 0.009)), 1e-3)
+    assert len(list(bands.iterdir())) == 2
+
+
+def test_the_files_used_last_stay(bands, monkeypatch):
+    monkeypatch.setattr(band_files, "MAX_BYTES", 1)
+    for height in (0.006, 0.007):
+        table_row(trimesh.creation.box((0.02, 0.014, height)), 1e-3)
+    assert len(list(bands.iterdir())) == 1
+
+
+def test_long_work_is_shown_and_announced(bands, monkeypatch, caplog):
+    shown = []
+    monkeypatch.setattr(long_work, "_displays", [lambda items, title, total: (shown.append((title, total)), items)[1]])
+    monkeypatch.setattr(band_building, "_ANNOUNCED_S", 0.0)
+    table_row(MESHES["box"](), 1e-3)
+    assert shown == [("band of 'tool': distances", 64), ("band of 'tool': comparing", 64)]
+    assert "comparing a band with its 12 faces takes about" in caplog.text and str(bands) in caplog.text
+
+
+def test_ctrl_c_ends_the_work(bands, monkeypatch):
+    def display(items, title, total):
+        yield from itertools.islice(items, 3)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(long_work, "_displays", [display])
+    with pytest.raises(KeyboardInterrupt):
+        table_row(MESHES["box"](), 1e-3)
+    assert not bands.exists() or not list(bands.iterdir())

@@ -5,48 +5,36 @@ Nodes of a regular grid near the surface hold the exact distance and its gradien
     d(p) = sum_c w_c (d_c + g_c . (p - x_c) / 2)
 
 over the eight corners ``c`` of a cell with the trilinear weights ``w_c``: exact for quadratic functions, as trilinear
-interpolation is for linear ones. Each cell is compared with the exact distance when the grid is built. The exact
-distance is computed where the two differ by more than :data:`TOLERANCE_M` (beside edges, within the medial surface),
-where the surface is nearer than :data:`EXACT_WITHIN_M`, so that the sign is not in doubt, and beyond the band.
+interpolation is for linear ones. Each cell is compared with the exact distance when the grid is built
+(:mod:`tactemu.geometry.shapes.band_building`). The exact distance is computed where the two differ by more than the
+band's tolerance (beside edges, within the medial surface), where the surface is nearer than it, so that the sign is not
+in doubt, and beyond the band.
 """
 
 # pyright: reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false, reportAssignmentType=false
 # pyright: reportGeneralTypeIssues=false
 
 import functools
-import logging
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import warp as wp
 
-from tactemu.base.errors import SceneError
 from tactemu.base.kernels import warp_kernel
 from tactemu.geometry.shapes.mesh import MESH
 from tactemu.geometry.shapes.mesh_query import mesh_functions
-from tactemu.geometry.shapes.shape import FAR, Row, ShapeKind, table_type, unknown_function
-from tactemu.geometry.shapes.voxel_grid import MAX_GRID_NODES
-from tactemu.plan.plan import Context
+from tactemu.geometry.shapes.shape import FAR, ShapeKind, table_type, unknown_function
 
-log = logging.getLogger(__name__)
-
-NODES_PER_LONGEST_SIDE = 96
-"""Nodes along the longest side, if no cell size is given."""
-HALF_WIDTH_SHARE = 1 / 8
-"""Half the width of the band, as a share of the longest side."""
-TOLERANCE_M = 1.8e-6
-"""Largest error of an interpolated cell where it is compared, plus the growth allowed for between these points."""
+AGREEMENT = 0.9
+"""Largest error of an interpolated cell where it is compared, plus the growth allowed for between these points, as a
+share of the tolerance."""
 SAMPLE_DISTANCE_CELLS = 0.1
 """Distance between the compared points of a cell for which growth is allowed, in cells.
 
 The error grows per length by as much as the gradients differ.
 """
-EXACT_WITHIN_M = 2e-6
-"""Distance from the surface below which the exact distance is computed, for the right sign."""
 MIN_GRADIENT_COSINE = 0.95
 """Smallest cosine between the gradients at a cell's corners and their mean; cells below it are not interpolated."""
-LOGGED_NODES = 200_000
-"""Number of nodes above which the log reports that a band is built."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,6 +47,8 @@ class Band:
     """1 where the cell that begins at a node is interpolated, uint8, shape ``(nx, ny, nz)``."""
     origin: np.ndarray
     cell: float
+    tolerance: float
+    """Largest error [m], and the distance from the surface below which the exact distance is computed."""
 
 
 @functools.cache
@@ -119,7 +109,7 @@ def _in_band(real, exact):
             if shapes.band_smooth[start + (wp.int64(i) * wp.int64(n[1]) + wp.int64(j)) * wp.int64(n[2]) + wp.int64(k)]:
                 f = g - vec3(real(i), real(j), real(k))
                 d, slope = interpolated(shapes, start, n, i, j, k, f, cell)
-                if wp.abs(d) > real(EXACT_WITHIN_M):
+                if wp.abs(d) > shapes.band_tolerance[b]:
                     return d, wp.normalize(slope)
         return exact(shapes, b, p)
 
@@ -130,14 +120,16 @@ BAND = ShapeKind("band", _distance, MESH.ray, MESH.lower_bound, is_searched=True
 
 
 @functools.cache
-def _node_kernel(real):
+def node_kernel(real):
+    """Return the kernel that computes the nodes of rows from ``first`` on, where the surface is within reach."""
     vec3, vec4, shapes_type = wp.types.vector(3, real), wp.types.vector(4, real), table_type(real)
     functions = mesh_functions(real, True)
     distance, nearest_node = functions.distance, functions.nearest_node
 
     @warp_kernel
-    def fill_band(shapes: shapes_type, origin: vec3, cell: real, reach: real, out: wp.array3d(dtype=vec4)):
+    def fill_band(shapes: shapes_type, origin: vec3, cell: real, reach: real, first: int, out: wp.array3d(dtype=vec4)):
         i, j, k = wp.tid()
+        i += first
         p = origin + cell * vec3(real(i), real(j), real(k))
         node, away = nearest_node(shapes, 0, p)
         out[i, j, k] = vec4(real(FAR), real(0.0), real(0.0), real(0.0))
@@ -150,7 +142,8 @@ def _node_kernel(real):
 
 
 @functools.cache
-def _cell_kernel(real):
+def cell_kernel(real):
+    """Return the kernel that marks the cells, in rows from ``first`` on, that agree with the exact distance."""
     vec3, vec4, shapes_type = wp.types.vector(3, real), wp.types.vector(4, real), table_type(real)
     exact, interpolated = mesh_functions(real, True).distance, interpolation(real)
 
@@ -161,13 +154,15 @@ def _cell_kernel(real):
         p = shapes.band_origin[0] + cell * (vec3(real(i), real(j), real(k)) + f)
         right, way = exact(shapes, 0, p)
         between = real(SAMPLE_DISTANCE_CELLS) * cell * wp.length(slope - way)
-        close = wp.abs(d - right) + between <= real(TOLERANCE_M)
+        tolerance = shapes.band_tolerance[0]
+        close = wp.abs(d - right) + between <= real(AGREEMENT) * tolerance
         parallel = wp.dot(wp.normalize(slope), way) > real(MIN_GRADIENT_COSINE)
-        return close and (wp.abs(right) <= real(EXACT_WITHIN_M) or parallel)
+        return close and (wp.abs(right) <= tolerance or parallel)
 
     @warp_kernel
-    def compare_cells(shapes: shapes_type, values: wp.array3d(dtype=vec4), out: wp.array3d(dtype=wp.uint8)):
+    def compare_cells(shapes: shapes_type, values: wp.array3d(dtype=vec4), first: int, out: wp.array3d(dtype=wp.uint8)):
         i, j, k = wp.tid()
+        i += first
         n = wp.vec3i(values.shape[0], values.shape[1], values.shape[2])
         if i + 1 >= n[0] or j + 1 >= n[1] or k + 1 >= n[2]:
             return
@@ -199,42 +194,3 @@ def _cell_kernel(real):
             out[i, j, k] = wp.uint8(1)
 
     return compare_cells
-
-
-def band_row(row: Row, pack, cell: float | None, name: str, context: Context) -> Row:
-    """Return the row of a closed mesh with a band beside it.
-
-    Args:
-        row: the row of the mesh.
-        pack: makes a table of rows (:func:`tactemu.sensors.shape_table.pack`).
-        cell: distance of nodes [m]; ``None``: the longest side / 96.
-        name: the body's name, for messages.
-        context: the scene's context.
-
-    Raises:
-        SceneError: the cell size is not positive, or so small that the grid has too many nodes.
-    """
-    real, device = context.real, context.device
-    middle, half = np.asarray(row.middle), np.asarray(row.half)
-    longest = 2.0 * float(half.max())
-    cell = longest / NODES_PER_LONGEST_SIDE if cell is None else float(cell)
-    if not (np.isfinite(cell) and cell > 0):
-        raise SceneError(f"voxel_size must be > 0 m, got {cell!r}")
-    reach = HALF_WIDTH_SHARE * longest
-    shape = tuple(int(n) for n in np.ceil(2.0 * (half + reach) / cell).astype(np.int64) + 1)
-    if np.prod(shape) > MAX_GRID_NODES // 4:
-        raise SceneError(
-            f"voxel_size {cell:g} m makes a band of {' x '.join(map(str, shape))} nodes for body {name!r}; "
-            f"at most {MAX_GRID_NODES // 4} are allowed: take a larger cell, or depth_query='sdf'"
-        )
-    if np.prod(shape) > LOGGED_NODES:
-        log.info("body %r: comparing a band of %s nodes with its mesh", name, " x ".join(map(str, shape)))
-    origin = middle - 0.5 * cell * (np.array(shape) - 1)
-    nodes = wp.zeros(shape, dtype=wp.types.vector(4, real), device=device)
-    inputs = [pack([row], context).struct, wp.types.vector(3, real)(*map(float, origin)), cell, reach]
-    wp.launch(_node_kernel(real), dim=shape, inputs=inputs, outputs=[nodes], device=device)
-    band = Band(nodes.numpy(), np.zeros(shape, np.uint8), origin, cell)
-    smooth = wp.zeros(shape, dtype=wp.uint8, device=device)
-    table = pack([replace(row, band=band)], context).struct
-    wp.launch(_cell_kernel(real), dim=shape, inputs=[table, nodes], outputs=[smooth], device=device)
-    return replace(row, kind=BAND, band=replace(band, smooth=smooth.numpy()))

@@ -174,6 +174,7 @@ def table_type(real: Any) -> Any:
         band_nodes: wp.array(dtype=wp.vec3i)
         band_origin: wp.array(dtype=vec3)
         band_cell: wp.array(dtype=real)
+        band_tolerance: wp.array(dtype=real)  # largest error; nearer to the surface the exact distance is computed
         band_values: wp.array(dtype=vec4)  # distance, gradient
         band_smooth: wp.array(dtype=wp.uint8)  # 1: the cell that begins at the node is interpolated
 
