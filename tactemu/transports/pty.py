@@ -111,6 +111,8 @@ class PtyTransport(BytePort):
         self._termios = self._read_termios()
         self._setting = self._setting_in(self._termios)
         self._open_watch = OpenWatch(self._name)
+        if self._open_watch.fileno >= 0:
+            self._poll.register(self._open_watch.fileno, select.POLLIN)
 
     def close(self) -> None:
         """Remove the link, then the port: a driver that has it open gets an error, as when a cable is pulled."""
@@ -121,7 +123,7 @@ class PtyTransport(BytePort):
             os.close(self._master)
             self._master = -1
         if self._open_watch:  # last, because the kernel takes some milliseconds
-            self._open_watch.close()
+            self._forget(self._open_watch)
             self._open_watch = None
         self._has_driver, self._leaving, self._raised, self._unsent = False, False, False, b""
 
@@ -143,18 +145,23 @@ class PtyTransport(BytePort):
         """Return openings, changes of the setting, bytes and closings."""
         if self._master < 0:
             return []
-        seen = self._open_watch.read() if self._open_watch else ""
+        ready, seen = self._ready(), ""
         events: list[Event] = []
-        if self._has_driver and ("co" in seen or (self._leaving and "o" in seen)):  # closed and opened again
-            events += self._closed()
-        gone = self._hung_up()
+        if self._open_watch and self._open_watch.fileno in ready:
+            seen = self._open_watch.read()
+            if self._has_driver and ("co" in seen or (self._leaving and "o" in seen)):  # closed and opened again
+                events += self._closed()
+            ready = self._ready()  # the port's state must be the newer one
+        state = ready.get(self._master, 0)
+        gone = bool(state & select.POLLHUP)
         if not self._has_driver and (not gone or "o" in seen):
             self._has_driver = True
             events += [Opened()] if self._raised else [Opened(), RAISED]
             self._raised = True
         if self._has_driver:
             self._finish(self._master)
-            chunks, all_read = self._read(MAX_CHUNK_BYTES if reading else MAX_LEFTOVER_BYTES if gone else 0)
+            room = MAX_CHUNK_BYTES if reading else MAX_LEFTOVER_BYTES if gone else 0
+            chunks, all_read = self._read(room) if state else ([], room > 0)
             events += self._changed_setting()  # read after the bytes: settings made before them apply to them
             while self._side_events:
                 events.append(self._side_events.popleft())
@@ -164,9 +171,12 @@ class PtyTransport(BytePort):
                 events += self._closed()
         return events
 
+    def _ready(self) -> dict[int, int]:
+        """Return the present state of the port and of the watch for openings, by file descriptor."""
+        return dict(self._poll.poll(0))
+
     def _hung_up(self) -> bool:
-        ready = self._poll.poll(0)
-        return bool(ready) and bool(ready[0][1] & select.POLLHUP)
+        return bool(self._ready().get(self._master, 0) & select.POLLHUP)
 
     def _read(self, room: int) -> tuple[list[bytes], bool]:
         """Return at most ``room`` bytes in chunks, and whether those are all."""
@@ -213,8 +223,13 @@ class PtyTransport(BytePort):
         self._make_pair()
         link.point_to(self._name)
         if open_watch:
-            open_watch.close()
+            self._forget(open_watch)
         os.close(master)
+
+    def _forget(self, open_watch: OpenWatch) -> None:
+        if open_watch.fileno >= 0:
+            self._poll.unregister(open_watch.fileno)
+        open_watch.close()
 
     def set_lines(self, dtr: bool, rts: bool) -> None:
         """Set the modem lines of a driver in this process. Safe from any thread."""
