@@ -19,8 +19,10 @@ sys.path.insert(0, str(ROOT))
 
 DOCS = ROOT / "docs"
 PICTURES = DOCS / "pictures"
-SCENE, SECONDS, RATE_HZ = "examples/hand.toml", 8.0, 20.0
+SCENE, SECONDS, RATE_HZ = "tactemu/scene/demo.toml", 8.0, 20.0
 """What is recorded, for how long, and the pictures in a second."""
+NEARER = 0.5
+"""The distance of the camera, of that on the page: the picture is small."""
 JUDGE = "judge optoforce --seed 1 --budget 90s --html card.html -- python driver.py {port}"
 FRONT = ["normal force"]
 """The metric of the picture of the front page."""
@@ -28,6 +30,7 @@ FRONT = ["normal force"]
 
 def live() -> None:
     """Write live.viser, and live.json with the camera."""
+    import numpy as np
     import viser
 
     import tactemu as tt
@@ -52,10 +55,11 @@ def live() -> None:
                 break
         (PICTURES / "live.viser").write_bytes(recording.serialize())
         camera = server.initial_camera
-        about = {"position": camera.position, "look_at": camera.look_at}
+        target = np.array(camera.look_at)
+        places = {"position": target + NEARER * (np.array(camera.position) - target), "look_at": target}
     server.stop()
-    about = {name: [round(float(each), 4) for each in value] for name, value in about.items()}
-    (PICTURES / "live.json").write_text(json.dumps({"scene": SCENE, **about}) + "\n", encoding="utf-8")
+    about = {name: [round(float(each), 4) for each in place] for name, place in places.items()}
+    (PICTURES / "live.json").write_text(json.dumps(about) + "\n", encoding="utf-8")
 
 
 def card() -> None:
@@ -78,7 +82,7 @@ def trade() -> None:
 
     found = {"summary": read_table((DOCS / "accuracy.md").read_text(encoding="utf-8"))}
     draw(found, PICTURES / "accuracy.svg")
-    draw(found, PICTURES / "trade.svg", FRONT, command="")
+    draw(found, PICTURES / "trade.svg", FRONT, command="", size=(4.0, 3.5))
 
 
 def main() -> None:

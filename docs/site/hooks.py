@@ -141,8 +141,8 @@ def _front() -> str:
         (
             "Press it on the live page",
             "live-page.md",
-            "The scene of a run, recorded: turn it, stop it.",
-            f"tactemu run {about['scene']} --web",
+            "A touched glove, recorded: turn it, stop it.",
+            "tactemu see --demo",
             f'<iframe title="a recorded run" data-src="assets/live.html?hideViserLogo&amp;{query}"></iframe>',
         ),
         (
@@ -298,7 +298,7 @@ def _chart() -> str:
             text=[f"{row[0]}<br>{head[column]}: {row[column]}" for _, _, row in points],
             hovertemplate="%{text}<br>%{x:g} µs<extra></extra>", visible=True if column == 4 else "legendonly",
         )  # fmt: skip
-    axis = {"type": "log", "zeroline": False}
+    axis = {"type": "log", "zeroline": False, "dtick": 1}
     figure.update_layout(
         xaxis={**axis, "title": "one step of 1024 taxels [µs]"}, yaxis={**axis, "title": "median error [%]"},
         paper_bgcolor="rgba(0,0,0,0)", plot_bgcolor="rgba(0,0,0,0)", colorway=[*style.SERIES, style.LIGHT["muted"]],

@@ -27,7 +27,13 @@ FLOOR = 1e-4
 """Errors below this value are drawn at it."""
 
 
-def draw(found: dict, file: Path, panels: Sequence[str] = PANELS, command: str = "tactemu bench trade") -> None:
+def draw(
+    found: dict,
+    file: Path,
+    panels: Sequence[str] = PANELS,
+    command: str = "tactemu bench trade",
+    size: tuple[float, float] = (5.0, 3.5),
+) -> None:
     """Write the picture as SVG or, by the file's suffix, another format.
 
     Args:
@@ -35,11 +41,12 @@ def draw(found: dict, file: Path, panels: Sequence[str] = PANELS, command: str =
         file: the file to write.
         panels: the metrics that are drawn, a panel each.
         command: the command that makes the picture, which stands below it.
+        size: width and height of a panel [in].
     """
     with matplotlib.rc_context(plot_style() | {"font.size": 8, "axes.titlesize": 9}):
         rows, columns = (len(panels) + 1) // 2, min(len(panels), 2)
-        size = (5.0 * columns, 3.5 * rows + 0.2)
-        figure, grid = plt.subplots(rows, columns, figsize=size, sharex=True, squeeze=False)
+        whole = (size[0] * columns, size[1] * rows + 0.2)
+        figure, grid = plt.subplots(rows, columns, figsize=whole, sharex=True, squeeze=False)
         named = []
         for axis, metric in zip(grid.flat, panels):
             points = [
