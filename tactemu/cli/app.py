@@ -17,19 +17,19 @@ app = typer.Typer(
 A simulated tactile skin at the far end of a wire: the bytes and CAN frames of real sensors, for unmodified drivers.
 
 \b
-  tactemu devices                      list the devices
-  tactemu run anyskin                  emulate one on a port, with a live picture
-  tactemu exec anyskin -- ./driver     run a driver that finds it as /dev/ttyACM0
-  tactemu judge anyskin -- ./driver    test a driver against faults on the wire
-  tactemu explain anyskin              show frames, taxels and the simulated stages
-  tactemu new hand.toml                write a scene file to start from
-  tactemu poke press --depth 1mm       press, move or break a running emulator
-  tactemu see --demo                   watch a touched glove on a live page; no driver needed
-  tactemu tune hand.toml --rate 500    find the most accurate setting for a rate
-  tactemu dataset hand.toml --steps 2000 --out presses   write readings as Parquet
-  tactemu fit rest.csv --sensor anyskin --out my.toml    fit parameters to a recording
-  tactemu check my_sensor.py:MySensor  check a device file of your own
-  tactemu infer presses.mcap -o my_sensor.py   draft a device file from a capture
+  tactemu devices                        list the devices
+  tactemu see --demo                     watch a touched glove on a live page
+  tactemu run anyskin                    emulate one on a port, with a picture
+  tactemu exec anyskin -- ./driver       ... which a driver finds as hardware
+  tactemu judge anyskin -- ./driver      test a driver against faults
+  tactemu explain anyskin                show frames, taxels, simulated stages
+  tactemu new hand.toml                  write a scene file to start from
+  tactemu poke press --depth 1mm         press, move or break a running one
+  tactemu tune hand.toml --rate 500      find the best setting for a rate
+  tactemu dataset hand.toml --steps 99 --out readings  write Parquet
+  tactemu fit rest.csv --sensor anyskin --out my.toml  fit to a recording
+  tactemu check my_sensor.py:MySensor    check a device file of your own
+  tactemu infer presses.mcap -o my_sensor.py  draft a device file
 """,
     no_args_is_help=True,
     rich_markup_mode=None,

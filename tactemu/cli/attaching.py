@@ -12,7 +12,9 @@ commands = typer.Typer()
 @commands.command()
 def attach(
     server: Annotated[str, typer.Argument(metavar="HOST[:PORT]", help="Where `--port usbip:` listens.")] = "127.0.0.1",
-    busid: Annotated[list[str] | None, typer.Argument(help="Devices, such as 1-1. Default: all.")] = None,
+    busid: Annotated[
+        list[str] | None, typer.Argument(metavar="BUSID", help="Devices, such as 1-1. Default: all.")
+    ] = None,
     names_only: Annotated[bool, typer.Option("--list", help="List the devices and end.")] = False,
 ) -> None:
     """Plug emulated USB devices into this machine.

@@ -16,7 +16,7 @@ Measure speed and accuracy on this machine. Figures are medians; compare those o
 \b
   tactemu bench physics    time of a step, a read and a start, for each sensor
   tactemu bench trade      error and cost of every level of fidelity
-  tactemu bench realism    error of the laws of real sensors on recordings left out
+  tactemu bench realism    error of the laws of real sensors on recordings
   tactemu bench wire       time of a frame between device and port
 """,
 )
@@ -92,7 +92,7 @@ def trade(
 @bench.command()
 def realism(
     data: Annotated[
-        Path | None, typer.Argument(metavar="[DATA]", help="Folder of recordings, with a folder for each set.")
+        Path | None, typer.Argument(metavar="DATA", help="Folder of recordings, with a folder for each set.")
     ] = None,
     held: Annotated[
         Path | None, typer.Option(metavar="FOLDER", help="Other recordings, to predict with the fitted parameters.")

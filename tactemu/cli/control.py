@@ -21,15 +21,15 @@ HELP = """
 Press, move, break or read a running emulator.
 
 \b
-  tactemu poke                                         list emulators and commands
+  tactemu poke                                    list emulators, commands
   tactemu poke press --depth 1mm --dwell 2s
-  tactemu poke press index_tip --depth 1mm --taxel 7   one of several skins
+  tactemu poke press thumb --depth 1mm --taxel 7  one of several skins
   tactemu poke fault 'drop 5% for 1s'
   tactemu poke unplug --for 500ms
-  tactemu poke set noise=0.01 --taxels 1:4             with `run --adjustable noise`
+  tactemu poke set noise=0.01 --taxels 1:4        of `run --adjustable noise`
   tactemu poke pose ball 0 0 25mm
   tactemu poke sample --json
-  tactemu poke step 10                                 with `run --clock lockstep`
+  tactemu poke step 10                            of `run --clock lockstep`
 
 Numbers may have a unit: 1mm, 2s, 50mm/s; without one they are SI. If several emulators run, choose one with --name.
 Exit code 2 if the command cannot be done, or no emulator or several run.

@@ -15,7 +15,7 @@ def infer(
     captures: Annotated[
         list[Path],
         typer.Argument(
-            metavar="CAPTURE...",
+            metavar="CAPTURE",
             help="Recordings of `tactemu record`, candump's logs, hex dumps (.hex, .txt), or raw bytes (.bin).",
         ),
     ],

@@ -13,7 +13,7 @@ commands = typer.Typer(rich_markup_mode=None)
 
 @commands.command()
 def devices(
-    name: Annotated[str | None, typer.Argument(help="The device whose datasheet is printed.")] = None,
+    name: Annotated[str | None, typer.Argument(metavar="NAME", help="The device whose datasheet is printed.")] = None,
     options: Options = None,
     json: Annotated[bool, typer.Option("--json", help="Machine-readable.")] = False,
 ) -> None:
@@ -74,7 +74,7 @@ def check(
 @commands.command("check-host")
 def check_host(
     wanted: Annotated[
-        list[str] | None, typer.Argument(metavar="[WHAT]...", help="The checks that decide the exit code, such as can.")
+        list[str] | None, typer.Argument(metavar="WHAT", help="The checks that decide the exit code, such as can.")
     ] = None,
     port: Annotated[
         str | None,

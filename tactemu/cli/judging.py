@@ -96,7 +96,7 @@ def judge(
 
     \b
       tactemu judge paxini_px6ax -- python my_driver.py {port}
-      tactemu judge hand.toml --budget 5m --html report.html --junit report.xml -- ./reader {port}
+      tactemu judge hand.toml --budget 5m --html report.html -- ./reader {port}
       tactemu judge anyskin --reads mypkg.driver:read
       tactemu judge optoforce --replay cases/flipped.json -- ./reader {port}
       tactemu judge hand.toml --success held.py -- python grasp.py {port}
@@ -128,7 +128,9 @@ def judge(
 
 @commands.command()
 def sweep(
-    plan: Annotated[Path, typer.Argument(help="A TOML file: [[driver]] tables with name, devices, command, seeds.")],
+    plan: Annotated[
+        Path, typer.Argument(metavar="PLAN", help="A TOML file: [[driver]] tables with name, devices, command, seeds.")
+    ],
     results: Annotated[
         Path, typer.Option("--results", metavar="FILE", help="Parquet file for the verdicts; a journal is beside it.")
     ] = Path("judged.parquet"),
@@ -146,7 +148,7 @@ def sweep(
 
     \b
       tactemu sweep plan.toml
-      tactemu sweep plan.toml --cluster tcp://10.0.0.1:8786 --results nightly.parquet
+      tactemu sweep plan.toml --cluster tcp://10.0.0.1:8786 --results out.parquet
 
     \b
       [[driver]]
@@ -198,8 +200,8 @@ def proxy(
 
     \b
       tactemu proxy /dev/ttyACM0 --sensor anyskin --port pty:/tmp/skin
-      tactemu proxy /dev/ttyUSB0 --sensor optoforce --fault 'flip 1%' --truth truth.mcap --record real.mcap
-      tactemu proxy can:socketcan:can0 --port can:socketcan:vcan0 --fault 'drop 1%'
+      tactemu proxy /dev/ttyUSB0 --sensor optoforce --record real.mcap
+      tactemu proxy can:socketcan:can0 --port can:socketcan:can1 --fault 'drop 1%'
 
     Baud rate, parity and modem lines that the driver sets are passed on, too. Ctrl-C ends it.
     """

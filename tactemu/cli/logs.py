@@ -24,7 +24,7 @@ _OTHERS = [each for each in CONVERTIBLE if each not in (*LOGS, *_CAN)]
 
 @commands.command()
 def truth(
-    file: Annotated[Path, typer.Argument(help="The truth log that `tactemu run --truth FILE` wrote.")],
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="The truth log that `tactemu run --truth FILE` wrote.")],
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
     to: Annotated[
         str | None,
@@ -65,7 +65,7 @@ def truth(
 
 @commands.command("plot")
 def plot_log(
-    file: Annotated[Path, typer.Argument(help="The truth log to draw.")],
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="The truth log to draw.")],
     to: Annotated[
         Path | None,
         typer.Option(
@@ -80,7 +80,7 @@ def plot_log(
     The pictures show curves, contact patch, hysteresis, delay to the wire and the spectrum of the error.
 
     \b
-      tactemu run anyskin --clock virtual --port memory: --seconds 10 --truth truth.mcap
+      tactemu run anyskin --seconds 10 --truth truth.mcap
       tactemu plot truth.mcap
       tactemu plot truth.mcap --to thumb.png --skin thumb
     """
@@ -98,7 +98,10 @@ def plot_log(
 def record_stream(
     file: Annotated[
         Path,
-        typer.Argument(help=f"The recording to write: {names(LOGS, dot='.')}; for CAN also {names(_CAN, dot='.')}."),
+        typer.Argument(
+            metavar="FILE",
+            help=f"The recording to write: {names(LOGS, dot='.')}; for CAN also {names(_CAN, dot='.')}.",
+        ),
     ],
     source: Annotated[
         str,
@@ -138,7 +141,9 @@ def record_stream(
 
 @commands.command()
 def replay(
-    file: Annotated[Path, typer.Argument(help=f"The recording or truth log to play: {names(READABLE, dot='.')}.")],
+    file: Annotated[
+        Path, typer.Argument(metavar="FILE", help=f"The recording or truth log to play: {names(READABLE, dot='.')}.")
+    ],
     port: Annotated[
         str,
         typer.Option(

@@ -19,7 +19,9 @@ commands = typer.Typer(rich_markup_mode=None)
 
 
 @commands.command()
-def new(file: Annotated[Path, typer.Argument(help="The scene file to write, such as hand.toml.")]) -> None:
+def new(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="The scene file to write, such as hand.toml.")],
+) -> None:
     """Write a scene file to start from.
 
     The scene has a fingertip and a ball, and comments on every key.
@@ -37,7 +39,8 @@ def new(file: Annotated[Path, typer.Argument(help="The scene file to write, such
 @commands.command()
 def examples(
     folder: Annotated[
-        Path | None, typer.Argument(help="Copy the examples into this folder, and create it if needed.")
+        Path | None,
+        typer.Argument(metavar="FOLDER", help="Copy the examples into this folder, and create it if needed."),
     ] = None,
 ) -> None:
     """List the examples, or copy them into a folder.

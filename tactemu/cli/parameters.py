@@ -29,7 +29,7 @@ Target = Annotated[
 ]
 Options = Annotated[
     list[str] | None,
-    typer.Argument(metavar="[OPTION=VALUE]...", help="Options of the device; `tactemu devices NAME` lists them."),
+    typer.Argument(metavar="OPTION=VALUE", help="Options of the device; `tactemu devices NAME` lists them."),
 ]
 Ports = Annotated[
     list[str] | None,

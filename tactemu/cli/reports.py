@@ -82,17 +82,21 @@ def _listed(value: Any) -> str:
 
 
 def sentence(entry: dict[str, Any]) -> str:
-    """Return ``300 samples at 100 Hz, late p50/p99/max 40/90/210 us; wire: sent 299, unheard 1``."""
+    """Return ``300 samples at 100 Hz, late p50/p99/max 40/90/210 us; wire: sent 299, no reader 1``."""
     late = "/".join(f"{entry[f'lateness_{which}_us']:.0f}" for which in ("p50", "p99", "max"))
     text = f"{entry['samples']} samples at {entry['rate_hz']:.1f} Hz, late p50/p99/max {late} us"
     odd = [f"{entry[name]} {name}" for name in ("missed", "stretched", "silent") if entry[name]]
     text += f" ({', '.join(odd)})" if odd else ""
     for group in ("wire", "device", "injected"):
-        counts = [f"{name.replace('_', ' ')} {count}" for name, count in entry[group].items() if count]
+        counts = [
+            f"{_WORDS.get(name) or name.replace('_', ' ')} {count}" for name, count in entry[group].items() if count
+        ]
         text += f"; {group}: {', '.join(counts)}" if counts else ""
     return text
 
 
+_WORDS = {"unheard": "no reader"}
+"""Words for counters whose names do not explain themselves."""
 HARMLESS = ("requests", "unplugged")
 """The counters of a device that do not count errors."""
 _OF_THE_WIRE = ("misheard", "overrun", "overflow", "collision")

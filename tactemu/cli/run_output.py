@@ -6,7 +6,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, closing, contextmanager, nullcontext
 from functools import partial
-from typing import TYPE_CHECKING, TextIO
+from typing import TYPE_CHECKING
 
 from rich.console import Console
 
@@ -27,6 +27,7 @@ REPORT_PERIOD_NS = 1_000_000_000
 """The time between two log lines of a run."""
 MANY_BODIES = 1000
 """Number of bodies from which on the build of a scene may be slow."""
+FIRST_START = "the first start of a scene compiles its kernels, which takes some seconds"
 INCOMPLETE = 4
 """The exit code of a run with an incomplete truth log or saved state."""
 
@@ -34,7 +35,7 @@ INCOMPLETE = 4
 def run_session(session: Session, *, style: str, viewer: str | bool = False, page: PageListener | None = None) -> None:
     """Run a device or a scene with a picture, log lines or JSON lines, until it is told to stop.
 
-    ``style`` is auto, plain, json, or quiet, which prints the link of the page alone.
+    ``style`` is auto, plain, json, or quiet, which prints nothing.
     ``viewer`` is True, or the address of a Rerun viewer.
 
     Raises:
@@ -42,10 +43,10 @@ def run_session(session: Session, *, style: str, viewer: str | bool = False, pag
     """
     try:
         n_bodies = len(session.load().tables.body)
-        with report_if_slow(f"building {n_bodies:,} bodies") if n_bodies >= MANY_BODIES else nullcontext():
+        with report_if_slow(f"building {n_bodies:,} bodies" if n_bodies >= MANY_BODIES else FIRST_START):
             session.build()
         if page is not None:
-            session.beside = partial(_page_beside, page, sys.stdout if style == "quiet" else sys.stderr)
+            session.beside = partial(_page_beside, page, style != "quiet")
         with closing(session), _rerun_viewer(session, viewer) if viewer else nullcontext():
             _run(session, style)
     finally:
@@ -54,15 +55,16 @@ def run_session(session: Session, *, style: str, viewer: str | bool = False, pag
 
 
 @contextmanager
-def _page_beside(page: PageListener, output: TextIO, server: Server | None) -> Iterator[None]:
-    """Serve the web page of a control socket, and print its link."""
+def _page_beside(page: PageListener, says_link: bool, server: Server | None) -> Iterator[None]:
+    """Serve the web page of a control socket, and print its link to stderr if ``says_link``."""
     from tactemu.view.page.opening import page_process
 
     if server is None:
         raise TransportError("--web: the page needs the control socket, which could not be opened")
     url = page.url  # page_process closes the socket here
     with page_process(page, server.endpoint.name) as over:
-        print(f"see {server.endpoint.name}: {url}", file=output, flush=True)
+        if says_link:
+            print(f"see {server.endpoint.name}: {url}", file=sys.stderr, flush=True)
         try:
             yield
         finally:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -106,13 +107,14 @@ def run(
       tactemu run optoforce axes=6
       tactemu run hand.toml --port fingertip=pty:/tmp/a --port palm=pty:/tmp/b
       tactemu run linker_hand_l6 --port can:socketcan:vcan0
-      tactemu run anyskin --measured                            # with the noise of a real one
+      tactemu run anyskin --measured             # with the noise of a real one
       tactemu run hand.toml --fault 'unplug at 3s for 0.5s' --truth truth.mcap
       tactemu run my_sensor.py:MySensor --port tcp:127.0.0.1:5000
       tactemu run anyskin --port memory: --clock virtual --seconds 10 --json
-      tactemu run hand.toml --name hand --adjustable noise      # then see `tactemu poke --help`
-      tactemu run hand.toml --web                               # with a page to watch and touch it
-      tactemu run hand.toml --save pressed.npz --seconds 3      # then use --restore pressed.npz
+      tactemu run hand.toml --adjustable noise   # for `tactemu poke set`
+      tactemu run hand.toml --web                # with a page to watch and touch
+      tactemu run hand.toml --seconds 3 --save pressed.npz
+      tactemu run hand.toml --restore pressed.npz  # continues from there
 
     The first line names the port; then you see a live picture, or log lines if the output is no terminal.
     Exit code 0 after Ctrl-C, SIGTERM or --seconds; 128 + n after signal n before the port is open; 2 for an error in
@@ -212,14 +214,15 @@ def see(
 
 def _show_demo(name: str | None, page: PageListener) -> None:
     """Run the scene of the demo with its page until Ctrl-C."""
-    from tactemu.cli.run_output import run_session
-    from tactemu.session.options import RunOptions
-    from tactemu.session.session import Session
-
     print("A glove and three objects that touch it; no driver is needed. Open the link in a browser, drag an object,")
-    print("click a taxel. Ctrl-C ends it.", flush=True)
-    options = RunOptions(port="memory:", name=name, default_name=True)
-    run_session(Session(str(DEMO), options), style="quiet", page=page)
+    print(f"click a taxel. Ctrl-C ends it.\n{page.url}", flush=True)
+    with contextlib.suppress(KeyboardInterrupt):  # before the loop runs
+        from tactemu.cli.run_output import run_session
+        from tactemu.session.options import RunOptions
+        from tactemu.session.session import Session
+
+        options = RunOptions(port="memory:", name=name, default_name=True)
+        run_session(Session(str(DEMO), options), style="quiet", page=page)
 
 
 @commands.command(
@@ -286,7 +289,7 @@ def execute(
     \b
       tactemu exec robotiq_tsf85 -- python quick_start.py
       tactemu exec hand.toml --node ttyUSB0 -- ./reader
-      tactemu exec anyskin --fault 'unplug at 3s for 1s' -- ./reader     # or `tactemu poke unplug` meanwhile
+      tactemu exec anyskin --fault 'unplug at 3s for 1s' -- ./reader
       tactemu exec hand.toml --node thumb=ttyUSB0 --node palm=ttyACM0 -- bash
       tactemu exec linker_hand_l6 -- candump can0
 

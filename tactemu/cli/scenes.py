@@ -98,8 +98,8 @@ def dataset(
 
     \b
       tactemu dataset hand.toml --steps 2000 --out presses
-      tactemu dataset hand.toml --envs 4096 --steps 2000 --device cuda:0 --out presses
-      tactemu dataset hand.toml --envs 512 --steps 2000 --strands 8 --cluster tcp://host:8786 --out presses
+      tactemu dataset hand.toml --envs 512 --steps 99 --device cuda:0 --out out
+      tactemu dataset hand.toml --steps 99 --cluster tcp://host:8786 --out presses
 
     It prints the size before it begins. If it was stopped or killed, the same command continues it. The same seed gives
     the same files.
@@ -147,7 +147,7 @@ def _make_dataset(spec: DatasetSpec, folder: Path, cluster: str | None) -> int:
 @commands.command("fit")
 def fit_recordings(
     recordings: Annotated[
-        list[Path], typer.Argument(metavar="RECORDING...", help=".csv, .csv.gz, .npz, .parquet, .mcap or .jsonl.")
+        list[Path], typer.Argument(metavar="RECORDING", help=".csv, .csv.gz, .npz, .parquet, .mcap or .jsonl.")
     ],
     sensor: Annotated[
         str, typer.Option("--sensor", metavar="NAME", help="The recorded sensor, a name of `tactemu devices`.")
@@ -180,8 +180,8 @@ def fit_recordings(
     It writes a scene file with the parameters, and a report.
 
     \b
-      tactemu fit rest.csv --sensor anyskin --columns t=t_s,field=b0x:b4z --unit field=uT --out my_skin.toml
-      tactemu fit a.csv b.csv --sensor anyskin --columns t=t_s,force=f,field=b0x:b4z --unit field=uT --out my_skin.toml
+      tactemu fit rest.csv --sensor anyskin --out my.toml --columns field=b0x:b4z
+      tactemu fit a.csv --sensor anyskin --out my.toml --unit force=N,field=uT
 
     Roles are t, x, y, z, depth, force, mass, temperature, untouched, and one for the sensor's readings: field, counts,
     pressure, resistance, capacitance or reading. For each parameter that the recordings do not determine, the output

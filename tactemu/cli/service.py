@@ -46,8 +46,7 @@ def install(
 
     \b
       tactemu service install anyskin --port serial:/dev/ttyUSB0 --dry-run
-      sudo $(which tactemu) service install anyskin --port serial:by-id/usb-FTDI_FT232R_USB_UART_A600eHYG-if00-port0
-      sudo $(which tactemu) service install linker_hand_l6 --port can:socketcan:can0 --preempt
+      sudo $(which tactemu) service install anyskin --port serial:ttyUSB0
       journalctl -u tactemu-anyskin            # what it says
       sudo $(which tactemu) service remove anyskin
     """
@@ -65,7 +64,9 @@ def install(
 
 @service.command()
 def remove(
-    name: Annotated[str, typer.Argument(help="The name of the service, with or without tactemu- before it.")],
+    name: Annotated[
+        str, typer.Argument(metavar="NAME", help="The name of the service, with or without tactemu- before it.")
+    ],
     dry_run: DryRun = False,
 ) -> None:
     """Stop a service and remove all that `install` made.

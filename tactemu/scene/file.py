@@ -130,7 +130,8 @@ def device_class(name: str) -> type[firmware_protocols.Device]:
         hint = "" if is_file_name(name) else "; a scene file ends in .toml"
         if name.endswith(".py"):
             hint = f"; a device file is named with its class: {name}:CLASS"
-        raise DeviceError(f"{error.args[0]}{hint}") from None
+        said = error.args[0].partition(";")[0] if hint and Path(name).suffix else error.args[0]
+        raise DeviceError(f"{said}{hint}") from None
     except WrongClassError as error:
         raise DeviceError(error.args[0]) from None
     except Exception as error:  # a user's device file may raise anything

@@ -48,10 +48,8 @@ def create(port: str) -> Transport:
     if scheme not in TRANSPORTS:
         if scheme.startswith(("/", ".", "~")):
             raise TransportError(f"port {port!r}: a path needs its scheme; did you mean 'pty:{port}'?")
-        raise TransportError(
-            f"port {port!r}: unknown scheme {scheme!r}{nearest(scheme, TRANSPORTS)}; expected one of "
-            f"{', '.join(sorted(TRANSPORTS))}"
-        )
+        hint = nearest(scheme, TRANSPORTS) or f"; expected one of {', '.join(sorted(TRANSPORTS))}"
+        raise TransportError(f"port {port!r}: unknown scheme {scheme!r}{hint}")
     interface = port[: port.find(":", len(scheme) + 1)]
     target, _, extra = INTERFACE_TRANSPORTS.get(interface, TRANSPORTS[scheme]).partition(" ")
     module, _, attribute = target.partition(":")

@@ -56,6 +56,25 @@ def test_a_narrow_terminal_gets_narrow_help():
     assert "  check       Check a device file of your own." in done.stdout
 
 
+def commands_below(command, *names):
+    """Yield a command and all below it, with their names."""
+    yield command, names
+    for name, below in getattr(command, "commands", {}).items():
+        yield from commands_below(below, *names, name)
+
+
+@pytest.mark.parametrize("root", [get_command(app), get_command(control.make_app())], ids=["tactemu", "tactemu poke"])
+def test_help_fits_80_columns_with_whole_summaries(root, request, monkeypatch, capsys):
+    monkeypatch.setenv("COLUMNS", "80")
+    for _, names in commands_below(root):
+        with pytest.raises(SystemExit):
+            root.main([*names, "--help"], prog_name=request.node.callspec.id)
+        lines = capsys.readouterr().out.splitlines()
+        assert [line for line in lines if len(line) > 80] == []
+        summaries = lines[lines.index("Commands:") :] if "Commands:" in lines else []
+        assert [line for line in summaries if line.endswith("...")] == []
+
+
 @pytest.mark.parametrize("command", COMMANDS)
 def test_every_command_shows_examples(command):
     done = here(command, "--help")

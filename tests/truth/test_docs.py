@@ -10,7 +10,6 @@ from tactemu.truth.conversion import convert
 from tactemu.truth.memory import DEFAULT_KEEP, parse_size
 from tactemu.truth.messages import EVENT, FRAME, INJECTION, POSE
 from tactemu.truth.writer import MAX_WAITING_BYTES
-from tests.truth.telling import Around, tell
 
 ROLES = (CONVERTIBLE, RECORDABLE, READABLE)
 PAGE = (Path(__file__).parents[2] / "docs" / "truth-log.md").read_text()
@@ -28,17 +27,6 @@ def test_the_lines_are_those_that_are_written(tmp_path):
     convert(tmp_path / "page.jsonl", str(tmp_path / "again.jsonl"))
     *lines, end = block("json", '"kind":"log"').splitlines()
     assert (tmp_path / "again.jsonl").read_text().splitlines() == [*lines, end.replace('"lost":2', '"lost":0')]
-
-
-def test_the_example_runs(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    log = tt.Truth("truth.mcap")
-    log.context = Around()
-    tell(log)
-    log.close()
-    names: dict = {}
-    exec(block("python", "tt.read_log"), names)
-    assert names["thumb"].t_ns.tolist() == [0, 10, 20]
 
 
 def test_the_messages_have_the_fields_that_it_names():

@@ -54,8 +54,8 @@ def test_words(text, values):
 @pytest.mark.parametrize(
     ("text", "complaint"),
     [
-        ("", "expected one of: drop, flip"),
-        ("dorp 1%", "unknown kind 'dorp'; did you mean 'drop'.*busoff"),
+        ("", "`tactemu faults` lists them"),
+        ("dorp 1%", "unknown kind 'dorp'; did you mean 'drop'.$"),
         ("drop 101%", "0% to 100%"),
         ("drop 1.2.3%", "0% to 100%"),
         ("drop 1", "unknown word.*prefix=.*to_driver"),
@@ -100,7 +100,7 @@ def test_wrong_words_name_the_right_ones(text, complaint):
     [("busoff at 1s", USB), ("garbage 1%", CAN), ("latency", CAN), ("split", UDP), ("close", USB), ("halfopen", UDP)],
 )
 def test_a_wire_refuses_what_it_cannot_have(text, spec):
-    with pytest.raises(SceneError, match="expected one of"):
+    with pytest.raises(SceneError, match="wire cannot have it"):
         Wire(MemoryTransport(), spec, faults=[text])
 
 
@@ -121,7 +121,7 @@ def test_any_words_give_a_fault_or_an_error_that_names_the_word(text):
         fault = parse(text)
     except SceneError as error:
         if not text.split():
-            assert "expected one of: drop" in str(error)
+            assert "tactemu faults" in str(error)
             return
         why = str(error).removeprefix(f"fault {text!r}: ")
         why = re.sub(r"^fault .* \.\.\. \(\d+ characters\): ", "", why)  # a long text is shown in short
@@ -147,7 +147,7 @@ def test_every_line_and_its_ports_are_in_the_table():
 
 def test_the_examples_parse():
     block = next(block for block in PAGE.split("```") if "checksum every 10" in block)
-    texts = [re.split(r"\s{2,}", line)[0] for line in block.strip().splitlines()]
+    texts = [re.split(r"\s{2,}", line)[0] for line in block.splitlines()[1:]]
     assert [parse(text).word for text in texts] == [
         "drop", "flip", "checksum", "late", "drop", "unplug", "load", "flip", "truncate", "garbage", "drop", "replace",
     ]  # fmt: skip

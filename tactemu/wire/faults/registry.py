@@ -29,12 +29,12 @@ def check_fits(fault: Fault, line_model: LineModel | type[LineModel], *, is_real
     """Raise if a line cannot have a fault; ``is_real``: a real one is behind its port.
 
     Raises:
-        SceneError: names the faults that it can have, or says why a real line cannot have it.
+        SceneError: says that the line cannot have it, or why a real one cannot.
     """
     kind, can = line_model.kind, possible_faults(line_model, is_real=is_real)
     if is_real and (why := line_model.only_modelled.get(fault.word)):
         raise SceneError(f"fault {fault.text!r}: a real {kind} line cannot have it: {why}")
     if fault.word not in can:
-        raise SceneError(f"fault {fault.text!r}: a {kind} wire cannot have it; expected one of: {', '.join(can)}")
+        raise SceneError(f"fault {fault.text!r}: a {kind} wire cannot have it; `tactemu faults` lists those that can")
     if getattr(fault, "arbitration_id", None) is not None and not line_model.has_identifiers:
         raise SceneError(f"fault {fault.text!r}: 'id=': a {kind} wire has no identifiers; name frames by prefix=HEX")

@@ -30,10 +30,10 @@ def parse(text: str) -> Fault:
     """
     word, *following = text.split() or [""]
     if not word:
-        raise SceneError(f"an empty fault; expected one of: {', '.join(FAULTS)}")
+        raise SceneError("an empty fault; `tactemu faults` lists them")
     if (fault := FAULTS.get(word)) is None:
-        near = f"unknown kind {shown(word)}{nearest(word, FAULTS)}"
-        raise SceneError(f"fault {shown(text)}: {near}; expected one of: {', '.join(FAULTS)}")
+        hint = nearest(word, FAULTS) or "; `tactemu faults` lists them"
+        raise SceneError(f"fault {shown(text)}: unknown kind {shown(word)}{hint}")
     values: dict[str, Any] = {}
     start = ""
     while following:
