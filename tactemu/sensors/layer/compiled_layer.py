@@ -27,12 +27,14 @@ from tactemu.sensors.layer.friction_state import (
 from tactemu.sensors.layer.grid import LayerGrid
 from tactemu.sensors.layer.overlap import (
     NO_SURFACE,
+    ball_rows_kernel,
     cells_type,
     keep_poses_kernel,
     near_kernel,
     overlap_kernel,
     overlap_type,
 )
+from tactemu.sensors.layer.overlap_simd import is_ball_overlap
 from tactemu.sensors.layer.pressure import NORMAL_WINDOWS, Windows, normal_kernel, pressure_state_type, windows_type
 from tactemu.sensors.layer.reading import reading_kernel, skin_type
 from tactemu.sensors.layer.shared_memory import fits, shared_numbers
@@ -252,6 +254,8 @@ class CompiledLayer:
         near = site.context.record(near_kernel(real, grid.is_bent), self.n_envs, inputs, [], block_dim=32)
         parts = 1 if self.device.is_cpu else grid.shape[1]
         kernel = overlap_kernel(real, site.table.kinds, self.has_friction, grid.is_bent)
+        if self.device.is_cpu and is_ball_overlap(site.table.kinds, grid.is_bent):
+            kernel = ball_rows_kernel(real, self.has_friction)
         find = site.context.record(kernel, (self.n_envs, grid.shape[0], parts), [*inputs, parts], [])
         if not self.has_friction:
             return in_turn(near, find)

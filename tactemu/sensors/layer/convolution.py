@@ -52,9 +52,9 @@ def workspace_type(real):
 
 
 def padded_zeros(n: int, rows: int, columns: int, real, lanes: int, device) -> wp.array:
-    """Return zeros of shape ``(n, rows, columns or more)``. On a CPU rows fill complete lanes, and are one lane longer,
-    so that strides that are powers of two do not crowd one cache set."""
-    padded = -(-columns // lanes) * lanes + (lanes if lanes > 1 else 0)
+    """Return zeros of shape ``(n, rows, columns or more)``. On a CPU rows fill two lanes, so that each begins where a
+    cache line does, and are two lanes longer, so that strides that are powers of two do not crowd one cache set."""
+    padded = columns if lanes == 1 else (-(-columns // (2 * lanes)) + 1) * 2 * lanes
     return wp.zeros((n, rows, padded), dtype=real, device=device)
 
 

@@ -10,6 +10,7 @@ from tactemu.base.kernels import warp_kernel
 from tactemu.geometry.shapes.rays import ray_function
 from tactemu.geometry.shapes.shape import FAR, table_type
 from tactemu.plan.scalars import is_finite, natural
+from tactemu.sensors.layer.overlap_simd import ball_row
 from tactemu.sensors.sensed import sensed_type
 
 NO_SURFACE = -1.0e6
@@ -147,7 +148,8 @@ def overlap_kernel(real, kinds: frozenset, with_slide: bool, is_bent: bool = Fal
         body; the body is -1 without a surface."""
         lowest = horizon
         body = int(-1)
-        for t in range(sensed.targets.shape[0]):
+        t = int(0)  # a while loop, here and below: Warp's ranges take longer on a CPU
+        while t < sensed.targets.shape[0]:
             b = natural(sensed.targets[natural(t)])
             place = sensed.pose[env, b]
             if may_touch(sensed.shapes, b, place, r, n, lowest):
@@ -157,6 +159,7 @@ def overlap_kernel(real, kinds: frozenset, with_slide: bool, is_bent: bool = Fal
                     body = b
             if not is_finite(wp.transform_get_translation(place)[0]):
                 lowest = real(wp.nan)
+            t += 1
         return lowest, body
 
     @warp_kernel
@@ -167,7 +170,8 @@ def overlap_kernel(real, kinds: frozenset, with_slide: bool, is_bent: bool = Fal
         box = over.active[env]
         if y < box[0] or y >= box[2]:
             return
-        for x in range(box[1] + part, box[3], parts):
+        x = box[1] + part
+        while x < box[3]:
             x = natural(x)
             lowest = real(FAR)
             body = int(-1)
@@ -189,11 +193,31 @@ def overlap_kernel(real, kinds: frozenset, with_slide: bool, is_bent: bool = Fal
                 over.body[env, y, x] = body
                 slide = vec2(real(0.0))
                 if body >= 0 and lowest < real(0.0):
-                    before = over.last_pose[env, body]
-                    slide = slid(sensed.pose[env, body], before, r + lowest * n, u, v, cells.pitch)
+                    b = natural(body)
+                    before = over.last_pose[env, b]
+                    slide = slid(sensed.pose[env, b], before, r + lowest * n, u, v, cells.pitch)
                 over.slide[env, y, x] = slide
+            x += parts
 
     return find_overlap
+
+
+@functools.cache
+def ball_rows_kernel(real, with_slide: bool):
+    """Return the kernel of :mod:`.overlap_simd` for a CPU; one thread takes a row of cells, ``parts`` is 1."""
+    cells_struct, overlap_struct = cells_type(real), overlap_type(real)
+    find_row = ball_row(real, cells_struct, overlap_struct, with_slide, NO_SURFACE)
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def find_rows(first_env: int, sensed: sensed_type(real), cells: cells_struct, over: overlap_struct, parts: int):
+        env, y, _part = wp.tid()
+        env = natural(env + first_env)
+        y = natural(y)
+        box = over.active[env]
+        if y >= box[0] and y < box[2]:
+            find_row(sensed, cells, over, env, y)
+
+    return find_rows
 
 
 @functools.cache

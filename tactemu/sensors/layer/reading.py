@@ -66,8 +66,9 @@ def reading_kernel(real, with_surface: bool, with_friction: bool, is_bent: bool 
         env = natural(env + first_env)
         taxel = natural(taxel)
         place = skin.place[taxel]
-        row = (place // skin.columns) * skin.split
-        column = (place % skin.columns) * skin.split
+        line = place // skin.columns
+        row = line * skin.split
+        column = (place - line * skin.columns) * skin.split
         box = pressed.dirty[env]
         changed = pressed.changed[env]
         if wp.static(with_friction):
@@ -80,8 +81,12 @@ def reading_kernel(real, with_surface: bool, with_friction: bool, is_bent: bool 
             load = vec3(real(0.0))  # along u, v and into the skin
             moved = vec3(real(0.0))
             slip = int(FREE)
-            for y in range(row, row + skin.split):
-                for x in range(column, column + skin.split):
+            y = row
+            while y < row + skin.split:  # while loops: Warp's ranges take longer on a CPU
+                y = natural(y)
+                x = column
+                while x < column + skin.split:
+                    x = natural(x)
                     load[2] = load[2] + pressed.pressure[env, y, x]
                     if wp.static(with_friction):
                         load[0] = load[0] + friction.x[env, y, x]
@@ -91,6 +96,8 @@ def reading_kernel(real, with_surface: bool, with_friction: bool, is_bent: bool 
                             slip = state
                     if wp.static(with_surface):
                         moved += vec3(surface.u[env, y, x], surface.v[env, y, x], surface.w[env, y, x])
+                    x += 1
+                y += 1
             share = real(1.0) / real(skin.split * skin.split)
             load *= share * skin.pressure
             moved *= share * skin.length
