@@ -22,6 +22,7 @@ Measure this tree on this machine. Figures are medians; compare those of one run
   python -m benchmarks loop     time to the first frame, lateness of frames
   python -m benchmarks on_time  samples, answers, commands, closed loop: each with its limit
   python -m benchmarks layer    the elastic layer: grids, contact areas, batches
+  python -m benchmarks steps    processor time of steps, in pairs with another commit
   python -m benchmarks reality  the levels of fidelity against presses on a real skin
   python -m benchmarks state    size and time of a saved state, and of a fork
   python -m benchmarks soak     half an hour at 1 kHz and 5 % faults: leaks and lost frames
@@ -247,6 +248,21 @@ def layer(
     from benchmarks.layer import run
 
     save(run(typer.echo, device=device, n_envs=envs, only=only), out)
+
+
+@bench.command()
+def steps(
+    commit: Annotated[
+        str, typer.Argument(help="Commit to compare with; default: that of the page on performance.")
+    ] = "",
+    pairs: Annotated[int, typer.Option(metavar="N", min=1, help="Number of runs in each tree.")] = 10,
+    only: Annotated[str, typer.Option(metavar="TEXT", help="Only cases whose name contains this.")] = "",
+    out: Out = None,
+) -> None:
+    """Measure steps of the sensor models on a CPU, alternating with another commit."""
+    from benchmarks.steps import BASE, run
+
+    save(run(typer.echo, commit or BASE, pairs, only), out)
 
 
 @bench.command()

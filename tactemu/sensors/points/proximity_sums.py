@@ -46,6 +46,18 @@ def sums_type(real):
     return Sums
 
 
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    return __ffs(bits) - 1;
+#else
+    return __builtin_ctz(bits);
+#endif
+""")
+def first_bit(bits: int) -> int:
+    """Return the index of the lowest bit that is set; one must be."""
+    ...
+
+
 @functools.cache
 def _kernel(real):
     """Return the kernel, whose threads run in step: points out of reach add zeros, with fast square roots."""
@@ -67,13 +79,19 @@ def _kernel(real):
         away = p - vec3(ball[0], ball[1], ball[2])
         reach = ball[3] + limit
         if wp.dot(away, away) <= reach * reach:
-            for n in range(sums.near.start[env, k], sums.near.start[env, k + 1]):
-                c = sums.near.clusters[env, n]
-                ball = sums.near.clouds.ball[c]
-                away = p - vec3(ball[0], ball[1], ball[2])
-                reach = ball[3] + limit
-                if wp.dot(away, away) <= reach * reach:
-                    for j in range(c * CLUSTER_SIZE, c * CLUSTER_SIZE + sums.near.clouds.counts[c], _POINTS_PER_FETCH):
+            end = sums.near.start[env, k + 1]
+            for base in range(sums.near.start[env, k], end, 32):
+                found = int(0)
+                for n in range(base, wp.min(base + 32, end)):
+                    ball = fetch(sums.near.clouds.ball, sums.near.clusters[env, n])
+                    away = p - vec3(ball[0], ball[1], ball[2])
+                    reach = ball[3] + limit
+                    if wp.dot(away, away) <= reach * reach:
+                        found |= 1 << (n - base)
+                while found != 0:  # each thread of a warp visits its own clusters
+                    c = sums.near.clusters[env, base + first_bit(found)]
+                    found &= found - 1
+                    for j in range(c * CLUSTER_SIZE, c * CLUSTER_SIZE + CLUSTER_SIZE, _POINTS_PER_FETCH):
                         for m in range(_POINTS_PER_FETCH):
                             x = fetch(sums.near.clouds.points, j + m)
                             d = vec3(x[0], x[1], x[2]) - p
