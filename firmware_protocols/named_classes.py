@@ -12,7 +12,6 @@ import sys
 import zlib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
 
@@ -61,7 +60,7 @@ class NamedClasses:
 
     def is_own(self, name: str) -> bool:
         """Return True if a name stands for a user's own code: a file, or a class of an installed package."""
-        return name not in self.classes and (is_file_name(name) or bool(entry_points(group=self.group, name=name)))
+        return name not in self.classes and (is_file_name(name) or bool(self._points(name=name)))
 
     def knows(self, name: str) -> bool:
         """Return True if a name may be loaded, without loading it."""
@@ -101,10 +100,16 @@ class NamedClasses:
 
     def _all(self) -> list[str]:
         """Return all names, those of the table first."""
-        return [*dict.fromkeys([*self.classes, *(point.name for point in entry_points(group=self.group))])]
+        return [*dict.fromkeys([*self.classes, *(point.name for point in self._points())])]
+
+    def _points(self, **names: Any) -> Iterable[Any]:
+        """Return the entry points of the group."""
+        from importlib.metadata import entry_points  # 20 ms, which most programs never need
+
+        return entry_points(group=self.group, **names)
 
     def _installed(self, name: str) -> object:
-        for point in entry_points(group=self.group, name=name):
+        for point in self._points(name=name):
             return point.load()
         raise UnknownNameError(self.unknown(name))
 

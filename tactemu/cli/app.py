@@ -2,18 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
-import typer
-
 from tactemu.cli import attaching, compare, explaining, gadgets, infer, information, judging, logs, new, running, scenes
 from tactemu.cli.benches import bench
+from tactemu.cli.root import new_application
 from tactemu.cli.service import service
-from tactemu.version import __version__
 
-app = typer.Typer(
-    name="tactemu",
-    help="""
+HELP = """
 A simulated tactile skin at the far end of a wire: the bytes and CAN frames of real sensors, for unmodified drivers.
 
 \b
@@ -30,29 +24,10 @@ A simulated tactile skin at the far end of a wire: the bytes and CAN frames of r
   tactemu fit rest.csv --sensor anyskin --out my.toml  fit to a recording
   tactemu check my_sensor.py:MySensor    check a device file of your own
   tactemu infer presses.mcap -o my_sensor.py  draft a device file
-""",
-    no_args_is_help=True,
-    rich_markup_mode=None,
-    pretty_exceptions_enable=False,
-    context_settings={"help_option_names": ["-h", "--help"]},
-)
+"""
 
+app = new_application(HELP)
 for each in (running, judging, compare, information, explaining, new, scenes, infer, logs, attaching, gadgets):
     app.add_typer(each.commands)
 app.add_typer(service, name="service")
 app.add_typer(bench, name="bench")
-
-
-def _version(wanted: bool) -> None:
-    if wanted:
-        typer.echo(f"tactemu {__version__}")
-        raise typer.Exit
-
-
-@app.callback()
-def _options(
-    version: Annotated[
-        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")
-    ] = False,
-) -> None:
-    pass

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from tactemu.base.errors import TactemuError
+from tactemu.base.gc_tuning import enable_collections
 from tactemu.cli.forwarding import FORWARDING
 from tactemu.cli.reports import not_understood, unreached_hint
 from tactemu.exec.enter import FAILED, NOT_EXECUTABLE, NOT_FOUND
@@ -47,6 +48,7 @@ def run_driver(command: Sequence[str], session: Session, view: Mapping[str, Any]
     """
     dev, signals = Served(session), FORWARDING[-1]
     env = exec_environment(dev, **view)
+    enable_collections()
     with env:
         if not quiet:
             _announce(env, command[0])

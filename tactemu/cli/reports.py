@@ -9,13 +9,14 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from statistics import median
-from typing import Any
-
-from rich.console import Console
+from typing import TYPE_CHECKING, Any
 
 from tactemu.emulator.channel import Channel
 from tactemu.emulator.emulator import Emulator
 from tactemu.emulator.lifecycle import Simulated
+
+if TYPE_CHECKING:
+    from rich.console import Console
 
 Say = Callable[..., None]
 """A callable that prints an event: ``say(event, skin=..., **entry)``."""

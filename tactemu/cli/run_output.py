@@ -8,9 +8,8 @@ from contextlib import AbstractContextManager, closing, contextmanager, nullcont
 from functools import partial
 from typing import TYPE_CHECKING
 
-from rich.console import Console
-
 from tactemu.base.errors import StateError, TransportError
+from tactemu.base.gc_tuning import enable_collections
 from tactemu.base.statistics import Lateness
 from tactemu.cli.reports import Say, advice, report_if_slow, say_json, say_text, unreached_hint
 from tactemu.cli.signals import ended_by_signals
@@ -21,6 +20,7 @@ from tactemu.session.session import Session
 
 if TYPE_CHECKING:
     from tactemu.control.server import Server
+    from tactemu.session.live_view import LiveView
     from tactemu.view.page.opening import PageListener
 
 REPORT_PERIOD_NS = 1_000_000_000
@@ -80,20 +80,20 @@ def _rerun_viewer(session: Session, where: str | bool) -> AbstractContextManager
 
 def _run(session: Session, style: str) -> None:
     emulator = session.emulator
-    console = Console(highlight=False)
-    live = style == "auto" and console.is_terminal and not console.is_dumb_terminal
-    say = {"json": say_json, "quiet": _say_nothing}.get(style) or say_text(console)
-    view = _live_view(emulator, console) if live else nullcontext()
-    _warm_up(console)
+    say, view = _output(emulator, style)
+    lateness = Lateness(keep=1)  # computed once before a port opens, because the first time is slow
+    lateness.add(0)
+    lateness.percentile_ns(50)
+    enable_collections()
     with ended_by_signals(emulator.stop), closing(session.open()):
         for channel in emulator.channels:
             say(
                 "ready", skin=channel.name, device=channel.device.name, port=_addresses(channel),
                 **_rates(channel),
             )  # fmt: skip
-        if not live and not emulator.clock.virtual:
+        if view is None and not emulator.clock.virtual:
             _report_regularly(emulator, say)
-        with view:
+        with view or nullcontext():
             session.run()
         save_failed = _save_failed(session)
         summaries = emulator.summary()
@@ -110,6 +110,24 @@ def _run(session: Session, style: str) -> None:
 
 def _say_nothing(event: str, **entry: object) -> None:
     """Print no report."""
+
+
+def _output(emulator: Emulator, style: str) -> tuple[Say, LiveView | None]:
+    """Return what prints events, and the picture of a run on a terminal."""
+    if style in ("json", "quiet"):
+        return say_json if style == "json" else _say_nothing, None
+    from rich.console import Console  # 25 ms of the start
+
+    console = Console(highlight=False)
+    with console.capture():
+        console.print("")  # once before a port opens, because the first time is slow
+    if style != "auto" or not console.is_terminal or console.is_dumb_terminal:
+        return say_text(console), None
+    from tactemu.session.live_view import LiveView
+
+    view = LiveView(emulator, console)
+    view.rehearse()
+    return say_text(console), view
 
 
 def _save_failed(session: Session) -> bool:
@@ -135,15 +153,6 @@ def _rates(channel: Channel) -> dict[str, object]:
     return {what: each.get("", each) if len(each) == 1 else each for what, each in rounded.items()}
 
 
-def _warm_up(console: Console) -> None:
-    """Print and compute a percentile once before a port opens, because the first time is slow."""
-    with console.capture():
-        console.print("")
-    lateness = Lateness(keep=1)
-    lateness.add(0)
-    lateness.percentile_ns(50)
-
-
 def _report_regularly(emulator: Emulator, say: Say) -> None:
     def report() -> None:
         now = emulator.clock.now_ns()
@@ -152,11 +161,3 @@ def _report_regularly(emulator: Emulator, say: Say) -> None:
         emulator.call(report, now + REPORT_PERIOD_NS)
 
     emulator.call(report, emulator.clock.now_ns() + REPORT_PERIOD_NS)
-
-
-def _live_view(emulator: Emulator, console: Console):
-    from tactemu.session.live_view import LiveView
-
-    view = LiveView(emulator, console)
-    view.rehearse()
-    return view

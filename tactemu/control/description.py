@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from firmware_protocols import Device
-from firmware_protocols.check.mutations import tables_of
 from firmware_protocols.frames import text_of
 from firmware_protocols.tables import Frame
 from tactemu.emulator.channel import Channel
@@ -51,6 +50,8 @@ def _adjustable(channel: Channel) -> list[str]:
 def _device(device: Device) -> dict[str, Any]:
     """Return the device's frame tables, as text with the bound values; its commands; name, scale, rest and span of its
     columns."""
+    from firmware_protocols.check.mutations import tables_of  # only who draws a device needs it
+
     own = [value for value in vars(device).values() if isinstance(value, Frame)]
     tables = {table.name: table for table in (*tables_of(type(device), Frame), *own)}
     return {

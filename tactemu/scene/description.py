@@ -5,6 +5,7 @@ A built scene writes it, and the truth log and the control socket carry it as JS
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -154,7 +155,7 @@ class SceneDescription:
 
     def to_json(self) -> dict[str, Any]:
         """Return the description as an object of JSON, in SI units."""
-        return _ADAPTER.dump_python(self, exclude_none=True, warnings=False)
+        return _adapter().dump_python(self, exclude_none=True, warnings=False)
 
     @staticmethod
     def from_json(described: Mapping[str, Any] | None) -> SceneDescription:
@@ -164,12 +165,15 @@ class SceneDescription:
             ValueError: the object is malformed.
         """
         try:
-            return _ADAPTER.validate_python(described or {})
+            return _adapter().validate_python(described or {})
         except (TypeError, ValueError) as error:
             raise ValueError(f"the description of the scene: {error}") from None
 
 
-_ADAPTER = TypeAdapter(SceneDescription)
+@functools.cache
+def _adapter() -> TypeAdapter[SceneDescription]:
+    """Return the adapter of the description, which takes 10 ms to make."""
+    return TypeAdapter(SceneDescription)
 
 
 class SceneContext:

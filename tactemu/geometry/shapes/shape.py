@@ -101,7 +101,7 @@ class Shape(Options):
     def reach(self, name: str, direction: np.ndarray) -> float:
         """Return the extent from the origin along a unit vector of the body's frame [m] (the support function)."""
 
-    def sample(self, name: str, count: int, rng: np.random.Generator) -> tuple[np.ndarray, float]:
+    def sample(self, name: str, count: int, rng: "np.random.Generator") -> tuple[np.ndarray, float]:
         """Return ``count`` random points on the surface, uniform by area, ``(count, 3)`` [m], and the area [m^2].
 
         Raises:
