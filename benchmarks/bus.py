@@ -17,6 +17,10 @@ import zlib
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from firmware_protocols import CanFrame
+from firmware_protocols.can_frames import CanFrames
 from tactemu.base.priority import can_enable_realtime_priority, enable_realtime_priority
 from tactemu.exec.environment import exec_environment
 from tactemu.session.serving import serve
@@ -105,15 +109,18 @@ def robot(boards: int, seconds: float, way: str = "") -> dict[str, Any]:
 
 def _watched(transport: Any) -> list[int]:
     """Return a list that from now on has the number of frames written to a port, and their CRC."""
-    seen, write_all = [0, 0], transport.write_all
+    seen, write, write_all = [0, 0], transport.write, transport.write_all
 
-    def watched(frames: Any) -> int:
-        taken = write_all(frames)
-        seen[0] += taken
-        seen[1] = zlib.crc32(frames.array[:taken].tobytes(), seen[1])
-        return taken
+    def count(frames: CanFrames) -> int:
+        seen[0] += len(frames)
+        seen[1] = zlib.crc32(frames.array.tobytes(), seen[1])
+        return len(frames)
 
-    transport.write_all = watched
+    def watched(frame: CanFrame) -> bool:
+        data = np.frombuffer(frame.data, np.uint8)[None]
+        return write(frame) and bool(count(CanFrames.of([frame.arbitration_id], data)))
+
+    transport.write, transport.write_all = watched, lambda frames: count(frames[: write_all(frames)])
     return seen
 
 

@@ -92,7 +92,7 @@ class Channel:
         DeviceError: a period is given for a stream that the device does not have, or for one of several without name.
     """
 
-    TRANSIENT_FIELDS: ClassVar[tuple[str, ...]] = ("name", "wanted_periods", "_ports", "_senses")
+    TRANSIENT_FIELDS: ClassVar[tuple[str, ...]] = ("name", "wanted_periods", "_applied_periods", "_ports", "_senses")
 
     name: str
     device: Device
@@ -119,6 +119,8 @@ class Channel:
         self.held_readings: dict[str, tuple[int, dict[str, np.ndarray]]] = {}
         """The number of the last refresh and its readings, by stream."""
         self._ports = self.device.ports
+        self._applied_periods: dict[str, int] = {}
+        """The firmware's periods by which the timers run; empty: unknown."""
         timers: dict[str, StreamTimer] = {}
         self.timers: Mapping[str, StreamTimer] = timers
         """The timers, by stream."""
@@ -177,6 +179,7 @@ class Channel:
     def halt(self) -> None:
         """Stop all timers when the device restarts; it samples again after :meth:`begin`."""
         self.alarm_ns = None
+        self._applied_periods = {}
         self.held_readings.clear()
         self._read_senses()
         self.attach_wires()
@@ -185,14 +188,24 @@ class Channel:
 
     def apply_changes(self, now_ns: int) -> None:
         """Apply the periods and line settings that a call into the device may have changed."""
+        if self.device.periods != self._applied_periods:
+            self._apply_periods(now_ns)
+        if self.device.ports is not self._ports:
+            self.attach_wires()
+
+    def want_periods(self, periods: Mapping[str, int], now_ns: int) -> None:
+        """Set the user's sampling periods, by stream [ns]; those of other streams are the firmware's."""
+        self.wanted_periods = periods
+        self._apply_periods(now_ns)
+
+    def _apply_periods(self, now_ns: int) -> None:
+        self._applied_periods = dict(self.device.periods)
         for stream, timer in self.timers.items():
             period = self.period_ns(stream)
             if not period:
                 timer.running = False
             elif not timer.running or period != timer.sampling.period_ns:
                 timer.start(now_ns, period)
-        if self.device.ports is not self._ports:
-            self.attach_wires()
 
     def defer_statistics(self, injected: Counter[str]) -> Callable[[], dict[str, Any]]:
         """Return a function that returns the present statistics and counters of this device as plain data; another
@@ -217,7 +230,7 @@ class Channel:
 
     def prepare_restore(self, state: Mapping[str, Any]) -> Callable[[], None]:
         """Return a callable that keeps the restored settings of the wires: the connectors need no second attachment."""
-        return lambda: vars(self).update(_ports=self.device.ports)
+        return lambda: vars(self).update(_ports=self.device.ports, _applied_periods={})
 
     def due(self, now_ns: int) -> list[tuple[int, str]]:
         """Return the streams whose next reading is due, with its time."""

@@ -166,8 +166,8 @@ class DriverRig:
         """Set the sampling rate; ``None`` restores the device's own."""
         now = self.emulator.now_ns
         for channel in self.emulator.channels:
-            channel.wanted_periods = {} if hz is None else dict.fromkeys(channel.device.periods, round(1e9 / hz))
-            channel.apply_changes(now)
+            wanted = {} if hz is None else dict.fromkeys(channel.device.periods, round(1e9 / hz))
+            channel.want_periods(wanted, now)
 
     def begin(self, trial: Trial) -> int:
         """Switch a trial's faults on, start its action, and return the time [ns]."""
