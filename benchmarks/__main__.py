@@ -21,6 +21,7 @@ Measure this tree on this machine. Figures are medians; compare those of one run
 \b
   python -m benchmarks loop     time to the first frame, lateness of frames
   python -m benchmarks on_time  samples, answers, commands, closed loop: each with its limit
+  python -m benchmarks frames   processor time of a sample, and of a frame between device and port
   python -m benchmarks layer    the elastic layer: grids, contact areas, batches
   python -m benchmarks steps    processor time of steps, in pairs with another commit
   python -m benchmarks reality  the levels of fidelity against presses on a real skin
@@ -77,6 +78,17 @@ def on_time(
     figures, is_met = run(typer.echo, seconds=seconds)
     save(figures, out)
     raise typer.Exit(0 if is_met else 1)
+
+
+@bench.command()
+def frames(
+    repeats: Annotated[int, typer.Option(metavar="N", min=1, help="Number of runs, of which the least counts.")] = 9,
+    out: Out = None,
+) -> None:
+    """Measure the processor time of a sample of AnySkin, and of frames on serial lines, CAN and a pseudo terminal."""
+    from benchmarks.frames import run
+
+    save(run(typer.echo, repeats=repeats), out)
 
 
 @bench.command()
