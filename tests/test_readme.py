@@ -91,8 +91,10 @@ def test_the_pages_with_their_pictures_are_small():
 
 def test_every_page_is_linked():
     text = README.read_text()
+    places = (README.parent / "mkdocs.yml").read_text()
     for page in (README.parent / "docs").glob("*.md"):
         assert f"(docs/{page.name})" in text, page.name
+        assert len(re.findall(rf"[ /]{page.name}$", places, re.MULTILINE)) == 1, f"{page.name}: its place on the site"
 
 
 def test_pages_name_who_does_what():
