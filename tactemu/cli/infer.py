@@ -42,6 +42,8 @@ def infer(
     It finds framing, checksum, counters and fields, and says of each whether it is certain, with the proof, or likely,
     with the capture that would decide it. Press each taxel slowly, to full scale and back.
     """
-    from tactemu.fit.infer.commands import run_infer
+    from tactemu.cli.words import typed_command
+    from tactemu.fit.infer.commands import InferFiles, run_infer
 
-    run_infer(captures, out=out, catalogue=catalogue, shown=shown, dbc=dbc, picture=picture, json=json, say=typer.echo)
+    files = InferFiles(out, dbc, picture, typed_command())
+    run_infer(captures, catalogue=catalogue, shown=shown, files=files, json=json, say=typer.echo)

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from html import escape
 from pathlib import Path
 
 import numpy as np
 
 from tactemu.base.errors import TactemuError
+from tactemu.base.style import BLUE, LIGHT
 from tactemu.fit.infer.analysis import Draft
 from tactemu.fit.infer.fields import Field, Group
 
@@ -81,19 +83,24 @@ def _sets(correlation: np.ndarray, least: float = 0.8) -> list[list[int]]:
     return sorted((each for each in found if len(each) > 1), key=len, reverse=True)
 
 
-def svg(answers: Answers, cell: int = 10) -> str:
-    """Return a picture of the correlation: darker cells answer together more."""
+def svg(answers: Answers, command: str = "", cell: int = 10) -> str:
+    """Return a picture of the correlation: darker cells answer together more; below it, the command that made it."""
     n = len(answers.channels)
     size = max(n * cell, SMALLEST_PICTURE * cell)
-    parts = [f'<svg xmlns="http://www.w3.org/2000/svg" width="{size}" height="{size}" shape-rendering="crispEdges">']
+    letter = min(10.0, 1.6 * size / max(len(command), 1))
+    parts = [
+        f'<svg xmlns="http://www.w3.org/2000/svg" width="{size}" height="{size + 16}" shape-rendering="crispEdges">',
+        f'<rect width="{size}" height="{size + 16}" fill="{LIGHT["page"]}"/><text y="{size + 12}" '
+        f'fill="{LIGHT["muted"]}" font-family="monospace" font-size="{letter:.1f}">{escape(command)}</text>',
+    ]
     for i in range(n):
         for k in range(n):
-            shade = int(255 * (1 - max(0.0, float(answers.correlation[i, k]))))
-            if shade < 250:
+            share = max(0.0, float(answers.correlation[i, k]))
+            if share > 0.02:
                 title = f"<title>{answers.channels[i]} / {answers.channels[k]}: {answers.correlation[i, k]:.2f}</title>"
                 parts.append(
                     f'<rect x="{k * cell}" y="{i * cell}" width="{cell}" height="{cell}" '
-                    f'fill="rgb({shade},{shade},255)">{title}</rect>'
+                    f'fill="{BLUE}" fill-opacity="{share:.2f}">{title}</rect>'
                 )
     return "\n".join([*parts, "</svg>"]) + "\n"
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json as json_module
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from tactemu.base.errors import TactemuError
@@ -15,14 +16,25 @@ from tactemu.fit.infer.report import as_dict, report_lines
 from tactemu.fit.infer.running import read_and_infer
 
 
+@dataclass(frozen=True)
+class InferFiles:
+    """The files of an inference; None: not wanted."""
+
+    out: Path | None = None
+    """The device file."""
+    dbc: Path | None = None
+    picture: Path | None = None
+    """The picture of the channels that answer together."""
+    command: str = ""
+    """The command line, which the picture shows."""
+
+
 def run_infer(
     captures: Sequence[Path],
     *,
-    out: Path | None,
     catalogue: bool,
     shown: Path | None,
-    dbc: Path | None,
-    picture: Path | None,
+    files: InferFiles,
     json: bool,
     say: Callable[[str], None],
 ) -> None:
@@ -38,17 +50,17 @@ def run_infer(
         say(json_module.dumps({**as_dict(draft, coverage, match), "shown": seen}))
     else:
         say("\n".join(report_lines(draft, coverage, match, seen)))
-    if dbc is not None:
+    if files.dbc is not None:
         if not draft.is_can:
-            raise TactemuError(f"{dbc}: a DBC file is of CAN frames; the capture is of a serial line")
-        _write(dbc, dbc_text(draft))
-    if picture is not None:
+            raise TactemuError(f"{files.dbc}: a DBC file is of CAN frames; the capture is of a serial line")
+        _write(files.dbc, dbc_text(draft))
+    if files.picture is not None:
         answers = answers_of(draft)
         if answers is None:
-            raise TactemuError(f"{picture}: nothing moves in the capture: press the taxels one by one")
-        _write(picture, svg(answers))
-    if out is not None:
-        _write(out, device_file(draft, out, captures))
+            raise TactemuError(f"{files.picture}: nothing moves in the capture: press the taxels one by one")
+        _write(files.picture, svg(answers, files.command))
+    if files.out is not None:
+        _write(files.out, device_file(draft, files.out, captures))
 
 
 def _write(path: Path, text: str) -> None:

@@ -13,7 +13,7 @@ from tactemu.base.errors import TactemuError
 from tactemu.fit.infer.analysis import infer
 from tactemu.fit.infer.captures import Capture, Chunk
 from tactemu.fit.infer.catalogue import match_catalogue
-from tactemu.fit.infer.commands import run_infer
+from tactemu.fit.infer.commands import InferFiles, run_infer
 from tactemu.fit.infer.device_file import device_file
 from tactemu.fit.infer.running import read_and_infer
 from tests.cli.command import here
@@ -74,19 +74,20 @@ def test_the_command_writes_all_files(tmp_path):
     capture = _written(tmp_path, stream(_frames()))
     out, picture = tmp_path / "my_sensor.py", tmp_path / "channels.svg"
     said: list[str] = []
-    run_infer([capture], out=out, catalogue=False, shown=None, dbc=None, picture=picture, json=True, say=said.append)
+    files = InferFiles(out, picture=picture, command="tactemu infer a & b")
+    run_infer([capture], catalogue=False, shown=None, files=files, json=True, say=said.append)
     report = json.loads(said[0])
     assert report["framing"]["is_certain"] and report["catalogue"] is None
     assert "class MySensor(Device)" in out.read_text()
-    assert picture.read_text().startswith("<svg")
+    assert picture.read_text().startswith("<svg") and "tactemu infer a &amp; b" in picture.read_text()
     assert here("infer", str(capture), "--no-catalogue").returncode == 0
 
 
 def test_a_dbc_file_is_of_can_only(tmp_path):
     with pytest.raises(TactemuError, match="a DBC file is of CAN frames"):
         run_infer(
-            [_written(tmp_path, stream(_frames()))], out=None, catalogue=False, shown=None, dbc=tmp_path / "x.dbc",
-            picture=None, json=False, say=lambda _: None,
+            [_written(tmp_path, stream(_frames()))], catalogue=False, shown=None, json=False, say=lambda _: None,
+            files=InferFiles(dbc=tmp_path / "x.dbc"),
         )  # fmt: skip
 
 
