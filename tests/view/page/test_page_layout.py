@@ -55,11 +55,12 @@ def look(page, width: int, where: str) -> list[str]:
     found = []
     for scheme in SCHEMES:
         page.evaluate(SET_SCHEME, scheme)
+        seen = page.evaluate(LAYOUT)
         for _ in range(MAX_LOOKS):
-            seen = page.evaluate(LAYOUT)
             if not seen["wrong"]:
                 break
             page.wait_for_timeout(250)
+            seen = page.evaluate(LAYOUT)
         assert seen["leaves"] > 20, f"{width} {scheme} {where}: the panels are empty"
         found += [f"{width} {scheme} {where}: {each}" for each in seen["wrong"]]
     return found
