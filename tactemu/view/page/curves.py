@@ -19,7 +19,7 @@ from tactemu.view.page.readings import taxel_name
 
 _SECONDS = 10.0
 _MAX_POINTS = 300
-_CHART_PX = 135
+_CHART_PX = 118
 MAX_TAXELS = len(SERIES)
 """Maximum number of taxels with curves at a time; of more, the latest chosen stay."""
 _IDEAL_ALPHA = "55"
@@ -111,7 +111,9 @@ class Curves:
             self._make()
         for chart, part, (factor, _) in zip(self._charts, (read, sent), shown):
             chart.data = (times, *(part * factor).T)
-        _show(self._legends[0], self._legend(rows[-1], (0, 1), shown[0], "Readings of touched taxels"))
+        _show(
+            self._legends[0], self._legend(rows[-1], (0, 1), shown[0], "Reading: broad line ideal, thin line measured")
+        )
         _show(self._legends[1], self._legend(rows[-1], (2,), shown[1], "Sent: change of the counts from baseline"))
 
     def _choose_touched(self, samples: Mapping[str, Sample]) -> None:
@@ -167,11 +169,10 @@ class Curves:
             known = self._skins.get(skin)
             name = taxel_name(known.layout, taxel) if known is not None else str(taxel)
             where = f"{skin} {name}" if len(self._skins) > 1 else f"taxel {name}"
-            for part in parts:
-                what = ("ideal", "measured", "sent")[part]
-                value = row[3 * k + part] * shown[0]
-                text = f"{where}, {what}: {value:.3g} {shown[1]}" + ", broad line" * (part == 0)
-                entries.append(f"<span>{_swatch(colour, is_ideal=part == 0)}{escape(text)}</span>")
+            values = [f"{row[3 * k + part] * shown[0]:.3g} {shown[1]}" for part in parts]
+            words = values[0] if len(parts) == 1 else f"ideal {values[0]}, measured {values[1]}"
+            swatch = _swatch(colour, has_ideal=len(parts) > 1)
+            entries.append(f"<span>{swatch}{escape(where)}: {escape(words)}</span>")
         return f'<div class="tt"><h4>{title}</h4><div class="tt-legend">{"".join(entries)}</div></div>'
 
 
@@ -185,12 +186,10 @@ def _line(colour: str, width: float) -> viser.uplot.Series:
     return viser.uplot.Series(label="", stroke=colour, width=width)
 
 
-def _swatch(colour: str, *, is_ideal: bool) -> str:
-    width, opacity = (6, 0.35) if is_ideal else (2, 1)
-    return (
-        f'<svg width="22" height="8" aria-hidden="true"><line x1="0" y1="4" x2="22" y2="4" stroke="{colour}" '
-        f'stroke-width="{width}" stroke-opacity="{opacity}"/></svg>'
-    )
+def _swatch(colour: str, *, has_ideal: bool) -> str:
+    line = '<line x1="0" y1="4" x2="22" y2="4" stroke="{}" stroke-width="{}"/>'
+    broad = line.format(colour + _IDEAL_ALPHA, 6) if has_ideal else ""
+    return f'<svg width="22" height="8" aria-hidden="true">{broad}{line.format(colour, 1.5)}</svg>'
 
 
 def _shared(largest: float, units: list[str]) -> tuple[float, str]:

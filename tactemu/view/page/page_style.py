@@ -77,6 +77,8 @@ STYLE = f"""
 .tt-legend span {{ white-space: nowrap; }}
 .tt-legend svg {{ vertical-align: middle; margin-right: 4px; }}
 
+.uplot-container {{ margin-top: 2px !important; margin-bottom: 4px !important; }}
+
 .tt-frame {{ display: grid; grid-template-columns: 72px minmax(0, 1fr); grid-template-rows: auto 1fr; gap: 0 6px;
   padding: 3px 0;  border-bottom: 1px solid var(--tt-line); font-size: 11px; }}
 .tt-frame time {{ grid-column: 1; grid-row: 2; font-variant-numeric: tabular-nums; color: var(--tt-dim); }}

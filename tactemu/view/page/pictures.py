@@ -25,8 +25,8 @@ _MAX_PATCHES = 24
 """Maximum number of patches of one skin that are drawn."""
 _MAX_TAXEL_PX = 26
 """Maximum size of a taxel in a skin of several patches."""
-_MIN_TAXEL_PX = 4
-"""Minimum size of a taxel; where patches then take more room than the panel has, it scrolls."""
+_CLEAR_TAXEL_PX, _MIN_TAXEL_PX = 8, 3
+"""A size of a taxel that is well visible, and the smallest one."""
 _PANEL_PX = (372, 300)
 """The room that all patches take if they can [px]: width and height."""
 _GAP_PX, _NAME_PX = 8, 20
@@ -121,20 +121,25 @@ def _row(row: Sequence[Sequence[DrawnPatch]], size: np.ndarray, most: float, tax
 
 
 def taxel_size(rows: Sequence[Sequence[Sequence[DrawnPatch]]]) -> int:
-    """Return the largest size of a taxel [px] with which all patches fit into the panel, of one size for all."""
+    """Return the largest size of a taxel [px] with which all patches fit into the panel, and the fingers of a hand into
+    one row. Taxels are not made smaller than :data:`_CLEAR_TAXEL_PX` to fit in height: then the panel scrolls."""
     for taxel_px in range(_MAX_TAXEL_PX, _MIN_TAXEL_PX, -1):
-        height = 0
-        for row in rows:
-            left = line = 0
-            for column in row:
-                width, tall = _column_px(column, taxel_px)
-                if left and left + width > _PANEL_PX[0]:
-                    height, left, line = height + line, 0, 0
-                left, line = left + width + _GAP_PX, max(line, tall + _GAP_PX)
-            height += line
-        if height <= _PANEL_PX[1]:
+        lines = [_lines_px(row, taxel_px) for row in rows]
+        is_in_height = sum(map(sum, lines)) <= _PANEL_PX[1] or taxel_px <= _CLEAR_TAXEL_PX
+        if is_in_height and (len(rows) == 1 or len(lines[0]) == 1):
             return taxel_px
     return _MIN_TAXEL_PX
+
+
+def _lines_px(row: Sequence[Sequence[DrawnPatch]], taxel_px: int) -> list[int]:
+    """Return the height of each line into which a row breaks [px]."""
+    heights, left = [0], 0
+    for column in row:
+        width, tall = _column_px(column, taxel_px)
+        if left and left + width > _PANEL_PX[0]:
+            heights, left = [*heights, 0], 0
+        heights[-1], left = max(heights[-1], tall + _GAP_PX), left + width + _GAP_PX
+    return heights
 
 
 def _column_px(column: Sequence[DrawnPatch], taxel_px: int) -> tuple[int, int]:

@@ -89,6 +89,9 @@ def test_a_hand_is_drawn_finger_by_finger():
     names = [[[patch.name for patch, _ in column] for column in row] for row in rows]
     assert [column[0] for column in names[0]] == ["thumb tip", "index tip", "middle tip", "ring tip", "little tip"]
     assert names[0][0] == ["thumb tip", "thumb top", "thumb middle", "thumb pad"] and names[1] == [["palm"]]
+    glove = registry.create("fulai_glove").layout
+    rows = pictures.picture_rows([(patch, cells(glove, patch)) for patch in glove.patches])
+    assert len(pictures._lines_px(rows[0], pictures.taxel_size(rows))) == 1, "five fingers stand side by side"
     sheet = registry.create("flexitac").layout
     assert len(pictures.picture_rows([(patch, cells(sheet, patch)) for patch in sheet.patches])) == 1
 
