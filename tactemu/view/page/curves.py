@@ -22,6 +22,8 @@ _MAX_POINTS = 300
 _CHART_PX = 118
 MAX_TAXELS = len(SERIES)
 """Maximum number of taxels with curves at a time; of more, the latest chosen stay."""
+_ORDERS = (1e10, 2e10, 3e10, 4e10)
+"""The order of legend, chart, legend, chart in the tab; that of other controls counts up from 1."""
 _IDEAL_ALPHA = "55"
 """The opacity of ideal curves, in hex: broad and pale, so that the measured one is seen upon it."""
 
@@ -40,19 +42,22 @@ class Curves:
         self.chosen: list[tuple[str, int]] = []
         """The taxels that viewers have chosen. Their callbacks replace the list, in a thread of viser's."""
         self._drawn: list[tuple[str, int]] = []
-        """The taxels of the charts, which the page's thread makes, fills and removes."""
+        """The taxels of the charts, which the page's thread fills."""
         self._is_automatic = True
         """True until a viewer has chosen a taxel: the first one that is touched is shown."""
         self._times: deque[float] = deque(maxlen=_MAX_POINTS)
         self._rows: deque[list[float]] = deque(maxlen=_MAX_POINTS)
         self._units: dict[str, tuple[str, str]] = {}
         """The unit of the reading, and that of the counts, by skin."""
-        self._axes: tuple[str, str] = ("", "")
-        self._charts: list[Any] = []
+        self._largest = [0.0, 0.0]
+        """The largest reading, and the largest change of the counts, since the taxels were chosen."""
+        self._labels: list[str] = []
+        """The labels of the charts that are visible."""
         add = gui.add_button_group("curves", ("Add taxel", "Clear"), hint=_CURVES_HINT)
-        self._folder = gui.add_folder(None)
-        with self._folder:
-            self._legends = [gui.add_html(_HINT, order=0.0), gui.add_html("", order=2.0)]
+        self._legends = [gui.add_html(_HINT, order=_ORDERS[0]), gui.add_html("", order=_ORDERS[2])]
+        self._charts = [[self._chart(n, part) for part in (0, 1)] for n in range(1, MAX_TAXELS + 1)]
+        """The two charts for each number of taxels; one pair is visible. None is ever removed, because a browser may
+        still have to draw what was sent for it."""
 
         @add.on_click
         async def _(_: viser.GuiEvent) -> None:
@@ -103,14 +108,18 @@ class Curves:
         read = np.delete(rows, slice(2, None, 3), axis=1)
         sent = rows[:, 2::3]
         units = [self._units.get(name, ("", "")) for name, _ in self._drawn]
-        shown = [_shared(float(np.nanmax(part, initial=0.0)), [unit[k] for unit in units])
-                 for k, part in enumerate((read, sent))]  # fmt: skip
-        axes = (f"reading [{shown[0][1]}]", f"change [{shown[1][1]}]")
-        if axes != self._axes or not self._charts:
-            self._axes = axes
-            self._make()
-        for chart, part, (factor, _) in zip(self._charts, (read, sent), shown):
+        self._largest = [
+            max(largest, float(np.nanmax(part, initial=0.0))) for largest, part in zip(self._largest, (read, sent))
+        ]
+        shown = [_shared(largest, [unit[k] for unit in units]) for k, largest in enumerate(self._largest)]
+        labels = [f"reading [{shown[0][1]}]", f"change [{shown[1][1]}]"]
+        charts = self._charts[len(self._drawn) - 1]
+        for chart, part, (factor, _), label in zip(charts, (read, sent), shown, labels):
             chart.data = (times, *(part * factor).T)
+            if labels != self._labels:
+                chart.axes = _axes(label)
+                chart.visible = True
+        self._labels = labels
         _show(
             self._legends[0], self._legend(rows[-1], (0, 1), shown[0], "Reading: broad line ideal, thin line measured")
         )
@@ -131,37 +140,30 @@ class Curves:
         return skin.unit(sample.sense), deviation_unit(skin.channels(sample.sense, columns))
 
     def _begin(self) -> None:
-        """Drop the charts and what they showed; :meth:`draw` makes new ones, of the chosen taxels."""
-        self._drawn = self.chosen
+        """Hide the charts and drop what they showed; :meth:`draw` shows those of the chosen taxels."""
+        if self._labels:
+            for chart in self._charts[len(self._drawn) - 1]:
+                chart.visible = False
+        self._drawn, self._labels, self._largest = self.chosen, [], [0.0, 0.0]
         self._times.clear()
         self._rows.clear()
-        for chart in self._charts:
-            chart.remove()
-        self._charts = []
         if not self._drawn:
             _show(self._legends[0], _HINT)
             _show(self._legends[1], "")
 
-    def _make(self) -> None:
-        for chart in self._charts:
-            chart.remove()
-        none, pairs = np.zeros(1), list(zip(SERIES, self._drawn))
-        series = {
-            0: [each for colour, _ in pairs for each in (_line(colour + _IDEAL_ALPHA, 6), _line(colour, 1.5))],
-            1: [_line(colour, 1.5) for colour, _ in pairs],
-        }
-        axis: dict[str, Any] = {"labelSize": 18, "labelFont": "11px sans-serif", "font": "11px sans-serif"}
-        with self._folder:
-            self._charts = [
-                self._gui.add_uplot(
-                    (none,) * (len(lines) + 1), (viser.uplot.Series(label="time"), *lines), height=_CHART_PX,
-                    order=1.0 + 2 * k, legend=viser.uplot.Legend(show=False), cursor=viser.uplot.Cursor(show=False),
-                    scales={"x": viser.uplot.Scale(time=False, range=(-_SECONDS, 0.0))}, padding=(8, 12, 0, 0),
-                    axes=(viser.uplot.Axis(label="time before now [s]", size=28, **axis),
-                          viser.uplot.Axis(label=self._axes[k], size=46, **axis)),
-                )
-                for k, lines in series.items()
-            ]  # fmt: skip
+    def _chart(self, taxels: int, part: int) -> Any:
+        """Return a hidden chart; part 0: of ideal and measured readings, 1: of what is sent."""
+        lines = [
+            line
+            for colour in SERIES[:taxels]
+            for line in ((_line(colour + _IDEAL_ALPHA, 6), _line(colour, 1.5)) if part == 0 else (_line(colour, 1.5),))
+        ]
+        return self._gui.add_uplot(
+            (np.zeros(1),) * (len(lines) + 1), (viser.uplot.Series(label="time"), *lines), height=_CHART_PX,
+            order=_ORDERS[1 + 2 * part], legend=viser.uplot.Legend(show=False), cursor=viser.uplot.Cursor(show=False),
+            scales={"x": viser.uplot.Scale(time=False, range=(-_SECONDS, 0.0))}, padding=(8, 12, 0, 0),
+            axes=_axes(""), visible=False,
+        )  # fmt: skip
 
     def _legend(self, row: np.ndarray, parts: tuple[int, ...], shown: tuple[float, str], title: str) -> str:
         entries = []
@@ -180,6 +182,14 @@ _CURVES_HINT = (
     f"Add taxel: also show the selected taxel, up to {MAX_TAXELS}. Clear: show the next taxel that is touched."
 )
 _HINT = '<div class="tt"><p>No taxel is touched yet. Click taxels in the scene to see their curves.</p></div>'
+
+
+def _axes(label: str) -> tuple[viser.uplot.Axis, ...]:
+    style: dict[str, Any] = {"labelSize": 18, "labelFont": "11px sans-serif", "font": "11px sans-serif"}
+    return (
+        viser.uplot.Axis(label="time before now [s]", size=28, **style),
+        viser.uplot.Axis(label=label, size=46, **style),
+    )
 
 
 def _line(colour: str, width: float) -> viser.uplot.Series:
