@@ -48,6 +48,8 @@ else:
         tty.setraw(handle)
     request = bytes.fromhex(request)
     def ask():
+        if select.select([handle], [], [], 0)[0]:
+            return False  # the answer before was longer
         os.write(handle, request)
         left = size
         while left > 0 and select.select([handle], [], [], 2.0)[0]:
@@ -81,8 +83,8 @@ class Case:
 
 _READ_ONE = "55aa7b7b0e0070c0060500" + "7b0e040300" + "27" + "55aa7d7d"
 CASES = (
-    Case("pty", "paxini_gen2", {"models": ("L5325",) * 3}, "pty:{folder}/port", _READ_ONE, 25),
-    Case("tcp", "paxini_gen2", {"models": ("L5325",) * 3}, "tcp:127.0.0.1:0", _READ_ONE, 25),
+    Case("pty", "paxini_gen2", {"models": ("L5325",) * 3}, "pty:{folder}/port", _READ_ONE, 26),
+    Case("tcp", "paxini_gen2", {"models": ("L5325",) * 3}, "tcp:127.0.0.1:0", _READ_ONE, 26),
     Case("can", "linker_hand_l6", {}, "can:udp_multicast:239.74.163.78", "028#C2", 0),
 )
 
