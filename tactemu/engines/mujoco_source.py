@@ -31,6 +31,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from tactemu.base.errors import SceneError
+from tactemu.engines.mujoco_skeleton import skeleton
 from tactemu.geometry import rotation
 from tactemu.geometry.bodies import Body
 from tactemu.geometry.shapes.mesh import Mesh
@@ -123,7 +124,8 @@ class MujocoSource:
         """The ids of broken geoms, which are posed out of reach."""
         chosen = self._collision_geoms() if geoms is None else [self._id("geom", geom) for geom in geoms]
         for geom in chosen:
-            self._geoms[geom] = scene.add_body(self._shape(geom), name=self._name("geom", geom))
+            self._geoms[geom] = body = scene.add_body(self._shape(geom), name=self._name("geom", geom))
+            object.__setattr__(body, "skeleton", skeleton(model, geom))
 
     # -- naming -----------------------------------------------------------------------------------------------------
 

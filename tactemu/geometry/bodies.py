@@ -6,7 +6,7 @@ Lengths in metres. A shape's origin and axes are those of its body; a body's pos
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Protocol
 
@@ -43,6 +43,8 @@ class Body:
     motion: Motion | WorldMotion | None = None
     """The motion, evaluated at every step from the reset of each environment on; ``None``: the body stays where it is
     put."""
+    skeleton: list[list[float]] | None = field(default=None, repr=False)
+    """The lines between the joints of a link in its frame, (x, y, z, x, y, z) [m], for drawings; None: no link."""
 
     def pose(self, t_s: Times) -> Pose:
         """Return the world pose and velocities at ``t_s`` [s], or at an array of times, by the body's motion;

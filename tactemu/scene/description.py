@@ -66,6 +66,8 @@ class BodyDescription:
     """The options of the shape, or its ``vertices`` and ``faces``."""
     position: list[float]
     quaternion: list[float]
+    skeleton: list[list[float]] | None = None
+    """The lines between the joints of a link in its frame, (x, y, z, x, y, z) [m]; None: no link of a mechanism."""
     points: PointCloud | None = None
     """The points that are drawn; None if the sensors draw none."""
 
@@ -211,6 +213,7 @@ class SceneContext:
                 outline=body.shape.outline(body.name) if body.shape else {},
                 position=list(body.position),
                 quaternion=list(body.quaternion),
+                skeleton=body.skeleton,
                 points=clouds.get(body.index),
             )
             for body in self._simulation.bodies

@@ -1,36 +1,42 @@
-"""The scene in three dimensions: bodies, and on them taxels, forces, probes."""
+"""The scene in three dimensions: bodies and hands, on them boards of taxels, below them the ground."""
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Collection
 from typing import Any
 
 import numpy as np
 import trimesh
 import viser
 
-from tactemu.base.style import colours
 from tactemu.geometry import rotation
 from tactemu.scene.description import BodyDescription, PartDescription
 from tactemu.truth.entries import Sample
-from tactemu.view.conversions.display import in_contact, pitch
+from tactemu.view.conversions.display import pitch, prefixed
 from tactemu.view.conversions.taxel_tables import WORLD, parts_of
-from tactemu.view.page.feed import DescribedRun, PageState, magnitudes
+from tactemu.view.page.boards import Board
+from tactemu.view.page.camera import direction
+from tactemu.view.page.feed import DescribedRun, PageSkin, PageState, magnitudes
+from tactemu.view.page.ground import Ground, round_length
+from tactemu.view.page.hands import hand
+from tactemu.view.page.legend import Range, Row, style
+from tactemu.view.page.lights import add_lights, lit_model, mesh_colour
+from tactemu.view.page.shapes import Mesh, capsule, joined, rounded
 
-_GREY = (150, 155, 168)
+_GREY = (0.74, 0.77, 0.81)
 """The colour of bodies that viewers cannot move."""
-_BLUE = (96, 150, 200)
+_BLUE = (0.45, 0.68, 0.90)
 """The colour of bodies that viewers can drag."""
+_OPACITY = 0.28
+"""The opacity of bodies without taxels, through which one sees the taxels that they press."""
 _PLANE_M = 0.3
-_MAX_ARROW_PITCHES = 3.0
-"""Length of the arrow of the largest force so far [pitches]."""
-_MAX_ARROWS = 400
-"""Maximum number of arrows on a body: the largest forces are drawn."""
-_DISC_SIDES = 12
-"""Number of sides of a taxel's disc."""
-_MIN_HEXAGON_TAXELS = 1000
-"""Number of taxels from which on they are drawn as hexagons: a machine without a GPU draws each triangle."""
+_ARROW_PITCHES = 4.0
+"""The longest arrow [pitches], rounded down to a length that one can count on the grid."""
+_MAX_SEEN = 600
+"""Maximum number of taxels that the camera considers."""
+_SHADOW_POINTS = 15_000
+"""Number of points on the surfaces that throw shadows."""
 
 
 class Scene:
@@ -39,189 +45,173 @@ class Scene:
     Args:
         server: viser's server; its present scene is removed.
         run: the bodies and skins of the emulator.
+        movable: names of the bodies that viewers can drag.
     """
 
-    def __init__(self, server: viser.ViserServer, run: DescribedRun):
-        self._run = run
+    def __init__(self, server: viser.ViserServer, run: DescribedRun, movable: Collection[str] = ()):
+        self._run, self._movable = run, movable
         scene = server.scene
         scene.reset()
         scene.set_up_direction("+z")
-        scene.configure_environment_map(None)
-        scene.configure_default_lights(False, cast_shadow=False)
-        scene.add_light_ambient("/lights/all", intensity=1.2)
-        scene.add_light_directional("/lights/sun", intensity=1.0, position=(0.4, -0.6, 1.0), cast_shadow=False)
+        add_lights(scene)
         self.frames: dict[str, Any] = {WORLD: scene.add_frame("/world", show_axes=False)}
-        self.solids: dict[str, list[Any]] = {}
-        """The meshes of each body that a viewer can grab."""
+        self.solids: dict[str, Any] = {}
+        """The mesh of each body that a viewer can drag."""
         self.labels: dict[str, Any] = {}
-        for body in run.scene.bodies:
-            self._add_body(scene, body)
+        self._poses = {WORLD: (np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))}
+        self._surfaces: dict[str, np.ndarray] = {}
         parts = [(name, part) for name, skin in run.skins.items() for part in _parts(run, name, len(skin.layout))]
-        on = lambda pair: pair[1].body if pair[1].body in self.frames else WORLD  # noqa: E731
-        fine = sum(len(part.taxels) for _, part in parts) < _MIN_HEXAGON_TAXELS
-        self.boards = [
-            Board(scene, self.frames[body].name, list(group), fine=fine)
+        self._on = {
+            part.name: part.body if part.body in {b.name for b in run.scene.bodies} else WORLD for _, part in parts
+        }
+        hands = {self._on[part.name]: found for name, part in parts if (found := self._hand(name, part)) is not None}
+        carriers = {self._on[part.name] for _, part in parts}
+        for body in run.scene.bodies:
+            self._add_body(scene, body, is_carrier=body.name in carriers, has_hand=body.name in hands)
+        for body, mesh in hands.items():
+            self._add_hand(scene, body, mesh)
+        self.ranges = {name: _range(skin) for name, skin in run.skins.items()}
+        shared = {scale.quantity: scale for scale in self.ranges.values()}
+        self.ranges = {name: shared[scale.quantity] for name, scale in self.ranges.items()}
+        pitches = [pitch(part) for _, part in parts] or [1e-3]
+        self._arrow_m = round_length(_ARROW_PITCHES * float(np.median(pitches)))
+        on = lambda pair: self._on[pair[1].name]  # noqa: E731
+        taxels = sum(len(part.taxels) for _, part in parts)
+        patches = {name: skin.described.patches for name, skin in run.skins.items()}
+        self.boards = {
+            body: Board(scene, self.frames[body].name, list(group), patches, arrow_m=self._arrow_m, taxels=taxels)
             for body, group in itertools.groupby(sorted(parts, key=on), key=on)
-        ]
-        self._place_camera(server)
+        }
+        self._ground: Ground | None = None
+        self._scene = scene
+        self._vectors: set[str] = set()
 
-    def _add_body(self, scene: viser.SceneApi, body: BodyDescription) -> None:
+    # -- bodies --------------------------------------------------------------------------------------------------------
+
+    def _hand(self, skin: str, part: PartDescription) -> Mesh | None:
+        """Return the outline of a hand around a part that has patches on several fingers, in the frame of its body."""
+        taxels: dict[str, tuple[np.ndarray, np.ndarray]] = {}
+        for patch in self._run.skins[skin].described.patches:
+            here = (part.taxels >= patch.start) & (part.taxels < patch.start + len(patch))
+            taxels[patch.name] = part.positions[here], part.normals[here]
+        mesh = hand(taxels)
+        if mesh is None:
+            return None
+        turn = rotation.normalised(part.quaternion)
+        return Mesh(rotation.rotate(turn, mesh.vertices) + part.position, mesh.faces)
+
+    def _add_hand(self, scene: viser.SceneApi, body: str, mesh: Mesh) -> None:
+        model = lit_model(mesh, _GREY)
+        scene.add_glb(f"{self.frames[body].name}/hand", model, cast_shadow=False, receive_shadow=False)
+        self._surfaces[body] = _spread(mesh, _SHADOW_POINTS // 2)
+
+    def _add_body(self, scene: viser.SceneApi, body: BodyDescription, *, is_carrier: bool, has_hand: bool) -> None:
         path = f"/bodies/{_path(body.name)}"
-        self.frames[body.name] = scene.add_frame(
-            path, show_axes=False, position=np.array(body.position), wxyz=np.array(body.quaternion)
-        )
-        self.solids[body.name] = _solids(scene, path, body)
+        position, quaternion = np.array(body.position), np.array(body.quaternion)
+        self.frames[body.name] = scene.add_frame(path, show_axes=False, position=position, wxyz=quaternion)
+        self._poses[body.name] = position, quaternion
+        mesh = None if has_hand else _mesh(body)
+        if mesh is not None:
+            is_solid = is_carrier or body.skeleton is not None
+            self._add_shape(scene, f"{path}/shape", mesh, body, is_solid=is_solid)
+            if body.shape != "plane":
+                self._surfaces[body.name] = _spread(mesh, max(100, _SHADOW_POINTS // len(self._run.scene.bodies)))
         if body.points:
             red, green, blue = (round(255 * part) for part in body.points.color[:3])
             scene.add_point_cloud(
                 f"{path}/points", body.points.positions.astype(np.float32),
                 (red, green, blue), point_size=2 * body.points.radius, point_shape="circle",
             )  # fmt: skip
-        reach = _reach(body)
-        self.labels[body.name] = scene.add_label(f"{path}/label", "", position=(0.0, 0.0, 1.1 * reach), visible=False)
+        reach = 1.1 * _reach(body)
+        self.labels[body.name] = scene.add_label(f"{path}/label", "", position=(0.0, 0.0, reach), visible=False)
 
-    def _place_camera(self, server: viser.ViserServer) -> None:
-        """Place the camera so that it sees all bodies but endless planes."""
-        bodies = [body for body in self._run.scene.bodies if body.shape != "plane"]
-        places = [np.array(body.position) for body in bodies] or [np.zeros(3)]
-        reaches = [_reach(body) for body in bodies] or [0.05]
-        low = np.min([place - reach for place, reach in zip(places, reaches)], axis=0)
-        high = np.max([place + reach for place, reach in zip(places, reaches)], axis=0)
-        middle, size = (low + high) / 2, max(float(np.linalg.norm(high - low)), 0.01)
-        camera = server.initial_camera
-        camera.look_at, camera.up = middle, (0.0, 0.0, 1.0)
-        camera.position = middle + size * np.array([0.55, -1.1, 0.65])
-        camera.near, camera.far = size / 200, size * 50
+    def _add_shape(
+        self, scene: viser.SceneApi, path: str, mesh: Mesh, body: BodyDescription, *, is_solid: bool
+    ) -> None:
+        is_movable = body.name in self._movable
+        colour, opacity = _BLUE if is_movable else _GREY, 1.0 if is_solid else _OPACITY
+        if body.skeleton is None:
+            solid = scene.add_glb(path, lit_model(mesh, colour, opacity), cast_shadow=False, receive_shadow=False)
+        else:  # links turn, and with them light that is in their colours
+            solid = scene.add_mesh_simple(
+                path, mesh.vertices.astype(np.float32), mesh.faces.astype(np.uint32), color=mesh_colour(colour),
+                opacity=None if is_solid else _OPACITY, cast_shadow=False, receive_shadow=False,
+            )  # fmt: skip
+        if is_movable:
+            self.solids[body.name] = solid
+
+    # -- what viewers see ----------------------------------------------------------------------------------------------
+
+    def seen(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return the points that a camera should show, and the direction from them to it: the taxels, hands, and the
+        bodies near them."""
+        points, normals = [], []
+        for body, board in self.boards.items():
+            every = max(1, len(board.positions) // _MAX_SEEN)
+            points.append(self._world(body, board.positions[::every]))
+            normals.append(rotation.rotate(self._poses[body][1], board.normals[::every]))
+        skin = np.concatenate(points) if points else np.zeros((0, 3))
+        low, high = (skin.min(axis=0), skin.max(axis=0)) if len(skin) else (np.full(3, -np.inf), np.full(3, np.inf))
+        extent = max(float(np.linalg.norm(high - low)), 0.01)
+        for body, surface in self._surfaces.items():
+            at = self._world(body, surface)
+            gap = np.maximum(np.maximum(low - at, at - high), 0.0)
+            is_near = float(np.linalg.norm(gap, axis=1).min()) < 0.5 * extent
+            if body in self.boards or (is_near and float(np.ptp(at, axis=0).max()) < 2.5 * extent):
+                points.append(at)
+        towards = direction(np.concatenate(normals)) if normals else direction(np.zeros((0, 3)))
+        return (np.concatenate(points) if points else 0.05 * np.array([[-1.0, -1, -1], [1, 1, 1]])), towards
+
+    def _world(self, body: str, points: np.ndarray) -> np.ndarray:
+        position, quaternion = self._poses[body]
+        return rotation.rotate(quaternion, points) + position
 
     def draw(self, state: PageState) -> None:
-        """Show a state: move the bodies, and colour the taxels."""
+        """Show a state: move the bodies, colour the taxels, and draw the shadows."""
         for name, body in state.bodies.items():
             frame = self.frames.get(name)
             if frame is not None:
-                _set_pose(frame, body["position"], body["quaternion"])
-        for board in self.boards:
-            board.draw(state.samples)
+                self._poses[name] = np.asarray(body["position"], float), np.asarray(body["quaternion"], float)
+                _set_pose(frame, *self._poses[name])
+        for skin, sample in state.samples.items():
+            if skin in self.ranges and np.size(sample.measured):
+                self.ranges[skin].include(float(np.nanmax(magnitudes(sample.measured), initial=0.0)))
+                if np.shape(sample.measured)[1:] == (3,):
+                    self._vectors.add(self.ranges[skin].quantity)
+        for board in self.boards.values():
+            board.draw(state.samples, self.ranges)
+        if self._ground is None:
+            self._ground = self._make_ground()
+        self._ground.draw(self._poses)
+
+    def _make_ground(self) -> Ground:
+        """Return the ground, once the poses of all bodies are known."""
+        planes = [
+            self._poses[body.name][0][2]
+            for body in self._run.scene.bodies
+            if body.shape == "plane" and abs(self._poses[body.name][1][0]) > 1 - 1e-6
+        ]
+        points, _ = self.seen()
+        return Ground(self._scene, self._surfaces, [points], max(planes, default=None))
+
+    def legend(self) -> str:
+        """Return the style sheet with the legend of the scene."""
+        rows = []
+        for scale in {id(each): each for each in self.ranges.values()}.values():
+            factor, unit = prefixed(scale.top, scale.unit)
+            top = f"{scale.top * factor:.4g} {unit}" if scale.top else f"no contact yet [{unit}]"
+            half = f"{scale.top * factor / 2:.4g}" if scale.top else ""
+            arrow = f"{self._arrow_m * 1e3:.3g} mm = {top}" if scale.quantity in self._vectors and scale.top else ""
+            rows.append(Row(f"measured {scale.quantity} of a taxel", top, half, arrow))
+        grid = f"grid {self._ground.step * 1e3:g} mm" if self._ground else ""
+        return style(rows[:3], grid)
 
 
-class Board:
-    """All taxels on one body: one batched mesh of discs, arrows, and what sensors with ``draw_debug`` show.
-
-    Args:
-        scene: viser's scene.
-        path: the path of the body in it.
-        parts: the parts of skins on the body, each with the name of its skin.
-        fine: draw taxels as discs with an edge; else as flat hexagons, a tenth of the work.
-    """
-
-    def __init__(
-        self, scene: viser.SceneApi, path: str, parts: Sequence[tuple[str, PartDescription]], *, fine: bool = True
-    ):
-        self._parts = list(parts)
-        self._pitches = np.concatenate([np.full(len(part.taxels), pitch(part)) for _, part in parts])
-        placed = [_placed(part) for _, part in parts]
-        self._positions = np.concatenate([each[0] for each in placed])
-        normals = np.concatenate([each[1] for each in placed])
-        self.owners = [(skin, int(taxel)) for skin, part in parts for taxel in part.taxels]
-        self._most: dict[str, float] = {}
-        self._colours = np.zeros((len(self.owners), 3), np.uint8)
-        disc = trimesh.creation.cylinder(radius=0.42, height=0.12, sections=_DISC_SIDES) if fine else _hexagon()
-        self.discs = scene.add_batched_meshes_simple(
-            f"{path}/taxels", disc.vertices, disc.faces, _turned(normals), self._positions,
-            batched_scales=self._pitches.astype(np.float32), batched_colors=self._colours, lod="off",
-            cast_shadow=False, receive_shadow=False, flat_shading=True,
-        )  # fmt: skip
-        size = float(np.median(self._pitches)) if len(self._pitches) else 1e-3
-        self._arrows = scene.add_arrows(
-            f"{path}/forces", np.zeros((1, 2, 3), np.float32), (235, 70, 60), shaft_radius=0.07 * size,
-            head_radius=0.2 * size, head_length=0.45 * size, visible=False,
-        )  # fmt: skip
-        self._probes = [_Probes(scene, f"{path}/{_path(part.name)}", skin, part) for skin, part in parts if part.draw]
-
-    def draw(self, samples: dict[str, Sample]) -> None:
-        """Colour the taxels by their measured values, relative to the largest of their skin so far."""
-        painted, vectors = [], []
-        for skin, part in self._parts:
-            sample, n = samples.get(skin), len(part.taxels)
-            if sample is None or len(sample.measured) <= part.taxels.max(initial=-1):
-                painted.append(np.zeros(n))
-                vectors.append(np.zeros((n, 3)))
-                continue
-            size = magnitudes(sample.measured)
-            most = self._most[skin] = max(self._most.get(skin, 0.0), float(np.nanmax(size, initial=0.0)))
-            painted.append(size[part.taxels] / (most or 1.0))
-            vectors.append(_vectors(sample, part, most))
-        now = (255 * colours(np.concatenate(painted))).round().astype(np.uint8)
-        if (now != self._colours).any():
-            self._colours = self.discs.batched_colors = now
-        self._draw_arrows(np.concatenate(vectors))
-        for probes in self._probes:
-            probes.draw(samples)
-
-    def _draw_arrows(self, vectors: np.ndarray) -> None:
-        """Draw the forces as arrows that end at the taxels, because they press from outside."""
-        length = np.linalg.norm(vectors, axis=1)
-        pressed = np.flatnonzero(length > 0.02)
-        if len(pressed) > _MAX_ARROWS:
-            pressed = np.argpartition(-length, _MAX_ARROWS)[:_MAX_ARROWS]
-        if len(pressed):
-            ends = self._positions[pressed]
-            ways = vectors[pressed] * (_MAX_ARROW_PITCHES * self._pitches[pressed])[:, None]
-            self._arrows.points = np.stack([ends - ways, ends], axis=1).astype(np.float32)
-        if self._arrows.visible != bool(len(pressed)):
-            self._arrows.visible = bool(len(pressed))
-
-
-class _Probes:
-    """The probes of a sensor with ``draw_debug``: spheres that change their colour in contact."""
-
-    def __init__(self, scene: viser.SceneApi, path: str, skin: str, part: PartDescription):
-        assert part.draw is not None
-        self._skin, self._part, draw = skin, part, part.draw
-        self._probe_colour, self._contact_colour = np.array(draw.probe_color[:3]), np.array(draw.contact_color[:3])
-        places, _ = _placed(part, draw.probes)
-        n = len(places)
-        self._was_in_contact = np.zeros(n, bool)
-        ball = trimesh.creation.icosphere(subdivisions=2)
-        turns = np.tile((1.0, 0.0, 0.0, 0.0), (n, 1))
-        settings: dict[str, Any] = {"lod": "off", "cast_shadow": False, "receive_shadow": False}
-        self._balls = [
-            scene.add_batched_meshes_simple(
-                f"{path}/probes", ball.vertices, ball.faces, turns, places, batched_colors=self._painted(),
-                batched_scales=np.full(n, draw.center_radius, np.float32), **settings,
-            )
-        ]  # fmt: skip
-        if draw.opacity:
-            self._balls.append(
-                scene.add_batched_meshes_simple(
-                    f"{path}/radii", ball.vertices, ball.faces, turns, places, batched_colors=self._painted(),
-                    batched_scales=draw.radii.astype(np.float32), opacity=draw.opacity, **settings,
-                )
-            )  # fmt: skip
-
-    def _painted(self) -> np.ndarray:
-        return (
-            (255 * np.where(self._was_in_contact[:, None], self._contact_colour, self._probe_colour))
-            .round()
-            .astype(np.uint8)
-        )
-
-    def draw(self, samples: dict[str, Sample]) -> None:
-        """Colour them by contact."""
-        sample = samples.get(self._skin)
-        if sample is None or len(sample.ideal) <= self._part.taxels.max(initial=-1):
-            return
-        now = in_contact(sample)[self._part.taxels]
-        if len(now) == len(self._was_in_contact) and (now != self._was_in_contact).any():
-            self._was_in_contact = now
-            for balls in self._balls:
-                balls.batched_colors = self._painted()
-
-
-def _hexagon() -> trimesh.Trimesh:
-    """Return a flat hexagon that is visible from outside only."""
-    turns = np.arange(6) * np.pi / 3
-    corners = np.stack([0.45 * np.cos(turns), 0.45 * np.sin(turns), np.full(6, 0.06)], axis=1)
-    return trimesh.Trimesh(corners, [(0, k, k + 1) for k in range(1, 5)], process=False)
+def _range(skin: PageSkin) -> Range:
+    """Return the range of a skin's first quantity that has a value for each taxel."""
+    taxels = len(skin.layout)
+    sense = next((key for key, each in skin.described.senses.items() if each.points in (0, taxels)), "")
+    return Range(skin.quantity(sense), skin.unit(sense))
 
 
 def _parts(run: DescribedRun, skin: str, taxels: int) -> list[PartDescription]:
@@ -229,31 +219,7 @@ def _parts(run: DescribedRun, skin: str, taxels: int) -> list[PartDescription]:
     return parts_of(run.scene, Sample(0, skin, nothing, nothing, nothing)) if taxels else []
 
 
-def _placed(part: PartDescription, positions: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
-    """Return places and normals in the frame of the body."""
-    turn = rotation.normalised(part.quaternion)
-    places = part.positions if positions is None else positions
-    return rotation.rotate(turn, places) + part.position, rotation.rotate(turn, part.normals)
-
-
-def _turned(normals: np.ndarray) -> np.ndarray:
-    """Return the rotations that take z to the normals, as quaternions (w, x, y, z)."""
-    x, y, z = normals.T
-    turns = np.stack([1 + z, -y, x, 0 * z], axis=1)
-    turns[z < -1 + 1e-9] = (0.0, 1.0, 0.0, 0.0)
-    return turns / np.linalg.norm(turns, axis=1, keepdims=True)
-
-
-def _vectors(sample: Sample, part: PartDescription, most: float) -> np.ndarray:
-    """Return the forces on the taxels in the frame of the body, 1 for the largest so far; zeros if readings are no
-    vectors."""
-    if np.shape(sample.measured)[1:] != (3,) or not most:
-        return np.zeros((len(part.taxels), 3))
-    values = np.nan_to_num(np.asarray(sample.measured, float)[part.taxels] / most)
-    return rotation.rotate(rotation.normalised(part.quaternion), values)
-
-
-def _set_pose(frame: Any, position: Sequence[float], quaternion: Sequence[float]) -> None:
+def _set_pose(frame: Any, position: np.ndarray, quaternion: np.ndarray) -> None:
     """Set the pose of a frame only if it has changed, because viser sends every assignment to the viewers."""
     if not np.array_equal(frame.position, position):
         frame.position = position
@@ -275,28 +241,43 @@ def _reach(body: BodyDescription) -> float:
     return float(outline.get("radius", 0.0)) + float(outline.get("length", 0.0)) / 2
 
 
-def _solids(scene: viser.SceneApi, path: str, body: BodyDescription) -> list[Any]:
-    """Return the meshes of a body, in its frame."""
-    outline, name = body.outline, f"{path}/shape"
-    look: dict[str, Any] = {"color": _GREY, "opacity": 0.55, "cast_shadow": False, "receive_shadow": False}
+def _mesh(body: BodyDescription) -> Mesh | None:
+    """Return the mesh of a body, in its frame, with the capsules between its joints; None if it has no shape."""
+    mesh = _shape(body)
+    if mesh is None or not body.skeleton:
+        return mesh
+    radius = 0.45 * float(np.ptp(mesh.vertices, axis=0).min())
+    return joined([mesh, *(capsule(np.array(line[:3]), np.array(line[3:]), radius) for line in body.skeleton)])
+
+
+def _shape(body: BodyDescription) -> Mesh | None:
+    outline = body.outline
     if "faces" in outline:
-        vertices, faces = np.array(outline["vertices"], np.float32), np.array(outline["faces"], np.uint32)
-        return [scene.add_mesh_simple(name, vertices, faces, side="double", **look)]
+        return Mesh(np.array(outline["vertices"], float).reshape(-1, 3), np.array(outline["faces"]).reshape(-1, 3))
     if body.shape == "box":
-        return [scene.add_box(name, dimensions=tuple(outline["size"]), **look)]
+        half = np.array(outline["size"], float) / 2
+        return rounded(half, 0.22 * float(half.min()))
     if body.shape == "plane":
-        return [scene.add_box(name, dimensions=(_PLANE_M, _PLANE_M, 1e-4), position=(0, 0, -5e-5), **look)]
+        return rounded((_PLANE_M / 2, _PLANE_M / 2, 5e-5), 1e-5).moved(np.eye(3), np.array([0.0, 0.0, -5e-5]))
     if body.shape == "sphere":
-        return [scene.add_icosphere(name, radius=outline["radius"], subdivisions=4, **look)]
-    if body.shape in ("cylinder", "capsule"):
-        make = trimesh.creation.cylinder if body.shape == "cylinder" else trimesh.creation.capsule
-        mesh = make(radius=outline["radius"], height=outline["length"])
-        mesh.apply_translation(-mesh.bounds.mean(axis=0))
-        return [scene.add_mesh_simple(name, mesh.vertices, mesh.faces, **look)]
-    return []
+        ball = trimesh.creation.icosphere(subdivisions=3, radius=outline["radius"])
+        return Mesh(np.asarray(ball.vertices), np.asarray(ball.faces))
+    if body.shape == "capsule":
+        end = np.array([0.0, 0.0, outline["length"] / 2])
+        return capsule(-end, end, outline["radius"], 6)
+    if body.shape == "cylinder":
+        mesh = trimesh.creation.cylinder(radius=outline["radius"], height=outline["length"])
+        return Mesh(np.asarray(mesh.vertices - mesh.bounds.mean(axis=0)), np.asarray(mesh.faces))
+    return None
 
 
-def paint(solids: Sequence[Any], *, movable: bool) -> None:
-    """Show whether a body can be dragged."""
-    for each in solids:
-        each.color = _BLUE if movable else _GREY
+def _spread(mesh: Mesh, count: int) -> np.ndarray:
+    """Return points that are spread evenly over a mesh, always the same ones."""
+    corners = mesh.vertices[mesh.faces]
+    areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    if not areas.sum():
+        return mesh.vertices[:1]
+    random = np.random.default_rng(0)
+    chosen = random.choice(len(corners), count, p=areas / areas.sum())
+    a, b = np.sort(random.random((2, count, 1)), axis=0)
+    return corners[chosen, 0] * a + corners[chosen, 1] * (b - a) + corners[chosen, 2] * (1 - b)

@@ -7,11 +7,14 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
+import numpy as np
 import viser
 
 from tactemu.base.errors import TactemuError
 from tactemu.control.client import Connection
-from tactemu.view.page.bodies import Board, Scene, paint
+from tactemu.view.page.boards import Board
+from tactemu.view.page.bodies import Scene
+from tactemu.view.page.camera import Cameras
 from tactemu.view.page.feed import DescribedRun, PageSkin, PageState, page_state
 from tactemu.view.page.guard import SCHEME, Gate, behind_gate
 from tactemu.view.page.panel import Panel, holder_text
@@ -44,6 +47,9 @@ class Page:
         self._closed = threading.Event()
         self._scene: Scene | None = None
         self._panel: Panel | None = None
+        self._cameras = Cameras(self._server, self._seen)
+        self._is_new = True
+        self._legend: Any = None
         self._viewer_commands: ViewerCommands | None = None
         self._run = DescribedRun({})
         self._last = PageState(0.0, {})
@@ -51,15 +57,15 @@ class Page:
 
         @self._server.on_client_connect
         def _(client: viser.ClientHandle) -> None:
+            self._cameras.admit(client)
             _welcome(client)
 
         @self._server.on_client_disconnect
         async def _(client: viser.ClientHandle) -> None:
+            self._cameras.forget(client)
             for body, viewer in list(self._viewer_commands.holders.items() if self._viewer_commands else ()):
                 if viewer == client.client_id and self._viewer_commands:
                     self._viewer_commands.release(viewer, body)
-
-        gate.is_server_ready = True
 
     def show(self, connect: Callable[[], Connection]) -> None:
         """Show an emulator until it ends.
@@ -95,16 +101,17 @@ class Page:
 
     def _make(self, connection: Connection) -> None:
         assert self._viewer_commands is not None
-        self._scene = Scene(self._server, self._run)
-        self._panel = Panel(self._server, self._run, self._viewer_commands, self._datasheet, self._title)
-        movable = set(connection.about.get("bodies", ()))
-        for name, solids in self._scene.solids.items():
-            if name in movable:
-                paint(solids, movable=True)
-                for solid in solids:
-                    self._enable_drag(name, solid)
-        for board in self._scene.boards:
+        self._scene = Scene(self._server, self._run, connection.about.get("bodies", ()))
+        self._panel = Panel(
+            self._server, self._run, self._viewer_commands, self._datasheet, self._title, self._cameras.show
+        )
+        for name, solid in self._scene.solids.items():
+            self._enable_drag(name, solid)
+        for board in self._scene.boards.values():
             self._enable_click(board)
+        self._legend = self._server.gui.add_html("")
+        self._cameras.place_first()
+        self._is_new = True
 
     def _watch(self, connection: Connection) -> None:
         """Draw states until the first viewer comes, the last one goes, or another skin is selected."""
@@ -127,6 +134,8 @@ class Page:
         self._last = state
         with self._server.atomic():
             self._scene.draw(state)
+            if self._legend.content != (legend := self._scene.legend()):
+                self._legend.content = legend
             for name, label in self._scene.labels.items():
                 body = state.bodies.get(name, {})
                 held = bool(body.get("in_hand")) and name in self._viewer_commands.holders
@@ -135,6 +144,14 @@ class Page:
                 if held and label.text != (words := holder_text(self._viewer_commands.holders.get(name))):
                     label.text = words
             self._panel.draw(state, self._viewer_count())
+        if self._is_new:  # a physics engine has moved the bodies since they were described
+            self._is_new = False
+            self._cameras.show_again()
+            self._gate.is_server_ready = True
+
+    def _seen(self) -> tuple[np.ndarray, np.ndarray]:
+        assert self._scene is not None
+        return self._scene.seen()
 
     def _viewer_count(self) -> str:
         viewers = self._gate.viewers

@@ -35,6 +35,7 @@ class Panel:
         viewer_commands: sends the commands.
         datasheet: returns the lines of a device's datasheet, or why there is none.
         title: the title of the page.
+        show_skin: places the camera of a viewer before the skin.
     """
 
     def __init__(
@@ -44,6 +45,7 @@ class Panel:
         viewer_commands: ViewerCommands,
         datasheet: Callable[[PageSkin], Sequence[str]],
         title: str,
+        show_skin: Callable[[viser.ClientHandle], None],
     ):
         self._run, self._viewer_commands, self._datasheet = run, viewer_commands, datasheet
         self._next_read_s = self._t_s = 0.0
@@ -60,6 +62,7 @@ class Panel:
         self._skin = gui.add_dropdown("skin", names, hint="Its pictures, numbers, wire and datasheet are shown")
         self._taxel = gui.add_number("taxel", 0, min=0, step=1, hint="The taxel to press; or click one in the scene")
         self._controls = Controls(gui, run, viewer_commands, self._target, self._command_done)
+        self._controls.add_key("F", "Find the skin: it fills the scene", show_skin)
         self._controls.add_key("N", "Show the next skin", lambda client: self._show_next_skin())
         self._controls.add_key("H", "Hold pictures, curves and wire, or go on", lambda client: self._toggle_hold())
         self._controls.add_keys_section()
