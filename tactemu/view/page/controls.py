@@ -191,11 +191,10 @@ class Controls:
         async def _(event: Any) -> None:
             pressed(event.client)
 
-    def add_keys_section(self, others: Sequence[tuple[str, str]] = ()) -> None:
-        """Add the section that lists all keys; ``others`` are those of the scene."""
+    def add_keys_section(self) -> None:
+        """Add the section that lists all keys."""
         rows = "".join(
-            f"<tr><td><kbd>{escape(key)}</kbd></td><td>{escape(label)}</td></tr>"
-            for key, label in (*self._keys, *others)
+            f"<tr><td><kbd>{escape(key)}</kbd></td><td>{escape(label)}</td></tr>" for key, label in self._keys
         )
         with self._gui.add_folder("Keys"):
             self._gui.add_html(f'<div class="tt"><table class="tt-keys">{rows}</table></div>')

@@ -112,7 +112,7 @@ class Curves:
             max(largest, float(np.nanmax(part, initial=0.0))) for largest, part in zip(self._largest, (read, sent))
         ]
         shown = [_shared(largest, [unit[k] for unit in units]) for k, largest in enumerate(self._largest)]
-        labels = [f"reading [{shown[0][1]}]", f"change [{shown[1][1]}]"]
+        labels = [unit for _, unit in shown]
         charts = self._charts[len(self._drawn) - 1]
         for chart, part, (factor, _), label in zip(charts, (read, sent), shown, labels):
             chart.data = (times, *(part * factor).T)
