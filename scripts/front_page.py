@@ -21,8 +21,6 @@ DOCS = ROOT / "docs"
 PICTURES = DOCS / "pictures"
 SCENE, SECONDS, RATE_HZ = "tactemu/scene/demo.toml", 8.0, 20.0
 """What is recorded, for how long, and the pictures in a second."""
-NEARER = 0.5
-"""The distance of the camera, of that on the page: the picture is small."""
 JUDGE = "judge optoforce --seed 1 --budget 90s --html card.html -- python driver.py {port}"
 FRONT = ["normal force"]
 """The metric of the picture of the front page."""
@@ -30,12 +28,12 @@ FRONT = ["normal force"]
 
 def live() -> None:
     """Write live.viser, and live.json with the camera."""
-    import numpy as np
     import viser
 
     import tactemu as tt
     from tactemu.control.client import connect
     from tactemu.view.page.bodies import Scene
+    from tactemu.view.page.camera import Cameras
     from tactemu.view.page.feed import DescribedRun, page_state
 
     server = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
@@ -54,11 +52,11 @@ def live() -> None:
             if now.t_s >= end_s:
                 break
         (PICTURES / "live.viser").write_bytes(recording.serialize())
+        Cameras(server, scene.seen).place_first()
         camera = server.initial_camera
-        target = np.array(camera.look_at)
-        places = {"position": target + NEARER * (np.array(camera.position) - target), "look_at": target}
+        about = {"position": camera.position, "look_at": camera.look_at, "fov": [camera.fov]}
     server.stop()
-    about = {name: [round(float(each), 4) for each in place] for name, place in places.items()}
+    about = {name: [round(float(each), 4) for each in place] for name, place in about.items()}
     (PICTURES / "live.json").write_text(json.dumps(about) + "\n", encoding="utf-8")
 
 

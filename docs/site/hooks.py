@@ -133,7 +133,7 @@ def _svg(name: str) -> str:
 def _front() -> str:
     """Return what the front page shows side by side: the live page, recorded; a report card; the trade-off."""
     about = json.loads((PICTURES / "live.json").read_text())
-    places = {f"initialCamera{name}": about[key] for name, key in (("Position", "position"), ("LookAt", "look_at"))}
+    places = {f"initialCamera{name}": about[key] for name, key in (("Position", "position"), ("LookAt", "look_at"), ("Fov", "fov"))}
     query = "&amp;".join(f"{name}={','.join(map(str, place))}" for name, place in places.items())
     card = re.sub(r".*<body[^>]*>|</body>.*| id=\"[^\"]*\"", "", (PICTURES / "card.html").read_text(), flags=re.DOTALL)
     command = html.unescape(re.findall(r"<footer>Made by <code>(.*?)</code>", card)[0])
