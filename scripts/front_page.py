@@ -27,7 +27,7 @@ FRONT = ["normal force"]
 
 
 def live() -> None:
-    """Write live.viser, and live.json with the camera."""
+    """Write live.viser, and live.json with the camera and the legend."""
     import viser
 
     import tactemu as tt
@@ -57,7 +57,7 @@ def live() -> None:
         about = {"position": camera.position, "look_at": camera.look_at, "fov": [camera.fov]}
     server.stop()
     about = {name: [round(float(each), 4) for each in place] for name, place in about.items()}
-    (PICTURES / "live.json").write_text(json.dumps(about) + "\n", encoding="utf-8")
+    (PICTURES / "live.json").write_text(json.dumps({**about, "legend": scene.legend()}) + "\n", encoding="utf-8")
 
 
 def card() -> None:

@@ -120,9 +120,10 @@ def _of_package(name: str, path: str) -> tuple[bytes, str]:
 def _recorded(player: bytes) -> str:
     """Return viser's player with the recording in it, so that it also plays from a file that no server serves."""
     recording = base64.b64encode((PICTURES / "live.viser").read_bytes()).decode()
+    legend = json.loads((PICTURES / "live.json").read_text())["legend"]
     quiet = "<style>.mantine-Notifications-root { display: none; }</style>"
     head, found, rest = player.decode().partition("</head>")
-    return f'{head}{quiet}<script>window.__VISER_EMBED_DATA__ = "{recording}";</script>{found}{rest}'
+    return f'{head}{legend}{quiet}<script>window.__VISER_EMBED_DATA__ = "{recording}";</script>{found}{rest}'
 
 
 def _svg(name: str) -> str:
@@ -133,7 +134,10 @@ def _svg(name: str) -> str:
 def _front() -> str:
     """Return what the front page shows side by side: the live page, recorded; a report card; the trade-off."""
     about = json.loads((PICTURES / "live.json").read_text())
-    places = {f"initialCamera{name}": about[key] for name, key in (("Position", "position"), ("LookAt", "look_at"), ("Fov", "fov"))}
+    places = {
+        f"initialCamera{name}": about[key]
+        for name, key in (("Position", "position"), ("LookAt", "look_at"), ("Fov", "fov"))
+    }
     query = "&amp;".join(f"{name}={','.join(map(str, place))}" for name, place in places.items())
     card = re.sub(r".*<body[^>]*>|</body>.*| id=\"[^\"]*\"", "", (PICTURES / "card.html").read_text(), flags=re.DOTALL)
     command = html.unescape(re.findall(r"<footer>Made by <code>(.*?)</code>", card)[0])

@@ -31,6 +31,8 @@ RAMP = ("#363861", "#5a3e88", "#8a4096", "#c23f83", "#e6536b", "#fe7353", "#ff9b
 
 Its lightness rises all the way, so that the order of readings is visible without colour vision.
 """
+ARROW = "#218cf2"
+"""The colour of forces in the scene of the live page: no reading has it."""
 NAN = "#00d9bf"
 """The colour of a reading that is not a number: turquoise, which the scale does not contain."""
 THEMES = {
@@ -44,6 +46,8 @@ THEMES = {
     "good": ("#00704e", "#3ecf9f"),
     "odd": ("#8a5a00", "#e5ad45"),
     "bad": ("#b23c00", "#ff8f5e"),
+    "sky": ("#fbfcfd", "#2c313a"),
+    "haze": ("#e3e8ee", "#16191e"),
     "mark": ("#ffdcc9", "#6b2a0c"),
 }
 """The colours of text and surfaces by name: on a light page, on a dark page."""

@@ -10,13 +10,13 @@ import trimesh
 import viser
 
 from firmware_protocols.layouts import Patch
-from tactemu.base.style import colours, rgb
+from tactemu.base.style import ARROW, colours, rgb
 from tactemu.geometry import rotation
 from tactemu.scene.description import PartDescription
 from tactemu.truth.entries import Sample
 from tactemu.view.conversions.display import in_contact, pitch
 from tactemu.view.page.feed import magnitudes
-from tactemu.view.page.legend import ARROW, Range
+from tactemu.view.page.legend import Range
 from tactemu.view.page.lights import instance_colours, mesh_colour
 from tactemu.view.page.shapes import Mesh, carrier, joined
 

@@ -12,7 +12,7 @@ from html import escape
 
 import numpy as np
 
-from tactemu.base.style import NAN, RAMP
+from tactemu.base.style import ARROW, NAN, RAMP, THEMES
 from tactemu.view.page.ground import round_length
 
 WIDTH_PX, HEIGHT_PX, INSET_PX = 284, 66, 10
@@ -20,13 +20,6 @@ CANVAS = "canvas[data-engine]"
 """The canvas on which the page draws."""
 _BAR_PX = 8, 24, 150, 11
 """The left, top, width and height of a colour bar in its row [pixels]."""
-ARROW = "#218cf2"
-"""The colour of the arrows."""
-_INKS = {"light": "#343a46", "dark": "#dfe3ea"}
-_BACKGROUNDS = {
-    "light": "radial-gradient(120% 90% at 50% 42%, #fbfcfd, #e3e8ee 85%)",
-    "dark": "radial-gradient(120% 90% at 50% 42%, #2c313a, #16191e 85%)",
-}
 
 
 class Range:
@@ -63,11 +56,11 @@ def style(rows: list[Row], grid: str) -> str:
     """Return the style sheet of the canvas, with the legend of the quantities and of the grid."""
     height = max(len(rows), 1) * HEIGHT_PX
     sheets = []
-    for scheme, ink in _INKS.items():
+    for scheme, ink, sky, haze in zip(("light", "dark"), THEMES["text"], THEMES["sky"], THEMES["haze"]):
         picture = b64encode(_svg(rows, grid, ink, height).encode()).decode()
         root = f':root[data-mantine-color-scheme="{scheme}"]'
         sheets.append(
-            f"{root} {CANVAS} {{ background: {_BACKGROUNDS[scheme]}; }}"
+            f"{root} {CANVAS} {{ background: radial-gradient(120% 90% at 50% 42%, {sky}, {haze} 85%); }}"
             f"{root} div:has(> {CANVAS})::after {{ background-image: url(data:image/svg+xml;base64,{picture}); }}"
         )
     sheets.append(
