@@ -208,7 +208,7 @@ def ball_rows_kernel(real, with_slide: bool):
     cells_struct, overlap_struct = cells_type(real), overlap_type(real)
     find_row = ball_row(real, cells_struct, overlap_struct, with_slide, NO_SURFACE)
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @warp_kernel
     def find_rows(first_env: int, sensed: sensed_type(real), cells: cells_struct, over: overlap_struct, parts: int):
         env, y, _part = wp.tid()
         env = natural(env + first_env)
