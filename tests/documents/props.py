@@ -128,6 +128,12 @@ def infer(reader: Reader) -> None:
     record(reader, "presses.mcap", seconds=20.0)
 
 
+def judge(reader: Reader) -> None:
+    (reader.folder / "my_driver.py").write_text(of_the_tutorial())
+    (reader.folder / "mypkg").mkdir()
+    reader.copy("anyskin.py", "mypkg/driver.py")
+
+
 def live_control(reader: Reader) -> None:
     testing(reader)
     reader.names["trajectory"] = [(0, 0, 0.03), (0, 0, 0.02)]
@@ -189,6 +195,7 @@ PAGES: dict[str, Callable[[Reader], None]] = {
     "gymnasium.md": lambda reader: reader.replaced.extend(SMALL),
     "imperfections.md": imperfections,
     "infer.md": infer,
+    "judge.md": judge,
     "live-control.md": live_control,
     "testing-a-driver.md": testing,
     "transducers.md": transducers,

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""A driver of an AnySkin: ``anyskin.py [PORT]`` prints its values for half a second; default: the first port."""
+"""A driver of an AnySkin: ``anyskin.py [PORT]`` prints its values; of the first port, for half a second."""
 
 import struct
 import sys
@@ -26,11 +26,20 @@ class MyDriver:
                 return np.array(struct.unpack("<20f", frame[: SIZE - 2]))
 
 
+def read(port):
+    """Yield readings without end."""
+    driver = MyDriver(port)
+    while True:
+        yield driver.latest()
+
+
 def main():
-    driver = MyDriver(sys.argv[1] if len(sys.argv) > 1 else min(port.device for port in list_ports.comports()))
+    port = sys.argv[1] if len(sys.argv) > 1 else min(each.device for each in list_ports.comports())
     end = time.monotonic() + 0.5
-    while time.monotonic() < end:
-        print(*driver.latest(), sep=",", flush=True)
+    for reading in read(port):
+        print(*reading, sep=",", flush=True)
+        if len(sys.argv) == 1 and time.monotonic() > end:
+            break
 
 
 if __name__ == "__main__":
