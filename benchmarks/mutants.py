@@ -189,8 +189,8 @@ MUTANTS = (
     Mutant(
         "lateness: percentile over unused slots",
         "tactemu/base/statistics.py",
-        "kept = self._values[: min(self.count, len(self._values))]\n        return float(",
-        "kept = self._values\n        return float(",
+        "kept = self._values[: min(self.count, len(self._values))]\n        if not",
+        "kept = self._values\n        if not",
         STATISTICS,
         "test_percentiles_are_those_of_the_deadlines_so_far",
     ),

@@ -20,7 +20,8 @@ from tactemu.scene.building import build_scene, make_devices
 from tactemu.scene.engine_tables import BatchTable
 from tactemu.scene.file import LoadedScene, load
 from tactemu.scene.placement import PlacedSkin
-from tactemu.sensors.sensor import Sensor, pick, reading_array
+from tactemu.sensors.arrays import pick
+from tactemu.sensors.sensor import Sensor, reading_array
 
 UNITS = {"force": "N", "pressure": "Pa", "depth": "m", "displacement": "m", "torque": "N m", "touch": ""}
 IS_TRUTH = {"ideal": True, "measured": False}
@@ -163,6 +164,7 @@ class _QuantityReader:
         found = []
         for part in self._skin.parts:
             values = pick(part.sensor, self._quantity, hosts[part.sensor, self._truth].numpy())
+            values = values > 0 if self._quantity == "touch" else values
             found.append(part.to_device_frame(values) if self.column.shape[1:] else values)
         if len(found) == 1:
             return found[0]

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING, Any, cast
 
+import numpy as np
 import warp as wp
 
 from tactemu.base.errors import SceneError
@@ -130,3 +131,20 @@ class SensorArrays:
                 raise SceneError(f"sensor {self._sensor!r} has no array {name!r}; it has: {', '.join(self._makers)}")
             made = vars(self)[name] = self._makers[name]()
             return made
+
+
+def pick(sensor: Any, name: str, values: np.ndarray) -> np.ndarray:
+    """Return one quantity of a host copy of a reading: a view, ``(n_envs, n_taxels)`` or ``(n_envs, n_taxels, 3)``.
+
+    Of a history it is that of the latest entry; of ``touch`` it is above 0 where there is contact. The copy is one of
+    :func:`tactemu.sensors.sensor.reading_array`.
+
+    Raises:
+        SceneError: this sensor does not offer it.
+    """
+    layouts = sensor._layouts
+    if name not in layouts:
+        has, kind = ", ".join(layouts) or "none", type(sensor.model).__name__
+        raise SceneError(f"sensor {sensor.name!r} ({kind}) has no {name!r}; it offers: {has}")
+    values = (values[:, 0] if values.ndim == 4 else values)[..., layouts[name]]
+    return values[..., 0] if values.shape[-1] == 1 or name == "touch" else values

@@ -21,7 +21,7 @@ from tactemu.imperfections import Adjustments, Imperfections
 from tactemu.imperfections.adjustments import Chosen
 from tactemu.plan.array_types import WarpArray
 from tactemu.plan.plan import Plan, Stage
-from tactemu.sensors.arrays import SensorArrays
+from tactemu.sensors.arrays import SensorArrays, pick
 from tactemu.sensors.probe_layout import Probes
 from tactemu.sensors.sensor_model import Derive, R, SensorModel
 from tactemu.sensors.signs import Convention
@@ -237,15 +237,9 @@ class Sensor(Adjustments, Generic[R]):
 
     def _view(self, name: str, ground_truth: bool) -> np.ndarray:
         """Return one quantity of environment 0; on a CPU a view that shows every later step, too."""
-        layouts = self._layouts
-        if name not in layouts:
-            has, kind = ", ".join(layouts) or "none", type(self.model).__name__
-            raise SceneError(f"sensor {self.name!r} ({kind}) has no {name!r}; it offers: {has}")
         array, is_cpu = reading_array(self, ground_truth), self._simulation.device.is_cpu
         # a slice saves copying all environments from a GPU; on a CPU numpy() copies nothing
-        values = (array if is_cpu or not array.size else array[:1]).numpy()[0]
-        values = (values[0] if values.ndim == 3 else values)[..., layouts[name]]  # of a history the latest
-        view = values[..., 0] if values.shape[-1] == 1 or name == "touch" else values
+        view = pick(self, name, (array if is_cpu or not array.size else array[:1]).numpy())[0]
         if is_cpu:
             self._views[name, ground_truth] = view
         return view

@@ -77,5 +77,5 @@ def test_without_a_cache_it_is_kept_in_a_temporary_folder_of_the_user_alone(tmp_
     monkeypatch.setenv("XDG_CACHE_HOME", "/dev/null")
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     made = build.library()
-    assert made.parent == tmp_path / f"tactemu-libraries-{os.getuid()}" and made.parent.stat().st_mode & 0o777 == 0o700
+    assert made.parent == tmp_path / f"tactemu-exec-{os.getuid()}" and made.parent.stat().st_mode & 0o777 == 0o700
     assert build.library() == made
