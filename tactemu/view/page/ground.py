@@ -9,7 +9,8 @@ import numpy as np
 import viser
 
 from tactemu.geometry import rotation
-from tactemu.view.page.lights import instance_colours
+from tactemu.view.page.lights import shown, unlit_model
+from tactemu.view.page.shapes import Mesh
 
 _SHADOW_CELLS = 96
 _SHADOW_SIZE, _GRID_SIZE = 1.5, 3.0
@@ -66,7 +67,10 @@ class Ground:
         )  # fmt: skip
 
     def _add_grid(self, scene: viser.SceneApi, middle: np.ndarray) -> None:
-        """Draw the lines as narrow strips: a picture of the whole floor takes a machine without a GPU too long."""
+        """Draw the lines as narrow strips of one mesh.
+
+        A machine without a GPU takes too long for a picture of the whole floor; instances would be sorted each frame.
+        """
         half = _GRID_SIZE * self._extent / 2
         across = self.step * np.arange(-int(half / self.step), int(half / self.step) + 1)
         along = half * (2 * (np.arange(_PIECES) + 0.5) / _PIECES - 1)
@@ -77,14 +81,13 @@ class Ground:
         narrow, long = np.full(len(a), 2.6e-3 * self._extent), np.full(len(a), 2 * half / _PIECES)
         sizes = np.concatenate([np.stack([narrow, long], axis=1), np.stack([long, narrow], axis=1)])
         n = len(places)
-        corners = np.array([[-0.5, -0.5, 0], [0.5, -0.5, 0], [0.5, 0.5, 0], [-0.5, 0.5, 0]], np.float32)
-        heights = np.full(n, self.height + 2 * _LIFT * self._extent)
-        scene.add_batched_meshes_simple(
-            "/floor/grid", corners, np.array([[0, 1, 2], [0, 2, 3]], np.uint32), np.tile((1.0, 0.0, 0.0, 0.0), (n, 1)),
-            np.column_stack([places, heights]), batched_colors=instance_colours(np.tile(_GRID, (n, 1))),
-            batched_scales=np.column_stack([sizes, np.ones(n)]).astype(np.float32), side="double", lod="off",
-            batched_opacities=np.tile(0.5 * fade, 2).astype(np.float32), cast_shadow=False, receive_shadow=False,
-        )  # fmt: skip
+        corners = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]])
+        flat = (places[:, None] + sizes[:, None] * corners).reshape(-1, 2)
+        vertices = np.column_stack([flat, np.full(4 * n, self.height + 2 * _LIFT * self._extent)])
+        faces = (4 * np.arange(n)[:, None, None] + np.array([[0, 1, 2], [0, 2, 3]])).reshape(-1, 3)
+        colours = np.column_stack([np.tile(shown(_GRID), (4 * n, 1)), np.repeat(np.tile(0.5 * fade, 2), 4)])
+        model = unlit_model(Mesh(vertices, faces), colours)
+        scene.add_glb("/floor/grid", model, cast_shadow=False, receive_shadow=False)
 
     def draw(self, poses: Mapping[str, tuple[np.ndarray, np.ndarray]]) -> None:
         """Draw the shadows anew if a body has moved, but not more often than a viewer needs."""
@@ -96,7 +99,21 @@ class Ground:
             return
         self._next_s, self._last = now + _INTERVAL_S, known
         world = [rotation.rotate(poses[name][1], each) + poses[name][0] for name, each in self._points.items()]
-        self._shadow.image = self._shadows(np.concatenate(world))
+        self._show(self._shadows(np.concatenate(world)))
+
+    def _show(self, pixels: np.ndarray) -> None:
+        """Show the part of the picture that has shadows: what one sees through costs time, too."""
+        dark = pixels[..., 3] > 1
+        if not dark.any():
+            self._shadow.visible = False
+            return
+        (top, bottom), (left, right) = (np.flatnonzero(dark.any(axis=axis))[[0, -1]] for axis in (1, 0))
+        cell = self._width / _SHADOW_CELLS
+        self._shadow.image = pixels[top : bottom + 1, left : right + 1]
+        self._shadow.render_width, self._shadow.render_height = (right + 1 - left) * cell, (bottom + 1 - top) * cell
+        x, y = self._corner + cell * np.array([left + right + 1, top + bottom + 1]) / 2
+        self._shadow.position = (float(x), float(y), self.height + _LIFT * self._extent)
+        self._shadow.visible = True
 
     def _shadows(self, points: np.ndarray) -> np.ndarray:
         """Return the picture of the shadows of points: sharp where a body is near the floor, else soft."""

@@ -55,6 +55,11 @@ def surface(seen: np.ndarray) -> np.ndarray:
     return np.clip(root @ np.linalg.inv(_INTO).T / _EXPOSURE / _USUAL, 0.0, 1.0)
 
 
+def shown(seen: np.ndarray) -> np.ndarray:
+    """Return the intensities of a surface without light on it that is to be seen in a colour (sRGB, 0 to 1)."""
+    return np.clip(_USUAL * surface(seen), 0.0, 1.0)
+
+
 def lit_model(mesh: Mesh, seen: tuple[float, float, float], opacity: float = 1.0) -> bytes:
     """Return a mesh as a binary glTF model whose vertices have the light in their colours.
 
@@ -69,14 +74,27 @@ def lit_model(mesh: Mesh, seen: tuple[float, float, float], opacity: float = 1.0
     sun = np.maximum(normals @ (SUN / np.linalg.norm(SUN)), 0.0)
     light = _AMBIENT * (0.78 + 0.22 * normals[:, 2]) + _SUN * sun
     colours = np.clip(surface(np.array(seen)) * light[:, None], 0.0, 1.0)
+    return unlit_model(mesh, colours, opacity)
+
+
+def unlit_model(mesh: Mesh, colours: np.ndarray, opacity: float = 1.0) -> bytes:
+    """Return a mesh as a binary glTF model that looks the same in all light.
+
+    Args:
+        mesh: the mesh.
+        colours: the intensities of its vertices (:func:`shown`), with or without opacity, shape ``(n, 3)`` or
+            ``(n, 4)``, from 0 to 1.
+        opacity: opacity of the whole.
+    """
     made = trimesh.Trimesh(
         mesh.vertices, mesh.faces, vertex_colors=(255 * colours).round().astype(np.uint8), process=False
     )
+    is_clear = opacity < 1 or colours.shape[1] == 4
 
     def unlit(tree: dict[str, Any]) -> None:
         tree["extensionsUsed"] = ["KHR_materials_unlit"]
         look: dict[str, Any] = {"pbrMetallicRoughness": {"baseColorFactor": [1, 1, 1, opacity]}}
-        look |= {"extensions": {"KHR_materials_unlit": {}}} | ({"alphaMode": "BLEND"} if opacity < 1 else {})
+        look |= {"extensions": {"KHR_materials_unlit": {}}} | ({"alphaMode": "BLEND"} if is_clear else {})
         tree["materials"] = [look]
         for part in tree["meshes"]:
             for primitive in part["primitives"]:
