@@ -151,7 +151,7 @@ class Driver:
             if self._stop in ready:
                 break
             for stream in ready:
-                self._read(stream, now)
+                self._read(stream)
             if (overslept := time.monotonic() - next_look) >= 0:
                 next_look = max(next_look + RESOURCE_PERIOD_S, time.monotonic())
                 if self.process.returncode is None:
@@ -161,11 +161,12 @@ class Driver:
         for stream in (*self._streams, self._stop):
             os.close(stream)
 
-    def _read(self, stream: int, now: int) -> None:
+    def _read(self, stream: int) -> None:
         try:
             data = os.read(stream, 65_536)
         except OSError:  # the driver has closed its side of the terminal
             data = b""
+        now = time.monotonic_ns()  # before the read it could be earlier than what is read
         partial, err = self._streams[stream]
         if not data:
             if partial:
