@@ -128,7 +128,7 @@ class Simulation(PoseInput):
         self._compiler = SensorCompiler(self.bodies, self._poses, self.context)
         attachments = [self._compiler.compile(sensor, self) for sensor in self.sensors]
         self.plan.stages += self._compiler.stages
-        self._bad_poses = memoryview(self._poses.bad.numpy().reshape(-1)) if self.device.is_cpu else None
+        self._bad_poses = self._poses.bad.numpy().reshape(-1).data if self.device.is_cpu else None
         return attachments
 
     @property
