@@ -81,9 +81,9 @@ def _neighbours(name: str) -> Finding:
     after = _processor_times()
     if not after:
         return Finding(name, True, "unknown: the system does not show other programs")
-    spent = after - before
-    busy, stolen = spent["busy"] / seconds - own / seconds, spent["stolen"] / seconds
-    programs = [(text, ticks / seconds) for text, ticks in spent.most_common() if text not in ("busy", "stolen")]
+    spent, ticks_in_all = after - before, seconds * os.sysconf("SC_CLK_TCK")
+    busy, stolen = spent["busy"] / ticks_in_all - own / seconds, spent["stolen"] / ticks_in_all
+    programs = [(text, ticks / ticks_in_all) for text, ticks in spent.most_common() if text not in ("busy", "stolen")]
     most = ", ".join(f"{text.partition(' ')[2]} ({share:.1f})" for text, share in programs[:3] if share > 0.05)
     is_quiet, cpus = busy < _MAX_BUSY_CPUS, os.cpu_count() or 1
     has_own_processors = stolen < _MAX_STOLEN_SHARE * cpus
@@ -99,19 +99,18 @@ def _neighbours(name: str) -> Finding:
 
 
 def _processor_times() -> Counter[str]:
-    """Return the processor time that all programs have had, that the host took, and by other program [s]."""
+    """Return the processor time that all programs have had, that the host took, and by other program [clock ticks]."""
     total = _text(PROCESSES / "stat").partition("\n")[0].split()[1:]
     if len(total) < 8:
         return Counter()
-    tick_s = 1 / os.sysconf("SC_CLK_TCK")
     user, nice, system, _, _, irq, softirq, steal = map(int, total[:8])
-    found: Counter[str] = Counter(busy=(user + nice + system + irq + softirq) * tick_s, stolen=steal * tick_s)  # type: ignore[arg-type]
+    found = Counter(busy=user + nice + system + irq + softirq, stolen=steal)
     for path in PROCESSES.glob("[0-9]*/stat"):
         head, _, rest = _text(path).rpartition(")")
         if rest and path.parent.name != str(os.getpid()):
             number, _, program = head.partition(" (")
             ticks = rest.split()
-            found[f"{number} {program}"] = (int(ticks[11]) + int(ticks[12])) * tick_s  # type: ignore[assignment]
+            found[f"{number} {program}"] = int(ticks[11]) + int(ticks[12])
     return found
 
 

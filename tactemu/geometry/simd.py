@@ -14,13 +14,32 @@ _VECTORS = """
     typedef Number Unaligned __attribute__((vector_size(wide * sizeof(Number)), aligned(alignof(Number))));
     auto get = [](const Number* p) -> Vector { return *reinterpret_cast<const Unaligned*>(p); };
     auto put = [](Number* p, const Vector& v) { *reinterpret_cast<Unaligned*>(p) = v; };
+    typedef decltype(Vector{} < Vector{}) Mask;
 """
+
+ROTATION = """
+    struct Vectors { Vector x, y, z; };
+    // Operation by operation as wp::quat_rotate and, with ``sign`` -1, wp::quat_rotate_inv
+    auto rotate = [](const auto& q, const Vectors& v, const auto sign) -> Vectors {
+        const Number c = Number(2) * q.w * q.w - Number(1);
+        const Vector d = Number(2) * (q.x * v.x + q.y * v.y + q.z * v.z);
+        const Vector x = (q.y * v.z - q.z * v.y) * q.w * Number(2);
+        const Vector y = (q.z * v.x - q.x * v.z) * q.w * Number(2);
+        const Vector z = (q.x * v.y - q.y * v.x) * q.w * Number(2);
+        const Vector along_x = v.x * c + q.x * d, along_y = v.y * c + q.y * d, along_z = v.z * c + q.z * d;
+        if (sign > 0)
+            return {along_x + x, along_y + y, along_z + z};
+        return {along_x - x, along_y - y, along_z - z};
+    };
+"""
+"""Lines of a snippet that define ``Vectors``, ``wide`` vectors in space, and ``rotate(quaternion, vectors, sign)``."""
 
 
 def vector_prelude(real) -> str:
     """Return the first lines of a SIMD snippet for the number type ``real``.
 
-    They define ``Number``, ``Vector`` of ``wide`` numbers, ``get(pointer)`` and ``put(pointer, vector)``.
+    They define ``Number``, ``Vector`` of ``wide`` numbers, ``get(pointer)``, ``put(pointer, vector)``, and ``Mask``,
+    the type of a comparison.
     """
     return _VECTORS.replace("NUMBER", real.__name__)
 

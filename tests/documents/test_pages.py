@@ -167,8 +167,8 @@ def test_commands_that_are_not_run_have_options_that_exist(name):
             if words and (block.marked(command) or name in OWN_TESTS):
                 words = words[: words.index("--")] if "--" in words else words
                 with contextlib.ExitStack() as stack:
-                    context = stack.enter_context(tactemu.make_context("tactemu", list(words)))  # type: ignore[attr-defined]
-                    found, sub, rest = tactemu.resolve_command(context, words)  # type: ignore[attr-defined]
+                    context = stack.enter_context(tactemu.make_context("tactemu", list(words)))
+                    found, sub, rest = tactemu.resolve_command(context, words)
                     stack.enter_context(sub.make_context(found, rest, parent=context))
 
 

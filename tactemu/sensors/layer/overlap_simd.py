@@ -12,7 +12,7 @@ import warp as wp
 
 from tactemu.geometry.shapes.shape import FAR
 from tactemu.geometry.shapes.sphere import SPHERE
-from tactemu.geometry.simd import vector_prelude
+from tactemu.geometry.simd import ROTATION, vector_prelude
 from tactemu.sensors.sensed import sensed_type
 
 
@@ -25,7 +25,7 @@ def is_ball_overlap(kinds: frozenset, is_bent: bool) -> bool:
 def ball_row(real, cells_struct, overlap_struct, with_slide: bool, no_surface: float):
     """Return ``find_row(sensed, cells, over, env, y)``, which writes the overlaps of a row of active cells."""
     names = {"WITH_SLIDE": str(with_slide).lower(), "NO_SURFACE": repr(no_surface), "FAR": repr(FAR)}
-    snippet = vector_prelude(real) + _ROW
+    snippet = vector_prelude(real) + ROTATION + _ROW
     for name, value in names.items():
         snippet = snippet.replace(name, value)
 
@@ -36,21 +36,8 @@ def ball_row(real, cells_struct, overlap_struct, with_slide: bool, no_surface: f
 
 
 _ROW = """
-    typedef decltype(Vector{} < Vector{}) Mask;
-    struct Vectors { Vector x, y, z; };
     auto dot = [](const auto& a, const auto& b) { return a.x * b.x + a.y * b.y + a.z * b.z; };
     auto root = [](const Vector& v) { return __builtin_elementwise_sqrt(v); };
-    auto rotate = [](const auto& q, const Vectors& v, const Number sign) -> Vectors {
-        const Number c = Number(2) * q.w * q.w - Number(1);
-        const Vector d = Number(2) * (q.x * v.x + q.y * v.y + q.z * v.z);
-        const Vector x = (q.y * v.z - q.z * v.y) * q.w * Number(2);
-        const Vector y = (q.z * v.x - q.x * v.z) * q.w * Number(2);
-        const Vector z = (q.x * v.y - q.y * v.x) * q.w * Number(2);
-        const Vector along_x = v.x * c + q.x * d, along_y = v.y * c + q.y * d, along_z = v.z * c + q.z * d;
-        if (sign > 0)
-            return {along_x + x, along_y + y, along_z + z};
-        return {along_x - x, along_y - y, along_z - z};
-    };
     struct Axis { Number x, y, z; };
     auto axis = [](const auto& v) { return Axis{v[0], v[1], v[2]}; };
     const Axis n = axis(cells.n), u = axis(cells.u), v = axis(cells.v);

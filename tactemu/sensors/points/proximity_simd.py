@@ -13,7 +13,7 @@ import numpy as np
 import warp as wp
 
 from tactemu.base.kernels import warp_kernel
-from tactemu.geometry.simd import WIDTH, padded_length, vector_prelude
+from tactemu.geometry.simd import ROTATION, WIDTH, padded_length, vector_prelude
 from tactemu.plan.launches import Launch
 from tactemu.sensors.point_cloud import CLUSTER_SIZE, spatial_order
 from tactemu.sensors.points.forces import proximity_type
@@ -109,7 +109,7 @@ def strips_kernel(real, moving: bool, has_radius: bool, has_truth: bool, has_raw
     head += f"    constexpr bool HAS_GAIN = {str(has_gain).lower()};\n"
     numbers, readings = wp.array2d(dtype=real), wp.array3d(dtype=real)
 
-    @wp.func_native(vector_prelude(real) + head + _ROTATION + _FORCES + _SUMS)
+    @wp.func_native(vector_prelude(real) + head + ROTATION + _BITS + _FORCES + _SUMS)
     def measure_env(
         e: int, strips: strips_struct, c: proximity_struct, radius: numbers, truth: readings, raw: readings
     ): ...
@@ -124,26 +124,10 @@ def strips_kernel(real, moving: bool, has_radius: bool, has_truth: bool, has_raw
     return measure_proximity
 
 
-_ROTATION = """
-    struct Vectors {
-        Vector x, y, z;
-    };
-    typedef decltype(Vector{} < Vector{}) Mask;
+_BITS = """
     typedef bool Bits __attribute__((ext_vector_type(wide)));
     auto bits = [](const Mask& mask) -> unsigned {
         return __builtin_bit_cast(unsigned char, __builtin_convertvector(mask, Bits));
-    };
-    // Operation by operation as wp::quat_rotate and, with ``sign`` -1, wp::quat_rotate_inv
-    auto rotate = [](const auto& q, const Vectors& v, const auto sign) -> Vectors {
-        const Number c = Number(2) * q.w * q.w - Number(1);
-        const Vector d = Number(2) * (q.x * v.x + q.y * v.y + q.z * v.z);
-        const Vector x = (q.y * v.z - q.z * v.y) * q.w * Number(2);
-        const Vector y = (q.z * v.x - q.x * v.z) * q.w * Number(2);
-        const Vector z = (q.x * v.y - q.y * v.x) * q.w * Number(2);
-        const Vector along_x = v.x * c + q.x * d, along_y = v.y * c + q.y * d, along_z = v.z * c + q.z * d;
-        if (sign > 0)
-            return {along_x + x, along_y + y, along_z + z};
-        return {along_x - x, along_y - y, along_z - z};
     };
 """
 

@@ -65,7 +65,6 @@ def ball_kernel(formula: Formula):
 
 
 _TOUCH = """
-    typedef decltype(Vector{} < Vector{}) Mask;
     struct Touch {
         Vector depth, gain;
         Vector x, y, z;  // of the probe
