@@ -118,6 +118,8 @@ def print_summary(path: Path, *, json: bool = False) -> None:
         for name, value in entry.items():
             if isinstance(value, dict):
                 value = ", ".join(f"{_printable(what)} {count}" for what, count in sorted(value.items())) or "none"
+            elif isinstance(value, float):
+                value = f"{value:.7g}"  # what a float32 holds
             print(f"  {name.replace('_', ' '):<20} {value}")
     if not summary:
         print(f"{path}: empty")

@@ -105,6 +105,10 @@ class _Client:
         return b"\n" in self.received
 
     @property
+    def is_listened_to(self) -> bool:
+        return not self.is_half_closed and not self.has_line
+
+    @property
     def is_finished(self) -> bool:
         return self.is_half_closed and not (self.open_requests or self.pending or self.has_line)
 
@@ -170,27 +174,39 @@ class Server:
 
     def _turn(self) -> None:
         clients = list(self._clients.values())
-        readers = [each.connection for each in clients if not each.is_half_closed and not each.has_line]
-        writers = [each.connection for each in clients if each.pending]
-        ready, free, _ = select.select([self._listener, self._event_fd, *readers], writers, (), self._timeout_s())
+        events = self._wait(clients)
         begun = time.thread_time()
         with contextlib.suppress(BlockingIOError):
             os.eventfd_read(self._event_fd)
         while not self._done.empty():
             self._answer(*self._done.get())
         for client in clients:
-            if client.connection in free:
+            event = events.get(client.connection.fileno(), 0)
+            if event & ~select.POLLIN:  # writable, or closed at the other end
                 self._send(client)
-            if client.connection in ready:
+            if event & ~select.POLLOUT and client.is_listened_to:
                 self._read(client)
             if client.has_line:
                 self._handle_line(client)
-        if self._listener in ready:
+        if self._listener.fileno() in events:
             self._accept()
         for client in list(self._clients.values()):
             self._maintain(client)
         if self._yield_to_loop:
             time.sleep(_PAUSE_PER_BUSY_TIME * (time.thread_time() - begun))
+
+    def _wait(self, clients: list[_Client]) -> dict[int, int]:
+        """Sleep until a client, a new one or the loop has something, and return the events of `poll` by descriptor."""
+        poll = select.poll()
+        for each in (self._listener, self._event_fd):
+            poll.register(each, select.POLLIN)
+        for client in clients:
+            reads = select.POLLIN if client.is_listened_to else 0
+            writes = select.POLLOUT if client.pending else 0
+            if reads or writes:  # else a client that has hung up would wake it again and again
+                poll.register(client.connection, reads | writes)
+        timeout_s = self._timeout_s()
+        return dict(poll.poll(None if timeout_s is None else 1e3 * timeout_s))
 
     def _timeout_s(self) -> float | None:
         """Return the longest time to wait for clients; ``None``: no deadline."""

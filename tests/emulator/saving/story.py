@@ -46,7 +46,7 @@ def of_device(name: str) -> dict:
 def build(data: dict) -> Emulator:
     """An emulator of the scene, not yet open."""
     return assemble(
-        file.check(data), AssemblyOptions(port="memory:", seed=3), clock=VirtualClock(), truth=Truth()
+        file.check(data), AssemblyOptions(port="memory:", seed=3), clock=VirtualClock(), truth=Truth(keep="256MB")
     ).emulator
 
 
