@@ -14,14 +14,14 @@ PAGE = (ROOT / "docs" / "tutorial.md").read_text(encoding="utf-8")
 BLOCKS = re.findall(r"^```(\w+) ?(\S*)\n(.*?)^```$", PAGE, flags=re.M | re.S)
 """Language, file name and text of each block."""
 FOLDER = "~/first-driver"
-FAILING = ["python -m pytest -q --tactemu-truth-dir failed"]
-"""Commands of the page that end with an error, as it says."""
+FAILING = ["timeout 4 python driver.py sensor > forces.csv", "python -m pytest -q --tactemu-truth-dir failed"]
+"""Commands of the page that end with an error: the time is up, and a test fails."""
 STEP, FAILED = "@step", "@failed "
 
 
 def script(folder: Path, *, installs: bool) -> str:
-    """Return the shell script of the page, with ``folder`` instead of the reader's."""
-    lines = [f"trap 'echo \"{FAILED}$BASH_COMMAND\"' ERR", "trap 'kill $(jobs -p) 2>/dev/null || true' EXIT"]
+    """Return the shell script of the page, with ``folder`` instead of the reader's and job control."""
+    lines = ["set -m", f"trap 'echo \"{FAILED}$BASH_COMMAND\"' ERR", "trap 'kill $(jobs -p) 2>/dev/null || true' EXIT"]
     for language, name, text in BLOCKS:
         if name:
             lines.append(f"cat > {name} <<'END OF FILE'\n{text}END OF FILE")

@@ -8,6 +8,14 @@ from typing import Any
 
 import numpy as np
 
+COUNTER_WORDS = {"unheard": "no reader"}
+"""Words for counters whose names do not explain themselves."""
+
+
+def counter_words(name: str) -> str:
+    """Return the words that stand for a counter of a device or a wire on the screen."""
+    return COUNTER_WORDS.get(name) or name.replace("_", " ")
+
 
 class Lateness:
     """The lateness of deadlines [ns]: exact count and maximum, percentiles over the latest ``keep`` values."""

@@ -135,7 +135,8 @@ def _replayed(judge: Judge, case: dict):
 def _print_columns(console: Console, report: Report) -> None:
     if not report.columns:
         return
-    table = Table(title="Meaning of the driver's columns", box=None, title_justify="left", show_header=False)
+    console.print("Meaning of the driver's columns:")
+    table = Table(box=None, show_header=False, padding=(0, 2))
     for name, holds in report.columns[:40]:
         table.add_row(escape(name), escape(holds))
     if len(report.columns) > 40:

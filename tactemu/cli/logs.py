@@ -12,6 +12,7 @@ import typer
 
 from tactemu.base.errors import TactemuError, TransportError
 from tactemu.base.formats import CAN_FRAMES, CONVERTIBLE, LOGS, READABLE, names
+from tactemu.base.statistics import counter_words
 from tactemu.cli.parameters import Faults, RunName, Seconds
 
 if TYPE_CHECKING:
@@ -195,7 +196,7 @@ def replay(
             _play_stepwise(player, interrupted) if step else player.run(seconds)
     finally:
         wire.close()
-    counts = ", ".join(f"{name} {count}" for name, count in wire.counters.items())
+    counts = ", ".join(f"{counter_words(name)} {count}" for name, count in wire.counters.items())
     typer.echo(f"{player.position} of {len(player.entries)} frames played; {counts or 'nothing sent'}")
 
 

@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from statistics import median
 from typing import TYPE_CHECKING, Any
 
+from tactemu.base.statistics import counter_words
 from tactemu.emulator.channel import Channel
 from tactemu.emulator.emulator import Emulator
 from tactemu.emulator.lifecycle import Simulated
@@ -89,15 +90,11 @@ def sentence(entry: dict[str, Any]) -> str:
     odd = [f"{entry[name]} {name}" for name in ("missed", "stretched", "silent") if entry[name]]
     text += f" ({', '.join(odd)})" if odd else ""
     for group in ("wire", "device", "injected"):
-        counts = [
-            f"{_WORDS.get(name) or name.replace('_', ' ')} {count}" for name, count in entry[group].items() if count
-        ]
+        counts = [f"{counter_words(name)} {count}" for name, count in entry[group].items() if count]
         text += f"; {group}: {', '.join(counts)}" if counts else ""
     return text
 
 
-_WORDS = {"unheard": "no reader"}
-"""Words for counters whose names do not explain themselves."""
 HARMLESS = ("requests", "unplugged")
 """The counters of a device that do not count errors."""
 _OF_THE_WIRE = ("misheard", "overrun", "overflow", "collision")
@@ -108,7 +105,7 @@ def not_understood(entry: Mapping[str, Any]) -> str:
     """Return the counters of input that a device did not understand, as ``unknown command 3, refused 1``; or ``""``."""
     counts = {name: count for name, count in entry["device"].items() if name not in HARMLESS}
     counts |= {name: entry["wire"][name] for name in _OF_THE_WIRE if name in entry["wire"]}
-    return ", ".join(f"{name.replace('_', ' ')} {count}" for name, count in counts.items() if count)
+    return ", ".join(f"{counter_words(name)} {count}" for name, count in counts.items() if count)
 
 
 def unreached_hint(channel: Channel) -> str:

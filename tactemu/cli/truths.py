@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from tactemu.base.statistics import counter_words
 from tactemu.truth import COMMAND, BodyPose, Entry, Injection, Passage, PortEvent, Sample
 from tactemu.truth.entries import End, Header
 from tactemu.truth.log_reader import records
@@ -117,7 +118,8 @@ def print_summary(path: Path, *, json: bool = False) -> None:
         print(_printable(device) or "live")
         for name, value in entry.items():
             if isinstance(value, dict):
-                value = ", ".join(f"{_printable(what)} {count}" for what, count in sorted(value.items())) or "none"
+                counts = sorted(value.items())
+                value = ", ".join(f"{counter_words(_printable(what))} {count}" for what, count in counts) or "none"
             elif isinstance(value, float):
                 value = f"{value:.7g}"  # what a float32 holds
             print(f"  {name.replace('_', ' '):<20} {value}")

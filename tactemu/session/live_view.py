@@ -13,6 +13,7 @@ from rich.panel import Panel
 from rich.text import Text
 
 from tactemu.base.frame_text import text
+from tactemu.base.statistics import counter_words
 from tactemu.emulator.emulator import Channel, Emulator
 from tactemu.session.heatmap import draw_all, taxel_magnitudes
 
@@ -121,7 +122,7 @@ def _numbers(channel: Channel, width: int) -> list[Text]:
         "samples": str(statistics.samples),
         "missed": str(statistics.missed),
         "late p50/p99/max": "/".join(f"{ns / 1e3:.0f}" for ns in latest) + " µs",
-        **{name.replace("_", " "): str(count) for name, count in channel.wire.counters.items() if count},
+        **{counter_words(name): str(count) for name, count in channel.wire.counters.items() if count},
     }
     too_many = statistics.missed > MAX_MISSED_SHARE * max(statistics.samples, 1)
     lines = [Text()]

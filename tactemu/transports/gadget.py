@@ -145,7 +145,7 @@ class GadgetTransport(Transport):
         """Write one frame; ``False`` where no driver has the port open, or does not read."""
         if not isinstance(frame, bytes):
             raise TransportError(f"a USB device cannot carry the CAN frame {frame}")
-        # A host that has nobody to read a HID asks for no report: what waited would be stale.
+        # A host without a program that reads a HID asks for no report: what waited would be stale.
         most = 2 * len(frame) if isinstance(self._chip, HidDevice) else MAX_TO_HOST_BYTES
         if self._function is None or not self._has_reader or self._function.waiting_bytes + len(frame) > most:
             return False

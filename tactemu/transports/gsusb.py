@@ -2,7 +2,7 @@
 
 After ``sudo tactemu attach HOST`` and ``ip link set can0 up type can bitrate 1000000``, bit timing, states and error
 counters are the kernel's own. The device is on the bus while the channel is started at the bit rate of the bus; at
-another one nobody acknowledges, as on a real bus. The protocol is that of candleLight adapters, driver ``gs_usb``.
+another one no node acknowledges, as on a real bus. The protocol is that of candleLight adapters, driver ``gs_usb``.
 """
 
 from __future__ import annotations

@@ -125,7 +125,7 @@ class Wire(WirePort):
         """
         self._source = source
         if not self.transport.has_reader:
-            counter, why = "unheard", "nobody listens"
+            counter, why = "unheard", "no reader"
         elif self._down is not None:
             counter, why = "unheard", str(self._down)
         elif self.line.backlog_ns(source, self._seen_ns(now_ns)) > self.backlog_ns:
@@ -231,7 +231,7 @@ class Wire(WirePort):
             self._pass_to_peers(frames, pending)
         sent = self.transport.write_all(frames)
         if sent < len(frames):
-            why = ("dropped_unread", "not read") if self.transport.has_reader else ("unheard", "nobody listens")
+            why = ("dropped_unread", "not read") if self.transport.has_reader else ("unheard", "no reader")
             self._lose(frames[sent:], now_ns, source, *why, pending.sample)
             frames = frames[:sent]
         if frames:
@@ -246,7 +246,7 @@ class Wire(WirePort):
         if isinstance(received, bytes) and not received:  # the noise holds no byte
             return False
         if not (self.transport.write(received) if chip is None else self._hand_over(chip, received, now_ns)):
-            why = ("dropped_unread", "not read") if self.transport.has_reader else ("unheard", "nobody listens")
+            why = ("dropped_unread", "not read") if self.transport.has_reader else ("unheard", "no reader")
             self._lose([frame], now_ns, source, *why, pending.sample)
             return False
         self.counters["sent"] += 1

@@ -28,6 +28,16 @@ def test_all_our_kernels_are_declared_in_one_way():
     assert found == [], "@warp_kernel gives them the flags of the CPU code"
 
 
+def test_no_kernel_makes_the_compiler_warn_of_missing_parentheses():
+    found = [
+        f"{path.name}: {line.strip()}"
+        for path in TACTEMU.rglob("*.py")
+        for line in path.read_text().splitlines()
+        if re.search(r"(?:=|,|return) *\([^()]*\) [&|] \([^()]*\) \?", line)
+    ]
+    assert found == [], "clang prints its warnings to the terminal of a user whose kernels are compiled"
+
+
 def test_a_cache_gets_what_it_lacks_and_keeps_what_it_has(prebuilt, tmp_path):
     cache = tmp_path / "cache"
     (cache / "wp_some").mkdir(parents=True)

@@ -43,7 +43,7 @@ def test_a_driver_comes_talks_and_goes_twice(address, end, tmp_path):
         for _ in range(1 if bus else 2):
             assert port.has_reader == bus
             if not bus:
-                assert not port.write(driver.frame), "nobody listens"
+                assert not port.write(driver.frame), "no driver has the port open"
             seen = []
             driver.open(seen)
             if not adapter:

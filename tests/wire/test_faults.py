@@ -352,4 +352,4 @@ def test_a_reading_that_is_dropped_is_logged_with_its_sample(tmp_path):
     wire.send([b"frame"], 0, "pad", sample=7)
     truth.close()
     (lost,) = read_log(tmp_path / "t.jsonl")["pad"].frames
-    assert (lost.kind, lost.sample, lost.why) == ("drop", 7, "nobody listens")
+    assert (lost.kind, lost.sample, lost.why) == ("drop", 7, "no reader")

@@ -57,7 +57,7 @@ def folds(names: Sequence[str], unit: Callable[[str], str] = str) -> list[Fold]:
 def halves(names: Sequence[str]) -> tuple[list[str], list[str]]:
     """Return two halves of the names: a law is chosen and fitted on the first, and judged once on the second.
 
-    The half of a name follows from its SHA-256 alone, so nobody has chosen it: the names are sorted by it, and the
+    The half of a name follows from its SHA-256 alone, so it is not a choice: the names are sorted by it, and the
     first half (the larger one) is given.
     """
     order = sorted(dict.fromkeys(names), key=lambda name: hashlib.sha256(name.encode()).hexdigest())

@@ -79,7 +79,7 @@ _ROW = """
             const Mask meets = across <= radius;
             Vector start = meets ? (-along - radius) + drop : zero + Number(FAR);
             const Vector end = meets ? (-along + radius) - drop : zero - Number(FAR);
-            start = (start < -reach) & (end < 0) ? zero + Number(FAR) : start;
+            start = ((start < -reach) & (end < 0)) ? zero + Number(FAR) : start;
             start = start > -reach ? start : -reach;
             const Mask lower = may_touch & (start < lowest);
             lowest = lower ? start : lowest, body = lower ? Mask{} + b : body;

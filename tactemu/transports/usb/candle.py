@@ -140,7 +140,7 @@ def from_host(data: bytes) -> tuple[CanFrame, bytes] | None:
 
 
 def unacknowledged() -> bytes:
-    """Return the error frame of a controller whose frame nobody acknowledges.
+    """Return the error frame of a controller whose frame no node acknowledges.
 
     It repeats the frame at once; after 16 times, a few milliseconds, it is error-passive, and goes on.
     """

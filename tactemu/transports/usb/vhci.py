@@ -51,7 +51,7 @@ def listed(host: str, port: int) -> list[RemoteDevice]:
     """Return the devices of a server.
 
     Raises:
-        TactemuError: nobody listens there, or it does not speak USB/IP.
+        TactemuError: nothing listens there, or it does not speak USB/IP.
     """
     try:
         with _connected(host, port) as link:

@@ -26,7 +26,7 @@ _MAX_FRAME_BYTES = 40
 """Maximum number of bytes shown of a frame."""
 _MAX_FIELD_VALUES = 6
 """Maximum number of values shown of a field."""
-_UNHEARD = "nobody listens"
+_UNHEARD = "no reader"
 """The reason in the log for a frame that was sent while no driver had the port open."""
 _WHEN = re.compile(r" at \d+ns")
 """The time in a fault's words, which stands beside it anyway."""

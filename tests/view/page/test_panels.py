@@ -123,7 +123,7 @@ def test_fields_of_a_table_have_their_names_and_remarks():
 
 def test_frames_that_no_driver_could_read_are_one_line():
     wire = Wire(described("linker_hand_l6"))
-    wire.add([row("drop", "028#C2010203", why="nobody listens", sample=k) for k in range(9)], 0)
+    wire.add([row("drop", "028#C2010203", why="no reader", sample=k) for k in range(9)], 0)
     assert wire.is_unheard("linker_hand_l6") and wire.html().count("tt-frame") == 1 and "9 frames" in wire.html()
     wire.add([row("rx", "028#C2")], 0)
     assert not wire.is_unheard("linker_hand_l6")
