@@ -35,6 +35,8 @@ from tactemu.geometry.shapes.cylinder import Cylinder as Cylinder
 from tactemu.geometry.shapes.mesh import Mesh as Mesh
 from tactemu.geometry.shapes.plane import Plane as Plane
 from tactemu.geometry.shapes.sphere import Sphere as Sphere
+from tactemu.geometry.shapes.texture import HeightMap as HeightMap
+from tactemu.geometry.shapes.texture import HeightSpectrum as HeightSpectrum
 from tactemu.geometry.shapes.voxel_grid import VoxelGrid as VoxelGrid
 from tactemu.imperfections.options import ElectronicsOptions as ElectronicsOptions
 from tactemu.imperfections.options import ImperfectionOptions as ImperfectionOptions

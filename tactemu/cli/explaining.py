@@ -80,7 +80,8 @@ def _print_bodies(loaded: LoadedScene) -> None:
     for body in loaded.tables.body:
         motion = loaded.motions.get(body.name)
         how = "fixed" if body.fixed else motion.kind if motion else "moved from Python only"
-        print(f"  {body.name:<16} {body.shape:<9} {how}")
+        rough = "" if body.texture is None else f", textured by a {body.texture.kind}"
+        print(f"  {body.name:<16} {body.shape:<9} {how}{rough}")
     print()
 
 

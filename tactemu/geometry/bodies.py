@@ -15,6 +15,7 @@ import numpy as np
 from tactemu.base.errors import SceneError
 from tactemu.geometry.motion import Motion, Pose, Times
 from tactemu.geometry.shapes.shape import Shape
+from tactemu.geometry.shapes.texture import Texture
 
 
 class WorldMotion(Protocol):
@@ -43,6 +44,8 @@ class Body:
     motion: Motion | WorldMotion | None = None
     """The motion, evaluated at every step from the reset of each environment on; ``None``: the body stays where it is
     put."""
+    texture: Texture | None = None
+    """The heights of its surface above the shape; ``None``: it is smooth."""
     skeleton: list[list[float]] | None = field(default=None, repr=False)
     """The lines between the joints of a link in its frame, (x, y, z, x, y, z) [m], for drawings; None: no link."""
 

@@ -20,6 +20,7 @@ from tactemu.geometry import rotation
 from tactemu.geometry.bodies import Body
 from tactemu.geometry.shapes.registry import shape_class
 from tactemu.geometry.shapes.shape import Shape
+from tactemu.geometry.shapes.texture import Texture
 from tactemu.scene.engine_interface import BatchEngine, Engine, JointMotors
 from tactemu.scene.engine_tables import REGISTRY as ENGINES
 from tactemu.scene.engine_tables import BatchTable
@@ -105,6 +106,7 @@ def build_scene(
             position=body.position,
             quaternion=body.quaternion,
             motion=loaded.motions.get(body.name),
+            texture=_texture(body, loaded.folder),
         )
     engine = None if loaded.tables.engine is None else open_engine(scene, loaded, _motors(loaded, devices, local_ns))
     friction = loaded.tables.engine.friction if loaded.tables.engine else None
@@ -187,6 +189,13 @@ def _shape(body: BodyTable, folder: Path) -> Shape | None:
     own = {name: getattr(body, name) for name in type(body).model_fields if name not in BodyTable.model_fields}
     try:
         return shape_class(body.shape).from_file(folder, **own)
+    except SceneError as error:
+        raise SceneError(f"body {body.name!r}: {error}") from None
+
+
+def _texture(body: BodyTable, folder: Path) -> Texture | None:
+    try:
+        return None if body.texture is None else body.texture.make(folder)
     except SceneError as error:
         raise SceneError(f"body {body.name!r}: {error}") from None
 

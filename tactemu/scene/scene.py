@@ -17,6 +17,7 @@ from tactemu.geometry import rotation
 from tactemu.geometry.bodies import Body, WorldMotion, find_body
 from tactemu.geometry.shapes.registry import SHAPES
 from tactemu.geometry.shapes.shape import Shape
+from tactemu.geometry.shapes.texture import TEXTURES, Texture
 from tactemu.sensors.signs import Convention, require_on_skin
 
 if TYPE_CHECKING:
@@ -69,6 +70,7 @@ class Scene:
         quaternion: Sequence[float] | None = None,
         order: rotation.Order = "wxyz",
         motion: Motion | WorldMotion | None = None,
+        texture: Texture | None = None,
     ) -> Body:
         """Add a rigid body.
 
@@ -82,6 +84,8 @@ class Scene:
             motion: a motion of :mod:`tactemu.geometry.motion`, which displaces the body from its start, or an object
                 whose ``pose(t_s)`` returns world poses (:class:`tactemu.Pose`). Each environment's begins when that
                 is reset; in a batch your own object gets the times of all environments, ``(n_envs,)``.
+            texture: heights of its surface above the shape: a map or a spectrum
+                (:mod:`tactemu.geometry.shapes.texture`).
 
         Raises:
             SceneError: an option is wrong, or the name is taken.
@@ -106,7 +110,10 @@ class Scene:
         wxyz = wxyz / length
         x, y, z = map(float, xyz)
         qw, qx, qy, qz = map(float, wxyz)
-        body = Body(index, name, shape, fixed, (x, y, z), (qw, qx, qy, qz), motion)
+        if texture is not None and (shape is None or not isinstance(texture, Texture)):
+            known = ", ".join(each.__name__ for each in TEXTURES.values())
+            raise SceneError(f"body {name!r}: texture must be one of {known}, on a body with a shape, got {texture!r}")
+        body = Body(index, name, shape, fixed, (x, y, z), (qw, qx, qy, qz), motion, texture)
         self.bodies.append(body)
         self._names.add(name)
         self._outdate(f"body {name!r} was added after the scene was built")

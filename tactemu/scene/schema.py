@@ -47,6 +47,7 @@ from tactemu.geometry.shapes.shape import Shape
 from tactemu.scene.engine_interface import JointTable
 from tactemu.scene.engine_tables import AnyEngine
 from tactemu.scene.table import ClassName, Table, one_of, placed
+from tactemu.scene.texture_tables import TextureTable
 from tactemu.scene.validation_errors import list_errors
 from tactemu.sensors.signs import Convention
 
@@ -152,6 +153,7 @@ class BodyTable(Table):
     motion: Any = Field(
         default=None, description="motion: a table with `kind`, or a list of such tables, one after another"
     )
+    texture: TextureTable | None = Field(default=None, description="heights of the surface: a table with `kind`")
 
 
 @cache

@@ -12,7 +12,8 @@ from tactemu.geometry.shapes.band_building import band_row
 from tactemu.geometry.shapes.distance import ShapeFunctions, shape_functions
 from tactemu.geometry.shapes.mesh import MESH
 from tactemu.geometry.shapes.nearest_feature import upload_surfaces
-from tactemu.geometry.shapes.shape import FAR, Row, ShapeKind, kind_codes, table_type
+from tactemu.geometry.shapes.shape import FAR, Row, ShapeKind, kind_codes, table_type, textures_type
+from tactemu.geometry.shapes.textured import textured
 from tactemu.geometry.shapes.voxel_grid import VOXELS
 from tactemu.geometry.shapes.voxelise import voxelise
 from tactemu.plan.plan import Context
@@ -54,7 +55,10 @@ class ShapeTables:
         gridded = query if query in ("voxel", "band") else None
         key = (chosen, gridded, cell if gridded else None)
         if key not in self._tables:
-            rows = [self._row(body, gridded, cell) if body.index in chosen else Row() for body in self._bodies]
+            rows = [
+                textured(self._row(body, gridded, cell), body.texture) if body.index in chosen else Row()
+                for body in self._bodies
+            ]
             self._tables[key] = pack(rows, self._context)
         return self._tables[key]
 
@@ -141,4 +145,23 @@ def pack(rows: list[Row], context: Context) -> ShapeTable:
     table.band_tolerance = upload([0.0 if band is None else band.tolerance for band in bands], real)
     table.band_values = upload(np.concatenate(nodes) if nodes else np.zeros((1, 4)), wp.types.vector(4, real))
     table.band_smooth = upload(np.concatenate(smooth) if smooth else np.zeros(1, np.uint8), wp.uint8)
+    table.textures = _upload_textures(rows, context)
     return ShapeTable(table, kinds, shape_functions(real, kinds), rows)
+
+
+def _upload_textures(rows: Sequence[Row], context: Context):
+    """Upload the rows' textures to the device."""
+    real = context.real
+    own = [row.texture for row in rows]
+    parts = [np.ravel(each.values) for each in own if each is not None]
+    starts = np.cumsum([0, *(0 if each is None else each.values.size for each in own)])[:-1]
+    textures = textures_type(real)()
+    for name, values, dtype in (
+        ("start", starts, wp.int32),
+        ("shape", [(0, 0) if each is None else each.values.shape for each in own], wp.vec2i),
+        ("step", [1.0 if each is None else each.step for each in own], real),
+        ("peak", [0.0 if each is None else each.peak for each in own], real),
+        ("values", np.concatenate(parts) if parts else np.zeros(1), real),
+    ):
+        setattr(textures, name, wp.array(np.asarray(values), dtype=dtype, device=context.device))
+    return textures

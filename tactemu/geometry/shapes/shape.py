@@ -80,6 +80,8 @@ class Row:
     """Distances on a grid (:class:`~tactemu.geometry.shapes.voxel_grid.VoxelGrid`)."""
     band: Any = None
     """Distances near the surface (:class:`~tactemu.geometry.shapes.band.Band`)."""
+    texture: Any = None
+    """Heights above the surface (:class:`~tactemu.geometry.shapes.texture.TextureRow`)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -142,6 +144,22 @@ def box_outline(low: np.ndarray, high: np.ndarray) -> dict[str, Any]:
 
 
 @functools.cache
+def textures_type(real: Any) -> Any:
+    """Return the Warp struct of the bodies' textures (:mod:`tactemu.geometry.shapes.texture`)."""
+    import warp as wp
+
+    @wp.struct
+    class Textures:
+        start: wp.array(dtype=wp.int32)  # first number of a body's texture in the values
+        shape: wp.array(dtype=wp.vec2i)  # rows and columns of the values: heights of a map, or four of each wave
+        step: wp.array(dtype=real)  # distance of the heights of a map
+        peak: wp.array(dtype=real)  # largest absolute height
+        values: wp.array(dtype=real)
+
+    return Textures
+
+
+@functools.cache
 def table_type(real: Any) -> Any:
     """Return the Warp struct that holds all shapes of a scene, one row per body."""
     import warp as wp
@@ -177,6 +195,7 @@ def table_type(real: Any) -> Any:
         band_tolerance: wp.array(dtype=real)  # largest error; nearer to the surface the exact distance is computed
         band_values: wp.array(dtype=vec4)  # distance, gradient
         band_smooth: wp.array(dtype=wp.uint8)  # 1: the cell that begins at the node is interpolated
+        textures: textures_type(real)
 
     return Shapes
 
