@@ -63,6 +63,15 @@ class LayerOptions(Protocol):
     def friction(self) -> float: ...
 
     @property
+    def object_young_modulus(self) -> float | None: ...
+
+    @property
+    def object_poisson_ratio(self) -> float: ...
+
+    @property
+    def object_radius(self) -> float | None: ...
+
+    @property
     def iterations(self) -> int: ...
 
     @property
@@ -105,13 +114,22 @@ class CompiledLayer:
         at_once = self.n_envs if self.is_shared else min(self.n_envs, MAX_BLOCKS)
         self.n_slots = context.threads if self.device.is_cpu else at_once
         nu, young = float(model.poisson_ratio), float(model.young_modulus)
-        self.material = LayerMaterial(young / (2 * (1 + nu)), nu, float(model.thickness))
-        self.tables = self._tables(tangential=self.has_friction or model.displacement)
+        shear = young / (2 * (1 + nu))
+        skin = LayerMaterial(shear, nu, float(model.thickness))
+        self.material = skin
+        if model.object_young_modulus is not None:
+            nu, radius = float(model.object_poisson_ratio), float(model.object_radius or math.inf)
+            ratio = shear * 2 * (1 + nu) / float(model.object_young_modulus)
+            self.material = LayerMaterial(*skin[:3], ratio, nu, radius)
+        self.tables = self.skin_tables = self._tables(self.material, tangential=self.has_friction or model.displacement)
+        if self.material != skin and model.displacement:  # the surface is that of the skin alone
+            self.skin_tables = self._tables(skin, tangential=True, unit_compliance=self.tables.unit_compliance)
         self._allocate()
         coarser = "lower `oversampling`"
         solver = "lower `iterations` or `oversampling`, or raise `tolerance`"
         self._add(self._overlap, "overlap", "depth of each cell along the normal", coarser)
-        self._add(self._normal, "pressure", f"bonded layer, at most {model.iterations} iterations", solver)
+        soft = "" if model.object_young_modulus is None else f" under objects of {model.object_young_modulus:g} Pa"
+        self._add(self._normal, "pressure", f"bonded layer{soft}, at most {model.iterations} iterations", solver)
         if self.has_friction:
             why = f"Coulomb friction {model.friction:g} with stick and slip"
             self._add(self._friction, "friction", why, f"set `friction = 0`, {solver}")
@@ -121,18 +139,21 @@ class CompiledLayer:
         self._add(self._read, "taxels", f"{self.grid.split}x{self.grid.split} cells per taxel", coarser)
         self.stages[1].reset = self._reset
 
-    def _tables(self, *, tangential: bool) -> LayerTables:
-        """Return the layer's compliances; equal layers share them."""
+    def _tables(
+        self, material: LayerMaterial, *, tangential: bool, unit_compliance: float | None = None
+    ) -> LayerTables:
+        """Return the compliances of a material; equal layers share them."""
         constants, cells = self.site.context.constants, self.grid.shape
-        key = (LayerTables, self.material, cells, self.grid.cell, tangential)
+        key = (LayerTables, material, cells, self.grid.cell, tangential, unit_compliance)
         if key not in constants:
             constants[key] = LayerTables(
-                self.material,
+                material,
                 cells,
                 self.grid.cell,
                 tangential=tangential,
                 real=self.real,
                 device=self.device,
+                unit_compliance=unit_compliance,
             )
         return constants[key]
 
@@ -176,13 +197,14 @@ class CompiledLayer:
             self.friction_windows = Windows(struct, names, workspace, self.n_slots, self.grid.shape)
 
     def _layer(self):
-        """Return the layer and the options of its solvers, as kernels take them."""
+        """Return the layer and the options of its solvers, as kernels take them; the tables are those that contact
+        needs."""
         model, layer = self.model, layer_type(self.real)()
         layer.tables, layer.friction = self.tables.struct, model.friction
         # A nearly incompressible skin rises beside the contact: include cells where the object is that near.
         layer.bulge = 0.1 + 0.9 * min(max((model.poisson_ratio - 0.3) / 0.2, 0.0), 1.0)
         layer.cap, layer.tolerance = int(model.iterations), model.tolerance
-        layer.reach = wp.vec2i(*response_reach(self.tables.kernels))
+        layer.reach = wp.vec2i(*response_reach(self.skin_tables.kernels))
         return layer
 
     def _reset(self, mask: wp.array) -> None:
@@ -201,10 +223,14 @@ class CompiledLayer:
     def _add(self, make: Callable[[], Callable[[], None]], name: str, reason: str, cheaper: str) -> None:
         self.stages.append(Stage(name=f"{self.name}: {name}", reason=reason, launch=make(), cheaper=cheaper))
 
-    def _blocks(self, kernel, inputs: list) -> Callable[[], None]:
-        """Return a recorded launch with one block of threads per slot."""
+    def _blocks(self, kernel, inputs: list, *, of_skin: bool = False) -> Callable[[], None]:
+        """Return a recorded launch with one block of threads per slot; ``of_skin``: with the compliances of the skin
+        alone."""
         threads = kernel.options["launch_bounds"][0]
-        return self.site.context.record_blocks(kernel, self.n_slots, [self._layer(), *inputs], [], threads)
+        layer = self._layer()
+        if of_skin:
+            layer.tables = self.skin_tables.struct
+        return self.site.context.record_blocks(kernel, self.n_slots, [layer, *inputs], [], threads)
 
     def touch_points(self) -> TouchPoints:
         """Return the cells, at which bodies touch the layer."""
@@ -272,7 +298,7 @@ class CompiledLayer:
 
     def _surface(self) -> Callable[[], None]:
         kernel = surface_kernel(self.real, self.lanes, self.has_friction, self.is_shared)
-        return self._blocks(kernel, [self.pressed, self.state, self.windows.struct, self.surface])
+        return self._blocks(kernel, [self.pressed, self.state, self.windows.struct, self.surface], of_skin=True)
 
     def _read(self) -> Callable[[], None]:
         grid = self.grid

@@ -28,6 +28,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from tactemu.sensors.layer.soft_object import add_object, ball_kernel
+
 SERIES_BELOW = 0.35
 """Value of q below which differences that cancel are computed from their Taylor series."""
 
@@ -98,7 +100,9 @@ class Kernels(NamedTuple):
     ny: np.ndarray
 
 
-def sample_kernels(shape: tuple[int, int], pitch: tuple[float, float], shear_modulus, nu, thickness) -> Kernels:
+def sample_kernels(
+    shape, pitch, shear_modulus, nu, thickness, object_ratio=0.0, object_nu=0.5, object_radius=np.inf
+) -> Kernels:
     """Return the six kernels of a layer on a grid.
 
     Args:
@@ -107,20 +111,26 @@ def sample_kernels(shape: tuple[int, int], pitch: tuple[float, float], shear_mod
         shear_modulus: shear modulus [Pa].
         nu: Poisson ratio, 0 to 0.5.
         thickness: thickness [m], > 0; ``inf`` for a half-space.
+        object_ratio: shear modulus over that of the object that presses; 0: a rigid one.
+        object_nu: Poisson ratio of the object, 0 to 0.5.
+        object_radius: radius of the object [m], a ball; ``inf`` for a half-space.
     """
     (ny, nx), (dy, dx) = shape, pitch
     (ay, wy), (ax, wx) = _band_nodes(ny), _band_nodes(nx)
     ky, kx = (ay / dy)[:, None], (ax / dx)[None, :]
     k = np.hypot(kx, ky)
-    modes = transfer(k * thickness, nu)
+    modes = add_object(transfer(k * thickness, nu), object_ratio, object_nu)
     weight = wy[:, None] * wx[None, :] / (np.pi**2 * dy * dx * shear_modulus * k)  # d2k / (2 pi)^2, four quadrants
     weight = weight * (dy * dx)  # a pressure acts on a cell
     ex, ey = kx / k, ky / k
     cos_y, sin_y = np.cos(np.outer(np.arange(ny), ay)), np.sin(np.outer(np.arange(ny), ay))
     cos_x, sin_x = np.cos(np.outer(ax, np.arange(nx))), np.sin(np.outer(ax, np.arange(nx)))
     ll, tt, nl = modes.ll * weight, modes.tt * weight, modes.nl * weight
+    nn = cos_y @ (modes.nn * weight) @ cos_x
+    if object_ratio and np.isfinite(object_radius):
+        nn += ball_kernel(shape, pitch, shear_modulus / object_ratio, object_nu, object_radius)
     return Kernels(
-        nn=cos_y @ (modes.nn * weight) @ cos_x,
+        nn=nn,
         xx=cos_y @ (ll * ex**2 + tt * ey**2) @ cos_x,
         yy=cos_y @ (ll * ey**2 + tt * ex**2) @ cos_x,
         xy=-sin_y @ ((ll - tt) * ex * ey) @ sin_x,

@@ -7,6 +7,9 @@ the object since, and the displacement ``v`` of the skin along its surface by pr
     p >= 0,  C p >= o,  p (C p - o) = 0                no pull, no penetration, no pressure across a gap
     q of least  q.A q / 2 - q.(a + s - v)  with |q| <= friction * p                        stick, and slip
 
+Objects are rigid, or soft (``object_young_modulus``): their compliance then adds to ``C`` and ``A``, and the
+displacement of the surface remains that of the skin alone (docs/contact.md).
+
 They are solved on cells, ``oversampling`` along each side of a taxel. The stages, one file each::
 
     overlap ─▶ normal contact ─▶ friction ─▶ surface ───────▶ reading
@@ -90,6 +93,12 @@ class ElasticLayerTaxel(SensorModel[LayerReading]):
     """Thickness of the layer [m]; ``inf`` for a half-space."""
     friction: NonNegative = 0.5
     """Coulomb's coefficient; 0: no friction, and no cost for it."""
+    object_young_modulus: Pascals | None = None
+    """Young's modulus of all objects that press on the skin [Pa]; ``None``: they are rigid."""
+    object_poisson_ratio: Annotated[float, Bounds(low=0, high=0.5)] = 0.5
+    """Poisson's ratio of soft objects, 0 to 0.5."""
+    object_radius: Length | None = None
+    """Radius of soft objects [m], whose own deformation is that of a free ball; ``None``: that of a half-space."""
     iterations: Annotated[int, Bounds(low=1, high=MAX_ITERATIONS)] = 16
     """Maximum number of conjugate-gradient iterations in a step, for pressures and again for tractions. The next step
     continues from an unfinished solution."""
@@ -157,6 +166,8 @@ class ElasticLayerTaxel(SensorModel[LayerReading]):
                 f"{where}: depth_query must be 'ray' (or left out), got {self.depth_query!r}: "
                 "it solves contact with the depth along the normal"
             )
+        if self.object_radius is not None and self.object_young_modulus is None:
+            raise SceneError(f"{where}: object_radius is that of soft objects; give object_young_modulus [Pa], too")
         for grid in layer_grids(probes, 1, where):
             radius = min((abs(1.0 / bend) for bend in grid.curvature if bend), default=math.inf)
             if radius < 0.999 * MIN_BEND_RADIUS_THICKNESSES * self.thickness:

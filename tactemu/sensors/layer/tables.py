@@ -14,6 +14,7 @@ import warp as wp
 
 from tactemu.sensors.layer.block import SMALLEST_TRANSFORM
 from tactemu.sensors.layer.compliance import sample_kernels, spectrum, transfer
+from tactemu.sensors.layer.soft_object import add_object
 
 HARTLEY_GAIN = 16.0
 """Gain of a convolution's transforms: a factor of two per pass, four passes."""
@@ -59,7 +60,7 @@ def layer_type(real):
 
 
 class LayerMaterial(NamedTuple):
-    """The material of an elastic layer on a rigid base."""
+    """The material of an elastic layer on a rigid base, and of the objects that press on it."""
 
     shear_modulus: float
     """Shear modulus [Pa]."""
@@ -67,6 +68,12 @@ class LayerMaterial(NamedTuple):
     """Poisson's ratio, 0 to 0.5."""
     thickness: float
     """Thickness [m], > 0; ``inf``: a half-space."""
+    object_ratio: float = 0.0
+    """Shear modulus of the layer over that of the objects; 0: rigid objects."""
+    object_poisson_ratio: float = 0.5
+    """Poisson's ratio of the objects, 0 to 0.5."""
+    object_radius: float = np.inf
+    """Radius of the objects [m], which are balls; ``inf``: half-spaces."""
 
 
 class LayerTables:
@@ -77,19 +84,21 @@ class LayerTables:
         cells: size ``(ny, nx)`` of the largest window.
         pitch: distance of neighbours ``(dy, dx)`` [m].
         tangential: build the tangential kernels too.
+        unit_compliance: displacement of a cell by a pressure on it that is the unit [m/Pa]; default: the layer's own.
     """
 
-    def __init__(self, material: LayerMaterial, cells, pitch, *, tangential: bool, real, device):
+    def __init__(self, material: LayerMaterial, cells, pitch, *, tangential: bool, real, device, unit_compliance=None):
         self.sizes = tuple(_transform_sizes(n) for n in cells)
         self.n_max = max(sizes[-1] for sizes in self.sizes)
         shape = tuple(sizes[-1] // 2 + 1 for sizes in self.sizes)
         self.kernels = kernels = sample_kernels(shape, pitch, *material)
         self.length_scale = float(min(pitch))
         """Unit of length of the solvers, one pitch [m]."""
-        self.pressure_scale = self.length_scale / float(kernels.nn[0, 0])
+        self.unit_compliance = float(kernels.nn[0, 0]) if unit_compliance is None else unit_compliance
+        self.pressure_scale = self.length_scale / self.unit_compliance
         """Unit of pressure of the solvers [Pa]."""
         self.material, self.pitch = material, pitch
-        unit = 1.0 / float(kernels.nn[0, 0])
+        unit = 1.0 / self.unit_compliance
         self.struct = tables_type(real)()
         self.struct.start = wp.array(self._starts(), dtype=wp.int32, device=device)
         names = ("nn", "xx", "yy", "xy", "nx", "ny") if tangential else ("nn",)
@@ -119,12 +128,12 @@ class LayerTables:
         """Return the compliance at the wave numbers of a transform [m/Pa]; the mean takes that at half the lowest wave
         number."""
         (ny, nx), (dy, dx) = shape, self.pitch
-        shear_modulus, nu, thickness = self.material
+        shear_modulus, nu, thickness, object_ratio, object_nu, _radius = self.material
         ky = 2 * np.pi * np.fft.fftfreq(ny, dy)[:, None]
         kx = 2 * np.pi * np.fft.fftfreq(nx, dx)[None, :]
         k = np.hypot(kx, ky)
         k[0, 0] = np.pi * min(1 / (ny * dy), 1 / (nx * dx))
-        modes = transfer(k * thickness, nu)
+        modes = add_object(transfer(k * thickness, nu), object_ratio, object_nu)
         if name == "soften":
             return modes.nn / (shear_modulus * k)
         along = (kx if name == "soften_x" else ky) / k
