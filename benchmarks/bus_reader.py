@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from firmware_protocols.can_frames import CAN_FRAME, CanFrames
-from tactemu.wire.can_runs import run_ns
+from tactemu.wire.can_bits import run_ns
 
 BUFFER_BYTES = 4 << 20
 """The requested receive buffer of each bus; the kernel gives at most net.core.rmem_max."""
@@ -112,7 +112,7 @@ class Lateness:
         self._frames, self._times = [frames[complete:]], [times[complete:]]
         if not n:
             return
-        took = run_ns(CanFrames(frames[:complete]), 1_000_000).reshape(n, a_sample)
+        took = np.array(run_ns(CanFrames(frames[:complete]), 1_000_000)).reshape(n, a_sample)
         due = self._bus.start_ns + (self._number + np.arange(n))[:, None] * self._bus.period_ns + took.cumsum(axis=1)
         late = (times[:complete].reshape(n, a_sample) - due) // 10_000
         np.add.at(self.counts, np.clip(late, 0, len(self.counts) - 1).ravel(), 1)

@@ -13,6 +13,7 @@ from firmware_protocols.frames import CanFrame
 CAN_FRAME = np.dtype([("can_id", "=u4"), ("len", "u1"), ("pad", "V3"), ("data", "u1", (8,))])
 """``struct can_frame`` of Linux: 16 bytes."""
 _CAN_FRAME = struct.Struct("=IB3x8s")
+_FRAME_BYTES = CAN_FRAME.itemsize
 
 
 if TYPE_CHECKING:
@@ -28,7 +29,7 @@ class CanFrames(Frames):
     Its items are :class:`CanFrame`; a transport may send the array as it is.
 
     Args:
-        array: frames as :data:`CAN_FRAME`, shape ``(n,)``; it is not copied, so do not change it afterwards.
+        array: frames as :data:`CAN_FRAME`, contiguous, shape ``(n,)``; it is not copied, so do not change it.
     """
 
     __slots__ = ("array",)
@@ -63,13 +64,20 @@ class CanFrames(Frames):
     def __getitem__(self, index: slice) -> CanFrames: ...
     def __getitem__(self, index: int | slice) -> CanFrame | CanFrames:
         if isinstance(index, slice):
-            return CanFrames(self.array[index])
-        ident, size, data = _CAN_FRAME.unpack(self.array[index].tobytes())
+            return CanFrames(np.ascontiguousarray(self.array[index]))
+        try:
+            ident, size, data = _CAN_FRAME.unpack_from(self.array, index * _FRAME_BYTES)
+        except struct.error:
+            raise IndexError(f"expected an index below {len(self.array)}, got {index}") from None
         return CanFrame(arbitration_id=ident, data=data[:size])
 
     def __iter__(self) -> Iterator[CanFrame]:
-        for ident, size, data in _CAN_FRAME.iter_unpack(self.array.tobytes()):
+        for ident, size, data in self.unpacked():
             yield CanFrame(arbitration_id=ident, data=data[:size])
+
+    def unpacked(self) -> Iterator[tuple[int, int, bytes]]:
+        """Return an iterator over identifier, number of data bytes, and 8 bytes of each frame."""
+        return _CAN_FRAME.iter_unpack(self.array.tobytes())
 
     def __len__(self) -> int:
         return len(self.array)

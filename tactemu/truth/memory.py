@@ -78,15 +78,17 @@ class Memory:
 
     def add_frame(self, t_ns: int, device: str, frame: WireFrame | CanFrames) -> None:
         """Keep a frame, or several that left together."""
-        self._add(self.frames, (t_ns, device, frame), size_of_frame(frame))
+        size = _FRAME_OVERHEAD_BYTES + len(frame) if isinstance(frame, bytes) else size_of_frame(frame)
+        self._add(self.frames, (t_ns, device, frame), size)
 
     def _add(self, entries: deque, entry: object, size: int) -> None:
-        with self.budget.lock:
+        budget = self.budget
+        with budget.lock:
             entries.append(entry)
             self.bytes += size
-            self.budget.spent += size
-            if self.budget.spent > self.budget.limit:
-                self.budget.shrink()
+            budget.spent += size
+            if budget.spent > budget.limit:
+                budget.shrink()
 
     def forget(self) -> None:
         """Drop all entries."""
@@ -128,9 +130,9 @@ def size_of(entry: Entry) -> int:
 
 def size_of_frame(frame: WireFrame | CanFrames) -> int:
     """Return the approximate size of a frame, or of several, in memory [byte]."""
-    if isinstance(frame, CanFrames):
-        return _FRAME_OVERHEAD_BYTES + frame.array.nbytes
-    return _FRAME_OVERHEAD_BYTES + len(frame.data if isinstance(frame, CanFrame) else frame)
+    if isinstance(frame, bytes):
+        return _FRAME_OVERHEAD_BYTES + len(frame)
+    return _FRAME_OVERHEAD_BYTES + (len(frame.data) if isinstance(frame, CanFrame) else frame.array.nbytes)
 
 
 _PROCESS = Budget(parse_size(DEFAULT_KEEP))

@@ -15,7 +15,7 @@ from abc import ABC, abstractmethod
 from bisect import bisect_right
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from itertools import accumulate
 from pathlib import Path
 from typing import Any, ClassVar, Literal
@@ -34,26 +34,34 @@ Pacing = Literal[True, False, "strict"]
 """Pacing of frames: on, off, or ``strict``, which makes up for no stall."""
 
 
-@dataclass(order=True, slots=True)
+@dataclass(slots=True, eq=False)
 class Pending:
     """A frame, or a run of frames, on its way; sorted in the order of its lane."""
 
-    order: tuple[int, int]
-    number: int
-    frame: WireFrame | CanFrames = field(compare=False)
+    order: tuple[int, int, int]
+    """The line model's order, then the number."""
+    frame: WireFrame | CanFrames
     """The frame, or a run of frames that follow one another."""
-    source: str = field(compare=False)
-    ready_ns: int = field(compare=False)
+    source: str
+    ready_ns: int
     """The time from which it may leave."""
-    duration_ns: int = field(compare=False, default=0)
-    end_ns: int = field(compare=False, default=0)
-    """The time at which its last bit has gone; set when it wins the line."""
-    sample: int | None = field(compare=False, default=None)
+    duration_ns: int = 0
+    sample: int | None = None
     """The number of the sample that it carries."""
-    ends: list[int] | None = field(compare=False, default=None)
+    ends: list[int] | None = None
     """The end of each frame of a run whose first frame starts at 0 [ns]."""
-    gone: int = field(compare=False, default=0)
+    end_ns: int = 0
+    """The time at which its last bit has gone; set when it wins the line."""
+    gone: int = 0
     """The number of frames of a run that have left."""
+
+    def __lt__(self, other: Pending) -> bool:
+        return self.order < other.order
+
+    @property
+    def number(self) -> int:
+        """The number of the frame on its line."""
+        return self.order[2]
 
     @property
     def frames(self) -> Sequence[WireFrame]:
@@ -110,6 +118,9 @@ class LineModel(ABC):
         self.pacing: Pacing = pacing
 
     # -- on the line -------------------------------------------------------------------------------------------------
+
+    def prepare(self) -> None:
+        """Compute what the first frame would otherwise wait for; called before the port opens."""
 
     @abstractmethod
     def duration_ns(self, frame: WireFrame) -> int:
@@ -237,8 +248,8 @@ class Line:
         line_model = self.line_model
         lane = line_model.lane(source)
         took = line_model.duration_ns(frame) if took_ns is None else took_ns
-        order = line_model.order(turn, ready_ns)
-        heapq.heappush(self._lanes[lane], Pending(order, self._number, frame, source, ready_ns, took, sample=sample))
+        order = (*line_model.order(turn, ready_ns), self._number)
+        heapq.heappush(self._lanes[lane], Pending(order, frame, source, ready_ns, took, sample))
         self._waiting_ns[lane] += took
 
     def put_run(self, frames: CanFrames, ready_ns: int, source: str, *, sample: int | None = None) -> None:
@@ -249,8 +260,8 @@ class Line:
         line_model = self.line_model
         lane = line_model.lane(source)
         ends = list(accumulate(line_model.run_ns(frames)))
-        order = line_model.order(0, ready_ns)
-        run = Pending(order, self._number, frames, source, ready_ns, ends[-1], sample=sample, ends=ends)
+        order = (*line_model.order(0, ready_ns), self._number)
+        run = Pending(order, frames, source, ready_ns, ends[-1], sample, ends)
         heapq.heappush(self._lanes[lane], run)
         self._waiting_ns[lane] += ends[-1]
 
@@ -272,8 +283,8 @@ class Line:
         """Return the time at which :meth:`take` has to be called, or None."""
         if self._sending is not None:
             return self._handover_ns
-        heads = [lane[0].ready_ns for lane in self._lanes.values() if lane]
-        return max(self.free_ns, min(heads)) if heads else None
+        waiting = [*filter(None, self._lanes.values())]
+        return self._next_start_ns(waiting) if waiting else None
 
     def take(self, now_ns: int) -> Pending | None:
         """Return the next frame whose last bit has gone by ``now_ns``, or ``None``."""
@@ -323,44 +334,42 @@ class Line:
     def _start(self, now_ns: int) -> bool:
         """Start the frame that wins among those that are ready when the line falls idle; return False if that moment
         has not come."""
-        waiting = [(name, lane) for name, lane in self._lanes.items() if lane]
-        if not waiting:
+        waiting = [*filter(None, self._lanes.values())]
+        if not waiting or (start := self._next_start_ns(waiting)) > now_ns:
             return False
-        start = max(self.free_ns, min([lane[0].ready_ns for _, lane in waiting]))
-        if start > now_ns:
-            return False
-        name, lane = waiting[0]
+        lane = waiting[0]
         if len(waiting) > 1:
-            ready = [entry for entry in waiting if entry[1][0].ready_ns <= start]
-            name, lane = min(ready, key=lambda entry: self.line_model.rank(entry[1][0]))
+            ready = [each for each in waiting if each[0].ready_ns <= start]
+            lane = min(ready, key=lambda each: self.line_model.rank(each[0])) if len(ready) > 1 else ready[0]
         if lane[0].ends is None:
             pending = heapq.heappop(lane)
         else:
-            pending = self._part_of_run(lane, [other[0] for _, other in waiting if other is not lane], start, now_ns)
-        self._waiting_ns[name] -= pending.duration_ns
+            pending = self._part_of_run(lane, waiting, start, now_ns)
+        self._waiting_ns[self.line_model.lane(pending.source)] -= pending.duration_ns
         pending.end_ns = self.free_ns = start + pending.duration_ns
         self._handover_ns = start if self.is_paced_by_port else pending.end_ns
         self.busy_ns += pending.duration_ns
         self._sending = pending
         return True
 
-    def _part_of_run(self, lane: list[Pending], rivals: list[Pending], start: int, now_ns: int) -> Pending:
+    def _next_start_ns(self, waiting: list[list[Pending]]) -> int:
+        """Return when the next frame of these lanes, none of which is empty, starts."""
+        ready_ns = waiting[0][0].ready_ns if len(waiting) == 1 else min([lane[0].ready_ns for lane in waiting])
+        return ready_ns if ready_ns > self.free_ns else self.free_ns
+
+    def _part_of_run(self, lane: list[Pending], waiting: list[list[Pending]], start: int, now_ns: int) -> Pending:
         """Return the frames of the run at the head of a lane that left by now without a break, or its next frame."""
         run = lane[0]
         ends, first = run.ends, run.gone
         assert ends is not None and isinstance(run.frame, CanFrames)
         zero_ns = start - (ends[first - 1] if first else 0)
-        last = bisect_right(ends, now_ns - zero_ns, first)
-        if last - first > 1 and zero_ns + ends[first] < now_ns - self._catch_up_ns:
-            last = first + 1  # the line was idle: the frames after this one start later
-        if last - first > 1 and rivals:
-            ready_ns = min([rival.ready_ns for rival in rivals])
-            alone = bisect_right(ends, ready_ns - zero_ns - 1, first) + 1  # these start before a rival is ready
-            least = min([self.line_model.rank(rival)[0] for rival in rivals])
-            while alone < last and run.frame.array["can_id"][alone] < least:
-                alone += 1
-            last = min(last, alone)
-        last = max(last, first + 1)
+        last = first + 1
+        is_late = zero_ns + ends[first] < now_ns - self._catch_up_ns  # the frames after this one start later
+        if not is_late and last < len(ends) and zero_ns + ends[last] <= now_ns:
+            last = bisect_right(ends, now_ns - zero_ns, last)
+            if len(waiting) > 1:
+                rivals = [other[0] for other in waiting if other is not lane]
+                last = self._end_of_lead(run.frame, ends, first, last, zero_ns, rivals)
         if last == len(ends):
             heapq.heappop(lane)
         else:
@@ -368,4 +377,14 @@ class Line:
             run.duration_ns = ends[-1] - ends[last - 1]
         took_ns = zero_ns + ends[last - 1] - start
         left = run.frame[first] if last == first + 1 else run.frame[first:last]
-        return Pending(run.order, run.number, left, run.source, run.ready_ns, took_ns, sample=run.sample)
+        return Pending(run.order, left, run.source, run.ready_ns, took_ns, run.sample)
+
+    def _end_of_lead(
+        self, frames: CanFrames, ends: list[int], first: int, last: int, zero_ns: int, rivals: list[Pending]
+    ) -> int:
+        """Return up to which frame, at most ``last``, a run goes on before a rival's frame wins the line."""
+        ready_ns = min([rival.ready_ns for rival in rivals])
+        alone = bisect_right(ends, ready_ns - zero_ns - 1, first) + 1  # these start before a rival is ready
+        least = min([self.line_model.rank(rival)[0] for rival in rivals])
+        idents = frames.array["can_id"][alone:last].tolist()
+        return min(last, alone) + next((k for k, ident in enumerate(idents) if ident >= least), len(idents))

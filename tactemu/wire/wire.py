@@ -124,11 +124,14 @@ class Wire(WirePort):
         ``sample`` is the number of the sample that the frames carry.
         """
         self._source = source
+        seen_ns = (
+            min(now_ns, self._flushed_ns) if self.is_real_time else now_ns
+        )  # a real loop may be late with the line
         if not self.transport.has_reader:
             counter, why = "unheard", "no reader"
         elif self._down is not None:
             counter, why = "unheard", str(self._down)
-        elif self.line.backlog_ns(source, self._seen_ns(now_ns)) > self.backlog_ns:
+        elif self.line.backlog_ns(source, seen_ns) > self.backlog_ns:
             self.counters["dropped_readings"] += 1
             counter, why = "dropped_frames", "line full"
         else:
@@ -145,8 +148,10 @@ class Wire(WirePort):
             return
         least = self.line_model.turnaround_ns()
         for each in frames:
-            frame, delay_ns, turn = (each.frame, each.delay_ns, each.turn) if isinstance(each, Sent) else (each, 0, 0)
-            ready_ns = now_ns + max(delay_ns, least)
+            if isinstance(each, Sent):
+                frame, turn, ready_ns = each.frame, each.turn, now_ns + max(each.delay_ns, least)
+            else:
+                frame, turn, ready_ns = each, 0, now_ns + least
             if is_undisturbed:
                 self.line.put(frame, ready_ns, source, turn=turn, sample=sample)
                 continue
@@ -162,10 +167,6 @@ class Wire(WirePort):
             if held_ns:
                 self._held_ns[direction] = ready_ns
         return ready_ns
-
-    def _seen_ns(self, now_ns: int) -> int:
-        """Return the time that the line has reached: a real loop may be late with it, a virtual one never is."""
-        return min(now_ns, self._flushed_ns) if self.is_real_time else now_ns
 
     def flush(self, now_ns: int) -> int:
         """Write every frame whose last bit has gone, and return how many were written."""
@@ -212,17 +213,18 @@ class Wire(WirePort):
 
     def _pass_on(self, pending: Pending, now_ns: int) -> int:
         """Pass a frame that has left the line to its receivers, and return how many frames the driver took."""
-        if isinstance(pending.frame, CanFrames):
-            return self._pass_run_on(pending, pending.frame, now_ns)
+        frame = pending.frame
+        if isinstance(frame, CanFrames):
+            return self._pass_run_on(pending, frame, now_ns)
         if pending.source == DRIVER:
-            if self.line_model.carries(pending.frame) and not getattr(pending.frame, "is_error_frame", False):
-                self._arrived.append((pending.end_ns, ReceivedData(pending.frame)))
+            if self.line_model.carries(frame) and not getattr(frame, "is_error_frame", False):
+                self._arrived.append((pending.end_ns, ReceivedData(frame)))
                 if self.line_model.echoes() and not self.line.is_paced_by_port:  # a real adapter does so itself
-                    self.transport.write(pending.frame)
+                    self.transport.write(frame)
             return 0
         if len(self.connectors) > 1:
-            self._pass_to_peers([pending.frame], pending)
-        return self._write(pending, now_ns)
+            self._pass_to_peers([frame], pending)
+        return self._write(pending, frame, now_ns)
 
     def _pass_run_on(self, pending: Pending, frames: CanFrames, now_ns: int) -> int:
         """Pass on frames of one device that left the line one after another; return how many the driver took."""
@@ -240,17 +242,18 @@ class Wire(WirePort):
             self.truth.wrote_all(now_ns, source, frames, pending.sample, now_ns - pending.end_ns)
         return sent
 
-    def _write(self, pending: Pending, now_ns: int) -> bool:
-        frame, source, chip = pending.head, pending.source, self._injector.chip
-        received = self._as_received(frame, source, to_driver=True) if self.line_model.has_settings else frame
-        if isinstance(received, bytes) and not received:  # the noise holds no byte
-            return False
+    def _write(self, pending: Pending, frame: WireFrame, now_ns: int) -> bool:
+        source, chip, received = pending.source, self._injector.chip, frame
+        if self.line_model.has_settings:
+            received = self._as_received(frame, source, to_driver=True)
+            if received == b"":  # the noise holds no byte
+                return False
         if not (self.transport.write(received) if chip is None else self._hand_over(chip, received, now_ns)):
             why = ("dropped_unread", "not read") if self.transport.has_reader else ("unheard", "no reader")
             self._lose([frame], now_ns, source, *why, pending.sample)
             return False
         self.counters["sent"] += 1
-        self.counters["sent_bytes"] += len(payload(received))
+        self.counters["sent_bytes"] += len(received if isinstance(received, bytes) else received.data)
         end_ns = now_ns + pending.duration_ns if self.line.is_paced_by_port else now_ns
         self.truth.wrote(end_ns, source, received, pending.sample, end_ns - pending.end_ns)
         return True

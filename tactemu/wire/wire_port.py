@@ -100,6 +100,7 @@ class WirePort:
             TransportError: it cannot be made.
             SceneError: a real line is behind it, and cannot have a fault that is on.
         """
+        self.line_model.prepare()
         self.transport.set_connector(self.line_model.connector)
         self.transport.set_filters(self.line_model.filters(self.connectors.values()))
         self._is_open = True

@@ -8,18 +8,26 @@ from hypothesis import strategies as st
 from firmware_protocols import Can, CanFrame
 from firmware_protocols.can_frames import CanFrames
 from tactemu.transports.memory import MemoryTransport
-from tactemu.wire.can_bits import frame_bits
-from tactemu.wire.can_runs import run_bits
+from tactemu.wire.can_bits import frame_ns, run_ns
 from tactemu.wire.wire import Wire
 
 
 @pytest.mark.parametrize("size", [0, 1, 5, 8])
-def test_bits_are_those_of_each_frame(size):
+def test_times_are_those_of_each_frame(size):
     rng = np.random.default_rng(size)
     data = rng.integers(0, 256, (2000, size), dtype=np.uint8)
     data[:1000] = rng.choice([0x00, 0xFF, 0x0F, 0xF8, 0x1F], (1000, size))  # long runs of equal bits
     frames = CanFrames.of(rng.integers(0, 0x800, 2000), data)
-    assert run_bits(frames).tolist() == [frame_bits(frame)[0] for frame in frames]
+    assert run_ns(frames, 800_000) == [frame_ns(frame, 800_000) for frame in frames]
+
+
+def test_frames_of_an_array_are_indexed_as_a_sequence():
+    frames = CanFrames.of([1, 2, 3], np.arange(12, dtype=np.uint8).reshape(3, 4))
+    assert [frames[k] for k in range(-3, 3)] == 2 * list(frames)
+    assert frames[::2] == [frames[0], frames[2]] and frames[::2][1] == frames[2]
+    for index in (-4, 3):
+        with pytest.raises(IndexError, match="below 3"):
+            frames[index]
 
 
 def play(plan, steps, as_runs, **options):

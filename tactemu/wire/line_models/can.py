@@ -9,8 +9,8 @@ from typing import Any
 from firmware_protocols import Can, CanFrame, WireFrame
 from firmware_protocols.can_frames import CanFrames
 from tactemu.transports.transport import CanFilter
-from tactemu.wire.can_bits import frame_ns, priority
-from tactemu.wire.can_runs import run_ns
+from tactemu.wire import can_bits
+from tactemu.wire.can_bits import frame_ns, priority, run_ns
 from tactemu.wire.line import LineModel, Pending
 
 MULTICAST = "can:udp_multicast:239.74.163.2"
@@ -37,13 +37,20 @@ class CanLine(LineModel, connector=Can):
     is_half_duplex = True
     is_byte_stream = False
 
+    def prepare(self) -> None:
+        """Compute the tables of stuff bits and of the CRC."""
+        can_bits.tables()
+
     def duration_ns(self, frame: WireFrame) -> int:
         """Return the exact time of a frame [ns], intermission included; 0 without pacing."""
-        return self.traffic_ns(frame) if self.pacing and isinstance(frame, CanFrame) else 0
+        connector = self.connector
+        if not self.pacing or not isinstance(frame, CanFrame):
+            return 0
+        return frame_ns(frame, connector.bitrate, connector.data_bitrate)
 
     def run_ns(self, frames: CanFrames) -> list[int]:
         """Return the exact time of each frame [ns], intermission included; 0 without pacing."""
-        return run_ns(frames, self.connector.bitrate).tolist() if self.pacing else [0] * len(frames)
+        return run_ns(frames, self.connector.bitrate) if self.pacing else [0] * len(frames)
 
     def traffic_ns(self, frame: CanFrame) -> int:
         """Return the exact time of a frame [ns], intermission included, with or without pacing."""
