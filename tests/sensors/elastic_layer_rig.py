@@ -21,7 +21,7 @@ class LayerRig:
 
     def __init__(
         self, cells, pitch, young, nu, thickness, *, n_envs=1, real=wp.float32, iterations=200, tolerance=1e-5,
-        mu=0.0, coupled=False, device="cpu", lanes=None,
+        mu=0.0, mu_kinetic=None, slip_distance=1e-4, coupled=False, device="cpu", lanes=None,
     ):  # fmt: skip
         self.device = wp.get_device(device)
         self.real, self.pitch, self.n_envs = real, pitch, n_envs
@@ -47,6 +47,9 @@ class LayerRig:
 
         self.layer = layer_type(real)()
         self.layer.tables, self.layer.bulge, self.layer.friction = self.tables.struct, 1.0, mu
+        weakens = mu_kinetic is not None
+        self.layer.kinetic = mu if mu_kinetic is None else mu_kinetic
+        self.layer.slip_distance = slip_distance / self.tables.length_scale
         self.layer.cap, self.layer.tolerance = iterations, tolerance
         self.layer.reach = wp.vec2i(*response_reach(self.tables.kernels))
         self.windows = Windows(windows_type(real)(), NORMAL_WINDOWS, workspace, slots, cells)
@@ -62,7 +65,7 @@ class LayerRig:
         pressed.dirty, surface.area = zeros(wp.vec4i, n_envs), zeros(wp.vec4i, n_envs)
         for name in ("x", "y", "anchor_x", "anchor_y"):
             setattr(state, name, zeros(real))
-        state.held_by, state.slip = zeros(wp.int32), zeros(wp.int32)
+        state.held_by, state.slip, state.slipped = zeros(wp.int32), zeros(wp.int32), zeros(real)
         for name in "uvw":
             setattr(surface, name, zeros(real))
 
@@ -71,7 +74,7 @@ class LayerRig:
         if mu > 0:
             self.friction_windows = Windows(friction_windows_type(real)(), FRICTION_WINDOWS, workspace, slots, cells)
             inputs = [over, pressed, self.friction_windows.struct, state]
-            self._friction = launch(friction_kernel(real, lanes, coupled, is_shared), inputs)
+            self._friction = launch(friction_kernel(real, lanes, coupled, is_shared, weakens), inputs)
         inputs = [pressed, state, self.windows.struct, surface]
         self._surface = launch(surface_kernel(real, lanes, mu > 0, is_shared), inputs)
 

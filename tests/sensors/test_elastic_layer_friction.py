@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import warp as wp
 
+import tactemu as tt
 from tests.sensors.elastic_layer_rig import LayerRig, coordinates
 
 E, RADIUS, DEPTH, MU = 1e5, 5e-3, 1e-4, 0.4
@@ -174,3 +175,114 @@ def after_laps(path, tolerance, laps):
 def test_partial_slip_does_not_drift(path, tolerance):
     fifth, last = after_laps(path, tolerance, laps=100)
     assert np.abs(last - fifth).max() < 5e-3 * np.abs(fifth).max()
+
+
+# -- friction that falls with slip -------------------------------------------------------------------------------------
+
+
+def forces(rig, slides):
+    """Shares of the load along the slide after each of the slides."""
+    load = rig.pressure.sum()
+    return np.array([rig.rub(slide)[0].sum() / load for slide in slides])
+
+
+def test_onset_of_slip_by_distance():
+    """The slide at which Cattaneo and Mindlin expect a force, and the radius of what still sticks."""
+    rig, pressure = pressed(0.0)
+    full = mindlin(0.0, 0.0)[1]
+    load = MU * pressure.sum()
+    for k in range(1, 10):
+        share = rig.rub(0.1 * full)[0].sum() / load
+        slide = full * (1 - (1 - share) ** (2 / 3))
+        assert slide == pytest.approx(0.1 * k * full, rel=3e-3)
+        stick = np.sqrt((rig.state.slip.numpy() == 1).sum() * rig.pitch**2 / np.pi)
+        assert stick / A == pytest.approx((1 - share) ** (1 / 3), abs=0.02)
+
+
+def test_the_same_coefficient_twice_is_one():
+    one, _ = pressed(0.3, cells_per_a=8)
+    two, _ = pressed(0.3, cells_per_a=8, mu_kinetic=MU)
+    slide = 0.3 * mindlin(0.3, 0.0)[1]
+    for _ in range(6):
+        np.testing.assert_array_equal(one.rub(slide, 0.2 * slide), two.rub(slide, 0.2 * slide))
+
+
+@pytest.mark.parametrize("distance", [1e-3, 1e-4])
+def test_a_thin_layer_weakens_as_its_springs_do(distance):
+    """A layer much thinner than a cell is a bed of springs k = G / t: q = k (x - w), and mu(w) p once it slips."""
+    young, nu, thickness, static, kinetic = 1e5, 0.3, 1e-4, 0.5, 0.3
+    rig = LayerRig(
+        (24, 24), 1e-3, young, nu, thickness, mu=static, mu_kinetic=kinetic, slip_distance=distance, tolerance=1e-6,
+        iterations=300, real=wp.float64,
+    )  # fmt: skip
+    pressure = rig.press(np.full((24, 24), 1e-5))[12, 12]
+    rig.rub(0.0)
+    stiffness = young / (2 * (1 + nu)) / thickness
+    full = static * pressure / stiffness
+    step, felt = full / 40, []
+    for _ in range(200):
+        felt.append(rig.rub(step)[0][12, 12] / pressure)
+    x = step * np.arange(1, 201)
+    falls = (static - kinetic) * pressure / distance
+    slip = np.maximum((stiffness * x - static * pressure) / (stiffness - falls), 0)
+    expected = np.where(x < full, stiffness * x / pressure, np.maximum(static - falls * slip / pressure, kinetic))
+    assert np.abs(felt - expected).max() < 2e-3
+
+
+def test_the_peak_lies_between_both_coefficients_and_the_end_is_kinetic():
+    """A short distance leaves no peak, as cells let go one after another; where it is resolved, cells do not matter."""
+    kinetic, full = 0.6 * MU, mindlin(0.0, 0.0)[1]
+    peaks = {}
+    for distance in (100 * full, full, 0.1 * full):
+        for cells_per_a in (6, 12):
+            rig, _ = pressed(0.0, cells_per_a, mu_kinetic=kinetic, slip_distance=distance)
+            felt = forces(rig, [0.05 * full] * 60)
+            peaks.setdefault(distance, []).append(felt.max())
+            if distance <= full:
+                assert felt[-1] == pytest.approx(kinetic, rel=1e-4)
+    long, middle, short = peaks.values()
+    assert long == pytest.approx([MU, MU], rel=1e-3)
+    assert MU > middle[0] > short[0] > kinetic
+    assert middle[0] == pytest.approx(middle[1], rel=1e-3) and short[0] == pytest.approx(short[1], rel=1e-3)
+
+
+def test_an_object_that_stands_still_is_held_again():
+    kinetic, full = 0.5 * MU, mindlin(0.0, 0.0)[1]
+    rig, _ = pressed(0.0, 8, mu_kinetic=kinetic, slip_distance=full)
+    first = forces(rig, [0.1 * full] * 40)
+    rig.pressed.changed.fill_(0)
+    going_on = forces(rig, [0.1 * full] * 5)
+    still = forces(rig, [0.0] * 3)
+    again = forces(rig, [0.1 * full] * 20)
+    assert first[-1] == pytest.approx(kinetic, rel=1e-3) and going_on == pytest.approx([kinetic] * 5, rel=1e-3)
+    assert still == pytest.approx([kinetic] * 3, rel=1e-3)
+    assert again.max() > 1.5 * kinetic and again[-1] == pytest.approx(kinetic, rel=1e-3)
+
+
+def test_a_scene_takes_both_coefficients():
+    x = (np.arange(16) - 7.5) * 1e-3
+    positions = np.stack([*np.meshgrid(x, x, indexing="ij"), np.zeros((16, 16))], axis=-1)
+
+    def drag(**options):
+        scene = tt.Scene(dt=1e-3)
+        pad = scene.add_body(None, fixed=True, name="pad")
+        ball = scene.add_body(tt.Sphere(radius=0.01), name="ball")
+        model = tt.ElasticLayerTaxel(positions=positions, radius=5e-4, tolerance=1e-5, iterations=100, **options)
+        sensor = scene.add_sensor(model, link=pad)
+        sim = scene.build()
+        ratios = []
+        for k in range(60):
+            sim.set_pose(ball, position=(2e-5 * k, 0, 0.0095))
+            sim.step()
+            force = sensor.read().force.sum(axis=(0, 1))
+            ratios.append(force[0] / -force[2])
+        return np.array(ratios), sim
+
+    plain, _ = drag(friction=0.5)
+    np.testing.assert_array_equal(plain, drag(friction=0.5, kinetic_friction=0.5)[0])
+    falling, sim = drag(friction=0.5, kinetic_friction=0.2, slip_distance=2e-4)
+    assert plain.max() == pytest.approx(plain[-1], rel=2e-3)
+    assert falling.max() > 1.3 * falling[-1] and falling[-1] == pytest.approx(0.2, rel=0.1)
+    assert "0.5, 0.2 once it slips" in str(sim.plan)
+    with pytest.raises(tt.SceneError, match="kinetic_friction must be at most friction"):
+        drag(friction=0.2, kinetic_friction=0.3)

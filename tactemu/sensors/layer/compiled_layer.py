@@ -63,6 +63,12 @@ class LayerOptions(Protocol):
     def friction(self) -> float: ...
 
     @property
+    def kinetic_friction(self) -> float | None: ...
+
+    @property
+    def slip_distance(self) -> float: ...
+
+    @property
     def object_young_modulus(self) -> float | None: ...
 
     @property
@@ -104,6 +110,8 @@ class CompiledLayer:
         self.real, self.device, self.n_envs = context.real, context.device, context.n_envs
         self.lanes = lane_width(self.device)
         self.has_friction = model.friction > 0
+        self.kinetic = model.friction if model.kinetic_friction is None else float(model.kinetic_friction)
+        self.weakens = self.kinetic < model.friction
         needs = [
             pressure.SHARED_ARRAYS,
             *([friction.SHARED_ARRAYS] * self.has_friction),
@@ -131,7 +139,8 @@ class CompiledLayer:
         soft = "" if model.object_young_modulus is None else f" under objects of {model.object_young_modulus:g} Pa"
         self._add(self._normal, "pressure", f"bonded layer{soft}, at most {model.iterations} iterations", solver)
         if self.has_friction:
-            why = f"Coulomb friction {model.friction:g} with stick and slip"
+            falls = f", {self.kinetic:g} once it slips," if self.weakens else ""
+            why = f"Coulomb friction {model.friction:g}{falls} with stick and slip"
             self._add(self._friction, "friction", why, f"set `friction = 0`, {solver}")
         if model.displacement:
             why = "displacement is on; within reach of the contact"
@@ -187,6 +196,8 @@ class CompiledLayer:
             setattr(state, name, self._cells(real, self.has_friction))
         for name in ("held_by", "slip"):
             setattr(state, name, self._cells(wp.int32, self.has_friction))
+        if self.weakens:
+            state.slipped = self._cells(real)
         state.box, state.residual = self._per_env(wp.vec4i), self._per_env(wp.float64)
         state.iterations = self._per_env(wp.int32)
         for name in "uvw":
@@ -200,7 +211,8 @@ class CompiledLayer:
         """Return the layer and the options of its solvers, as kernels take them; the tables are those that contact
         needs."""
         model, layer = self.model, layer_type(self.real)()
-        layer.tables, layer.friction = self.tables.struct, model.friction
+        layer.tables, layer.friction, layer.kinetic = self.tables.struct, model.friction, self.kinetic
+        layer.slip_distance = model.slip_distance / self.tables.length_scale
         # A nearly incompressible skin rises beside the contact: include cells where the object is that near.
         layer.bulge = 0.1 + 0.9 * min(max((model.poisson_ratio - 0.3) / 0.2, 0.0), 1.0)
         layer.cap, layer.tolerance = int(model.iterations), model.tolerance
@@ -215,6 +227,8 @@ class CompiledLayer:
             state.anchor_y, state.held_by, state.slip, state.box, state.residual, state.iterations, state.changed,
         ):  # fmt: skip
             clear_rows(array, mask)
+        if self.weakens:
+            clear_rows(state.slipped, mask)
         clear_rows(over.overlap, mask, NO_SURFACE)
         clear_rows(pressed.solved, mask, math.nan)
 
@@ -293,7 +307,7 @@ class CompiledLayer:
         return self._blocks(kernel, [self.over, self.windows.struct, self.pressed])
 
     def _friction(self) -> Callable[[], None]:
-        kernel = friction_kernel(self.real, self.lanes, bool(self.model.coupled), self.is_shared)
+        kernel = friction_kernel(self.real, self.lanes, bool(self.model.coupled), self.is_shared, self.weakens)
         return self._blocks(kernel, [self.over, self.pressed, self.friction_windows.struct, self.state])
 
     def _surface(self) -> Callable[[], None]:

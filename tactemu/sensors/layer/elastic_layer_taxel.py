@@ -7,6 +7,8 @@ the object since, and the displacement ``v`` of the skin along its surface by pr
     p >= 0,  C p >= o,  p (C p - o) = 0                no pull, no penetration, no pressure across a gap
     q of least  q.A q / 2 - q.(a + s - v)  with |q| <= friction * p                        stick, and slip
 
+With a ``kinetic_friction`` the coefficient of a cell falls linearly to it over ``slip_distance`` of slip.
+
 Objects are rigid, or soft (``object_young_modulus``): their compliance then adds to ``C`` and ``A``, and the
 displacement of the surface remains that of the skin alone (docs/contact.md).
 
@@ -93,6 +95,12 @@ class ElasticLayerTaxel(SensorModel[LayerReading]):
     """Thickness of the layer [m]; ``inf`` for a half-space."""
     friction: NonNegative = 0.5
     """Coulomb's coefficient; 0: no friction, and no cost for it."""
+    kinetic_friction: NonNegative | None = None
+    """Coefficient of a cell that slips, at most ``friction``, which then is that of one that sticks; ``None``: the
+    same."""
+    slip_distance: Length = 1.0e-4
+    """Slip over which a cell's coefficient falls from ``friction`` to ``kinetic_friction`` [m], until it sticks again.
+    Where a step moves the body farther than this, the peak of the force depends on the step."""
     object_young_modulus: Pascals | None = None
     """Young's modulus of all objects that press on the skin [Pa]; ``None``: they are rigid."""
     object_poisson_ratio: Annotated[float, Bounds(low=0, high=0.5)] = 0.5
@@ -168,6 +176,10 @@ class ElasticLayerTaxel(SensorModel[LayerReading]):
             )
         if self.object_radius is not None and self.object_young_modulus is None:
             raise SceneError(f"{where}: object_radius is that of soft objects; give object_young_modulus [Pa], too")
+        if self.kinetic_friction is not None and self.kinetic_friction > self.friction:
+            raise SceneError(
+                f"{where}: kinetic_friction must be at most friction ({self.friction:g}), got {self.kinetic_friction:g}"
+            )
         for grid in layer_grids(probes, 1, where):
             radius = min((abs(1.0 / bend) for bend in grid.curvature if bend), default=math.inf)
             if radius < 0.999 * MIN_BEND_RADIUS_THICKNESSES * self.thickness:

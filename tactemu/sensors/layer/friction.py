@@ -6,6 +6,10 @@ compliance ``A`` and the displacement ``v`` by pressure alone, the tractions ``q
 - q.(a + s - v)`` among all with ``|q| <= mu p``. Cells at the bound slip: they are dragged along, and are held from
 where they end up. ``q`` acts on the skin, so a sliding object drags the skin along.
 
+With a kinetic coefficient the bound falls while a cell slips. Its coefficient in a step follows from the distance ``w``
+that it had slipped before, since it stuck: ``mu = mu_k + (mu_s - mu_k) max(1 - w / slip_distance, 0)``. A cell sticks
+again, with ``w = 0``, where its traction is below the bound, and where nothing moves during a step.
+
 The solver uses conjugate gradients on the circles ``|q| = mu p`` and the discs inside them: where a cell slips, the
 gradient is taken along the circle, whose curvature adds the stiffness ``|gap| / (mu p)``. The layer's own inverse
 compliance, weighted by that stiffness, is the preconditioner. Lengths are in pitches, tractions in the unit of the
@@ -51,15 +55,15 @@ def square(a: Any, b: Any):
 
 
 @functools.cache
-def friction_kernel(real, lanes: int, coupled: bool, is_shared: bool):
+def friction_kernel(real, lanes: int, coupled: bool, is_shared: bool, weakens: bool = False):
     """Return the kernel that solves every environment; ``coupled``: pressure also moves the surface tangentially;
-    ``is_shared``: a block of threads iterates in its shared memory."""
+    ``is_shared``: a block of threads iterates in its shared memory; ``weakens``: the coefficient falls with slip."""
     layer_struct, overlap_struct, pressed_struct = layer_type(real), overlap_type(real), pressure_state_type(real)
     windows, state_struct = friction_windows_type(real), friction_state_type(real)
     functions = convolution_functions(real, lanes, is_shared)
     forward, inverse, convolve = functions.forward, functions.inverse, functions.convolve
     tangential_compliance, publish = tangential_functions(real, lanes, is_shared), publish_function(real)
-    settle, mark = memory_functions(real)
+    settle, mark = memory_functions(real, weakens)
     norm, free_gap, products, direct, curvature, advance = friction_cells(real, lanes)
     block_sum, _max = block_functions(lanes)
     shared_workspace, window = shared_functions(real, workspace_type(real), *SHARED_ARRAYS)
@@ -91,11 +95,32 @@ def friction_kernel(real, lanes: int, coupled: bool, is_shared: bool):
         return near
 
     @wp.func
+    def coefficient(layer: layer_struct, slipped: real):
+        """Return the coefficient of friction of a cell that has slipped this far [pitches]."""
+        left = wp.max(real(1.0) - slipped / layer.slip_distance, real(0.0))
+        return layer.kinetic + (layer.friction - layer.kinetic) * left
+
+    @wp.func
+    def heal(state: state_struct, at: Window, box: wp.vec4i, env: int):
+        """Let all cells stick again."""
+        for y in range(at.mine[0], wp.min(box[2], state.slipped.shape[1] - box[0]), at.mine[1]):
+            for x in range(at.mine[2], wp.min(box[3], state.slipped.shape[2] - box[1]), at.mine[3]):
+                state.slipped[env, box[0] + y, box[1] + x] = real(0.0)
+
+    @wp.func
     def gather(
-        win: windows, at: Window, state: state_struct, mu: real, pressed: pressed_struct, over: overlap_struct, env: int
+        layer: layer_struct,
+        win: windows,
+        at: Window,
+        state: state_struct,
+        pressed: pressed_struct,
+        over: overlap_struct,
+        env: int,
     ):
-        """Fetch the window; return the sum of squared slides of the object over it [pitches squared]."""
+        """Fetch the window; return the sum of squared slides of the object over it [pitches squared], and of the shares
+        by which tractions are above bounds that have fallen with slip."""
         moved = wp.float64(0.0)
+        mu = layer.friction
         pressure = pressed.pressure[env]
         slide = over.slide[env]
         body = over.body[env]
@@ -117,6 +142,12 @@ def friction_kernel(real, lanes: int, coupled: bool, is_shared: bool):
                             moved += square(s[0], s[1])
                         q = vec2(state.x[env, gy, gx], state.y[env, gy, gx])
                         length = wp.length(q)
+                        if wp.static(weakens):
+                            if state.held_by[env, gy, gx] != body[gy, gx] + 1:
+                                state.slipped[env, gy, gx] = real(0.0)
+                            mu = coefficient(layer, state.slipped[env, gy, gx])
+                            if length > real(1.000001) * mu * p:
+                                moved += square(length / (mu * p + p * real(1.0e-6)) - real(1.0), real(0.0))
                         if length > mu * p:
                             q = q * (mu * p / length)
                 win.pressure[at.slot, y, x] = p
@@ -252,7 +283,7 @@ def friction_kernel(real, lanes: int, coupled: bool, is_shared: bool):
                 residual = wp.float64(0.0)
                 work = old[3] > 0
             else:
-                moved = gather(win, at, state, layer.friction, pressed, over, env)
+                moved = gather(layer, win, at, state, pressed, over, env)
                 work = moved > wp.float64(0.0) or pressed.changed[env] > 0 or residual > layer.tolerance
                 for i in range(4):
                     work = work or box[i] != old[i]
@@ -266,7 +297,10 @@ def friction_kernel(real, lanes: int, coupled: bool, is_shared: bool):
                     # iteration.
                     floor = wp.float64(1.0e-6) * block_sum(load)
                     residual, iteration = solve(layer, win, at, floor)
-                    settle(win, at)
+                    settle(win, at, box, state, env)
+                if wp.static(weakens):
+                    if not work:
+                        heal(state, at, box, env)
             if work:
                 publish(win.x[at.slot], box, old, state.x[env], thread)
                 publish(win.y[at.slot], box, old, state.y[env], thread)

@@ -73,6 +73,7 @@ def friction_state_type(real):
         anchor_y: wp.array3d(dtype=real)
         held_by: wp.array3d(dtype=wp.int32)  # index + 1 of the body that it touches; 0: none
         slip: wp.array3d(dtype=wp.int32)
+        slipped: wp.array3d(dtype=real)  # distance that a cell has slipped since it stuck; with two coefficients only
         box: wp.array(dtype=wp.vec4i)
         residual: wp.array(dtype=wp.float64)
         iterations: wp.array(dtype=wp.int32)
@@ -82,14 +83,15 @@ def friction_state_type(real):
 
 
 @functools.cache
-def memory_functions(real):
-    """Return the functions ``(settle, mark)``, which keep a solved window for the next step."""
-    windows = friction_windows_type(real)
+def memory_functions(real, weakens: bool):
+    """Return the functions ``(settle, mark)``, which keep a solved window for the next step; ``weakens``: also how far
+    cells have slipped."""
+    windows, state_struct = friction_windows_type(real), friction_state_type(real)
     vec2 = wp.types.vector(2, real)
     int_grid = wp.array2d(dtype=wp.int32)
 
     @wp.func
-    def settle(win: windows, at: Window):
+    def settle(win: windows, at: Window, box: wp.vec4i, state: state_struct, env: int):
         """Store into ``hold`` where cells are held from now on: free cells where they are, slipping ones as far as they
         slip against their traction. Any other remaining gap is the solver's error, which the next step closes; if kept,
         it would accumulate."""
@@ -103,6 +105,10 @@ def memory_functions(real):
                     if wp.length(q) >= real(SLIP_FRACTION) * limit:
                         along = wp.min(wp.dot(slipped, q), real(0.0)) / wp.dot(q, q)
                     slipped = along * q
+                    if wp.static(weakens):
+                        before = state.slipped[env, box[0] + y, box[1] + x]
+                        far = wp.where(along < real(0.0), before + wp.length(slipped), real(0.0))
+                        state.slipped[env, box[0] + y, box[1] + x] = far
                 win.hold_x[at.slot, y, x] = win.hold_x[at.slot, y, x] + slipped[0]
                 win.hold_y[at.slot, y, x] = win.hold_y[at.slot, y, x] + slipped[1]
         block_sync()

@@ -51,7 +51,9 @@ def layer_type(real):
     class Layer:
         tables: tables_type(real)
         bulge: real  # rise of the skin beside a contact, as a share of the deepest overlap
-        friction: real  # coefficient of friction
+        friction: real  # coefficient of friction, of a cell that sticks
+        kinetic: real  # coefficient of a cell that has slipped by slip_distance; used if it is another
+        slip_distance: real  # [pitches]
         cap: wp.int32  # most iterations of a solver
         tolerance: wp.float64  # residual at which a solver stops
         reach: wp.vec2i  # cells over which a load moves the surface, along rows and columns
