@@ -29,12 +29,16 @@ def measure(device: Device, reading: Reading, t_ns: int) -> Any:
     """Run one conversion and return the counts.
 
     Raises:
-        AuthorError: the device raised, or returned no array.
+        AuthorError: the device raised, or returned no array, or counts that are not finite.
     """
     counts = run(device, "measure", reading, t_ns)
     if not isinstance(counts, np.ndarray | Mapping):
         hint = "return the counts as an array, by sense if several"
         raise error_of_result(device, "measure", f"returned {type(counts).__name__}: {hint}")
+    for values in counts.values() if isinstance(counts, Mapping) else (counts,):
+        is_whole = isinstance(values, np.ndarray) and values.dtype.kind in "iub"  # the usual case, in no time
+        if not is_whole and not np.isfinite(values).all():
+            raise error_of_result(device, "measure", "returned counts that are not finite")
     return counts
 
 

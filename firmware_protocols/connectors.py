@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 
 @dataclass(frozen=True)
@@ -180,3 +180,11 @@ class I2c(Connector):
         if len(frame) != 5 or not frame[0] & 1:
             return None
         return int.from_bytes(frame[1:3], "big"), int.from_bytes(frame[3:], "big")
+
+
+def port_error(ports: Any) -> str:
+    """Return what is wrong with the ``ports`` of a device, or ``""``."""
+    if isinstance(ports, tuple) and ports and all(isinstance(each, Connector) for each in ports):
+        return ""
+    comma = ", with a comma behind one" if isinstance(ports, Connector) else ""
+    return f"ports: expected a tuple of connectors{comma}, got {ports!r}"

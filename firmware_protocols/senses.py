@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 
@@ -171,3 +171,9 @@ class Rollover:
     """True if it counts time, not frames."""
     state: str = ""
     """The attribute of its value (of a clock: of the offset to the time), which :meth:`Device.preset` sets."""
+
+
+def quantity_error(sense: Sense) -> str:
+    """Return what is wrong with the quantity of a sense, or ``""``."""
+    known = get_args(Quantity)
+    return "" if sense.quantity in known else f"senses: {sense.quantity!r}: expected one of {', '.join(known)}"

@@ -47,7 +47,7 @@ def by_sense(device: Device, stream: str, counts: Any) -> dict[str, np.ndarray]:
     """Return counts by the key of their sense.
 
     Raises:
-        AuthorError: their number is not that of the sense's points, the stream lacks the sense, or one is not finite.
+        AuthorError: their number is not that of the sense's points, or the stream lacks the sense.
     """
     senses = {sense.key: sense for sense in device.senses_of(stream)}
     found = counts if isinstance(counts, Mapping) else {next(iter(senses)): counts}
@@ -61,8 +61,6 @@ def by_sense(device: Device, stream: str, counts: Any) -> dict[str, np.ndarray]:
         if values.ndim < 1 or len(values) != len(at):
             what = f"{len(values)} counts" if values.ndim else "one number"
             raise error_of_result(device, "measure", f"returned {what} for the {len(at)} points of {key!r}")
-        if not np.isfinite(values.astype(float)).all():
-            raise error_of_result(device, "measure", f"returned counts of {key!r} that are not finite")
     return {key: np.asarray(values) for key, values in found.items()}
 
 

@@ -19,7 +19,7 @@ from firmware_protocols.calls import source_line
 from firmware_protocols.check.converter import measures_contact
 from firmware_protocols.check.host import Subject
 from firmware_protocols.check.report import Fault
-from firmware_protocols.connectors import Can, Connector
+from firmware_protocols.connectors import Can, Connector, port_error
 from firmware_protocols.device import Device, DeviceKind, Evidence
 from firmware_protocols.facts import Fact, Part
 from firmware_protocols.frames import CanFrame, frame_of
@@ -27,7 +27,7 @@ from firmware_protocols.framing import Packets
 from firmware_protocols.layouts import Layout, Patch
 from firmware_protocols.motors import Motors
 from firmware_protocols.registers import Registers
-from firmware_protocols.senses import Quantity
+from firmware_protocols.senses import quantity_error
 from firmware_protocols.stuffing import Lines
 
 MIN_DISTANCE_PITCHES = 0.2
@@ -112,9 +112,8 @@ def _shared(cls: type[Device]) -> Iterator[str]:
 
 def _ports(device: Device) -> Iterator[str]:
     ports = getattr(device, "ports", ())
-    if not ports or not isinstance(ports, tuple) or not all(isinstance(each, Connector) for each in ports):
-        comma = ", with a comma behind one" if isinstance(ports, Connector) else ""
-        yield f"ports: expected a tuple of connectors{comma}, got {ports!r}"
+    if wrong := port_error(ports):
+        yield wrong
     elif len(ports) > 1 and ("" in (names := [each.name for each in ports]) or len(set(names)) < len(names)):
         yield f"ports: give each of several its own name, got {names}"
 
@@ -122,8 +121,8 @@ def _ports(device: Device) -> Iterator[str]:
 def _senses(device: Device) -> Iterator[str]:
     keys = [sense.key for sense in device.sensed]
     for sense in device.sensed:
-        if sense.quantity not in typing.get_args(Quantity):
-            yield f"senses: {sense.quantity!r}: expected one of {', '.join(typing.get_args(Quantity))}"
+        if wrong := quantity_error(sense):
+            yield wrong
         if sense.burst < 1:
             yield f"sense {sense.key!r}: burst {sense.burst}, expected 1 or more"
     yield from (f"senses: two are called {key!r}" for key in _duplicates(keys))

@@ -49,8 +49,8 @@ def main() -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(OUTPUT_CLOSED)
     except OSError as error:  # such as a full disk, a missing folder, no permission
-        where = f"{error.filename}: " if error.filename else ""
-        print(f"tactemu: {where}{error.strerror or error}", file=sys.stderr)
+        where = error.filename or "cannot write the output"
+        print(f"tactemu: {where}: {error.strerror or error}", file=sys.stderr)
         if error.filename is None:  # the output itself
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(EXEC_FAILED if sys.argv[1:2] == ["exec"] else 2)

@@ -21,7 +21,7 @@ Item = TypeVar("Item")
 
 
 def show_progress(items: Iterable[Item], title: str, total: int) -> Iterator[Item]:
-    """Iterate with a bar on stderr that shows progress and the estimated remaining time."""
+    """Iterate with a bar on a terminal that shows progress and the estimated remaining time."""
     with _bar(Console(stderr=True)) as progress:
         yield from progress.track(items, description=title, total=total)
 
@@ -38,23 +38,24 @@ def show_parts() -> Iterator[Callable[[str], None]]:
 
 def show_sum(counts: Iterable[int], title: str, total: int) -> None:
     """Add up counts, with a bar on a terminal that shows their sum and the estimated remaining time."""
-    console = Console(stderr=True)
-    with _bar(console, disable=not console.is_terminal) as progress:
+    with _bar(Console(stderr=True)) as progress:
         task = progress.add_task(title, total=total)
         for count in counts:
             progress.advance(task, count)
 
 
-def _bar(console: Console, *, disable: bool = False) -> Progress:
+def _bar(console: Console) -> Progress:
     columns = (TextColumn("{task.description:>8}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     left = (TextColumn("left"), TimeRemainingColumn())
-    return Progress(*columns, *left, console=console, transient=True, disable=disable)
+    return Progress(*columns, *left, console=console, transient=True, disable=not console.is_terminal)
 
 
 def show_count(items: Iterable[Item]) -> Iterator[Item]:
-    """Iterate with a count on stderr, for items of unknown number."""
+    """Iterate with a count on a terminal, for items of unknown number."""
+    console = Console(stderr=True)
     columns = (SpinnerColumn(), TextColumn("{task.completed:,} entries"), TimeElapsedColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True, refresh_per_second=4) as progress:
+    hidden = not console.is_terminal
+    with Progress(*columns, console=console, transient=True, refresh_per_second=4, disable=hidden) as progress:
         task = progress.add_task("")
         for k, item in enumerate(items):
             if not k % 1000:

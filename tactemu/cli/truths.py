@@ -43,9 +43,9 @@ def summarise(path: str | Path) -> dict[str, dict[str, Any]]:
     for told in end.summary:
         counted = {name: told[name] for name in COUNTED if name in told}
         summary[told["skin"]] = summary.get(told["skin"], {}) | counted
-    live: dict[str, Any] = {"commands": dict(commands)} if commands else {}
-    live |= {"cut": True} if end.is_cut else {}
-    return summary | ({"": live} if live else {})
+    of_all: dict[str, Any] = {"commands": dict(commands)} if commands else {}
+    of_all |= {"cut": True} if end.is_cut else {}
+    return summary | ({"": of_all} if of_all else {})
 
 
 def verb_of(command: PortEvent) -> str:
@@ -115,7 +115,7 @@ def print_summary(path: Path, *, json: bool = False) -> None:
         print(json_module.dumps(summary))
         return
     for device, entry in summary.items():
-        print(_printable(device) or "live")
+        print(_printable(device) or "all devices")
         for name, value in entry.items():
             if isinstance(value, dict):
                 counts = sorted(value.items())

@@ -83,7 +83,7 @@ class ControlCommand:
                 raise SceneError(f"{self.name}: no argument {name!r}{hint}")
         for argument in self.arguments.values():
             if argument.needed and given.get(argument.name) is None:
-                raise SceneError(f"{self.name}: {argument.name} is missing")
+                raise SceneError(f"{self.name}: {argument.name} is missing: {argument.about}")
         values = {name: given.get(name) for name in self.arguments}
         values |= {a.name: a.default for a in self.arguments.values() if values[a.name] is None}
         return {
@@ -130,7 +130,10 @@ def control_command(*words: str, name: str = "", changes: bool = True) -> Callab
 
         @wraps(function)
         def ask(self: Any, *args: Any, **kwargs: Any) -> Any:
-            given = dict(signature.bind(self, *args, **kwargs).arguments)
+            try:
+                given = dict(signature.bind(self, *args, **kwargs).arguments)
+            except TypeError as error:
+                raise TypeError(f"{declared.method}: {error}") from None
             del given["self"]
             given |= given.pop("event", {})
             return self._do(declared.name, declared.checked(given))

@@ -62,18 +62,18 @@ class ControlCommands(ABC):
         skin: Name | None = None,
         wait: Flag = True,
     ) -> None:
-        """Bring a body over a taxel and press it in. Its arguments are those of the motion `press` of a scene.
+        """Bring a body over a taxel and press it in. The arguments are those of the motion `press` of a scene.
 
         A body that moves by itself is taken from its motion; :meth:`give_back` returns it.
 
         Args:
-            depth: how far its foremost point goes below the skin
+            depth: depth of the body's foremost point below the untouched surface of the skin
             approach: free travel before the first touch
-            dwell: how long it stays at depth; then it is released; default: until `release`
-            speed: of the approach, the press and the return; it comes and leaves at 50 mm/s, or faster
+            dwell: time at depth, after which it is released; default: until `release`
+            speed: speed of the approach, the press and the return; farther away it moves at 50 mm/s, or faster
             taxel: number of the taxel; default: the one nearest to the body
-            body: which body; default: of those in hand, else of all that you may move, the one nearest to the taxel
-            skin: which skin; default: the only one
+            body: the body; default: the nearest to the taxel, of those that you have moved before, else of all
+            skin: the skin; default: the only one
             wait: return when the body is at depth (or released) and every skin has sampled it, not at once
         """
         ...
@@ -83,8 +83,8 @@ class ControlCommands(ABC):
         """Lift a body to where it was over the skin, and hold it there.
 
         Args:
-            body: which body; default: the one that pressed last
-            speed: until it is out of the skin; it goes on at 50 mm/s, or faster
+            body: the body; default: the one that pressed last
+            speed: speed until it has left the skin; then it moves at 50 mm/s, or faster
             wait: return when the body is there and every skin has sampled it, not at once
         """
         ...
@@ -105,13 +105,13 @@ class ControlCommands(ABC):
         """Move a body along a straight line. It goes to a place in the world, or by a distance.
 
         Args:
-            position: in the world; default: where the body is
-            quaternion: orientation w x y z; default: it does not turn
+            position: position in the world; default: the present one
+            quaternion: orientation w x y z; default: the present one
             by: distance that is added to the position
-            seconds: how long it takes; 0: at once (a skin measures its velocity for at most one step)
+            seconds: duration; 0: at once (a skin measures its velocity for at most one step)
             speed: the highest speed; the motion takes longer than `seconds` if it must
-            order: of the quaternion's numbers
-            body: which body; default: the one that was moved last
+            order: order of the quaternion's numbers
+            body: the body; default: the one that was moved last
             wait: return when the body is there and every skin has sampled it, not at once
         """
         ...
@@ -130,12 +130,12 @@ class ControlCommands(ABC):
         """Put a body at a pose. It is there from the next step of the simulation on.
 
         Args:
-            body: which body, or the body itself
-            position: in the world
-            quaternion: orientation w x y z
-            order: of the quaternion's numbers
-            linear_velocity: for contact laws that depend on it; the body stays where it is
-            angular_velocity: likewise
+            body: the body, or its name
+            position: position in the world; default: the present one
+            quaternion: orientation w x y z; default: the present one
+            order: order of the quaternion's numbers
+            linear_velocity: velocity for contact laws that depend on it; the body does not move by it
+            angular_velocity: angular velocity, likewise
         """
         ...
 
@@ -144,7 +144,7 @@ class ControlCommands(ABC):
         """Return a body to its own motion. It jumps to the pose that the motion has by now.
 
         Args:
-            body: which body; default: all
+            body: the body; default: all
         """
         ...
 
@@ -166,8 +166,8 @@ class ControlCommands(ABC):
         """Inject a fault of bytes or frames from now on. `tactemu faults` lists them.
 
         Args:
-            fault: such as 'drop 5% for 1s'
-            skin: whose wire; default: all
+            fault: the fault, such as 'drop 5% for 1s'
+            skin: the skin whose wire has it; default: all
         """
         ...
 
@@ -176,8 +176,8 @@ class ControlCommands(ABC):
         """Remove the port, as if its cable were unplugged.
 
         Args:
-            seconds: for how long; default: until `mend`
-            skin: whose; default: all
+            seconds: duration; default: until `mend`
+            skin: the skin; default: all
         """
         ...
 
@@ -187,7 +187,7 @@ class ControlCommands(ABC):
 
         Args:
             fault: only faults of this kind, such as drop; default: all
-            skin: whose; default: all
+            skin: the skin; default: all
         """
         ...
 
@@ -203,10 +203,10 @@ class ControlCommands(ABC):
         """Change imperfections, such as gain=0.9. Those that were off at the start must be `adjustable`.
 
         Args:
-            options: sensor options and their values
-            taxels: only these; 3:7 are 3, 4, 5, 6
-            seconds: for how long; default: for ever
-            skin: whose; default: all
+            options: options of the sensor model and their values
+            taxels: taxels to change; 3:7 are 3, 4, 5, 6; default: all
+            seconds: duration; default: until the run ends
+            skin: the skin; default: all
         """
         ...
 
@@ -217,10 +217,10 @@ class ControlCommands(ABC):
         """Make taxels dead: they return a constant value.
 
         Args:
-            taxels: which; 3:7 are 3, 4, 5, 6
+            taxels: their numbers; 3:7 are 3, 4, 5, 6
             value: the value that they return; default: their last reading
-            seconds: for how long; default: for ever
-            skin: whose; default: all
+            seconds: duration; default: until the run ends
+            skin: the skin; default: all
         """
         ...
 
@@ -229,8 +229,8 @@ class ControlCommands(ABC):
         """Hang the device: it neither samples nor answers for a time.
 
         Args:
-            seconds: for how long
-            skin: which; default: all
+            seconds: duration
+            skin: the skin; default: all
         """
         ...
 
@@ -239,7 +239,7 @@ class ControlCommands(ABC):
         """Restart the device as after power-up.
 
         Args:
-            skin: which; default: all
+            skin: the skin; default: all
         """
         ...
 
@@ -250,7 +250,7 @@ class ControlCommands(ABC):
         Args:
             dtr: data terminal ready
             rts: request to send
-            skin: whose; default: the only one
+            skin: the skin; default: the only one
         """
         ...
 
@@ -261,7 +261,7 @@ class ControlCommands(ABC):
         """Wait until an emulation time has passed.
 
         Args:
-            seconds: how long
+            seconds: duration
         """
         ...
 
@@ -272,9 +272,9 @@ class ControlCommands(ABC):
         """Advance a clock in lockstep. It returns the time [s] when everything that is due by then is done.
 
         Args:
-            n: by this number of steps of the simulation; default: one
-            seconds: or by this time
-            until: or to this time
+            n: number of steps of the simulation; default: one
+            seconds: time to advance by, instead of steps
+            until: time to advance to, instead of steps
         """
         ...
 
@@ -305,7 +305,7 @@ class ControlCommands(ABC):
         """Return the latest sample of a skin. It has the ideal and the measured reading, and the counts.
 
         Args:
-            skin: which; default: the only one
+            skin: the skin; default: the only one
 
         Raises:
             TactemuError: it has not been sampled yet.
@@ -317,7 +317,7 @@ class ControlCommands(ABC):
         """Return the statistics of every device since the start. They count samples, lateness, frames, injected faults.
 
         Args:
-            skin: whose; default: all
+            skin: the skin; default: all
         """
         ...
 

@@ -56,7 +56,7 @@ class AssemblyOptions:
         rates = self.rate_hz.values() if isinstance(self.rate_hz, Mapping) else [self.rate_hz]
         for rate in rates:
             if rate is not None:
-                number("the request", "rate", rate, Hertz)
+                number("rate_hz", "a rate", rate, Hertz)
         if not isinstance(self.seed, int | None) or isinstance(self.seed, bool):
             raise SceneError(f"seed: expected a whole number, got {self.seed!r}")
         self._make_tuples("faults", "adjustable")

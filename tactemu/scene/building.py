@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from firmware_protocols import Device
+from firmware_protocols.connectors import port_error
 from firmware_protocols.options import checked, declared
-from firmware_protocols.senses import TOUCH
+from firmware_protocols.senses import TOUCH, quantity_error
 from tactemu.base.errors import DeviceError, SceneError, TactemuError
 from tactemu.base.option_groups import defaults, from_flat
 from tactemu.base.options import numbers
@@ -72,13 +73,17 @@ def make_device(name: str, options: dict[str, Any]) -> Device:
     """Return a device, given its name and options.
 
     Raises:
-        DeviceError: there is no such device, or it does not have or accept an option.
+        DeviceError: there is no such device, it does not have or accept an option, or its ports or senses are wrong.
     """
-    device = device_class(name)
+    cls = device_class(name)
     try:
-        return device(**checked(device, options))
+        device = cls(**checked(cls, options))
     except (TypeError, ValueError, ArithmeticError, LookupError) as error:
         raise DeviceError(f"device {name}: {error}") from error
+    wrong = (port_error(getattr(device, "ports", None)), *map(quantity_error, device.sensed))
+    if found := next(filter(None, wrong), ""):
+        raise DeviceError(f"device {name}: {found}; `tactemu check {name}` checks all of it")
+    return device
 
 
 def build_scene(

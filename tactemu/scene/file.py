@@ -127,9 +127,7 @@ def device_class(name: str) -> type[firmware_protocols.Device]:
     try:
         return firmware_protocols.device_class(name)
     except UnknownNameError as error:
-        hint = "" if is_file_name(name) else "; a scene file ends in .toml"
-        if name.endswith(".py"):
-            hint = f"; a device file is named with its class: {name}:CLASS"
+        hint = "" if is_file_name(name) or name.endswith(".py") else "; a scene file ends in .toml"
         said = error.args[0].partition(";")[0] if hint and Path(name).suffix else error.args[0]
         raise DeviceError(f"{said}{hint}") from None
     except WrongClassError as error:

@@ -90,7 +90,9 @@ def convert(
             if not count:
                 what = f"no {form.holds}" if form.holds else "nothing"
                 whose = f" of {skin!r}" if skin else " in it"
-                hint = "; .csv and .jsonl take every wire" if form.holds == CAN_FRAMES else ""
+                hint = (
+                    "; a .csv or .jsonl file holds the frames of every kind of line" if form.holds == CAN_FRAMES else ""
+                )
                 raise TactemuError(f"{path}: {what}{whose}{f' and {sense!r}' if sense else ''}{hint}")
             made = sorted(Path(folder).iterdir())
             for each in made:

@@ -146,7 +146,9 @@ def _entries(content: mmap.mmap | IO[bytes]) -> Iterator[Header | Entry | End]:
         if not known:
             raise ValueError(str(error) or "cut off before it begins") from None
         if content.read(1):
-            raise ValueError(f"damaged before byte {content.tell()}: {error!r}") from None
+            raise ValueError(
+                f"the log is damaged before byte {content.tell()}: {error or type(error).__name__}"
+            ) from None
     if not known:
         raise ValueError("an MCAP file, but no truth log of tactemu")
     if end is not None:

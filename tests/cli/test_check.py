@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from tests.cli.command import ROOT, tactemu
+from tests.cli.command import ROOT, here, tactemu
 from tests.firmware.page import write
 
 
@@ -20,6 +20,30 @@ def test_a_fault_is_a_line_and_exits_with_1(palm):
     first, fault = done.stdout.splitlines()[:2]
     assert first.startswith("acme_palm: 1 fault, 1 worked example")
     assert "receive on c10200c3 raised IndexError" in fault and "acme_palm.py:" in fault
+
+
+@pytest.mark.parametrize(
+    ("right", "wrong", "said"),
+    [
+        (
+            "(Serial(baud=115200),)",
+            "Serial(baud=115200)",
+            "ports: expected a tuple of connectors, with a comma behind one",
+        ),
+        ('("force",)', '("forse",)', "senses: 'forse': expected one of force, pressure"),
+        (
+            "super().measure(reading, t_ns)",
+            "super().measure(reading, t_ns) * float('nan')",
+            "counts that are not finite",
+        ),
+    ],
+)
+def test_a_run_of_a_wrong_device_is_one_message(palm, right, wrong, said):
+    text = palm.read_text()
+    assert right in text
+    palm.write_text(text.replace(right, wrong))
+    done = here("run", f"{palm}:AcmePalm", "--port", "memory:", "--clock", "virtual", "--seconds", "0.1", "--plain")
+    assert done.returncode == 2 and said in done.stderr and done.stderr.startswith("tactemu: "), done.stderr
 
 
 def test_json(palm):

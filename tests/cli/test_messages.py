@@ -14,6 +14,9 @@ PAD = '[[body]]\nname = "pad"\nshape = "box"\nsize = [0.1, 0.1, 0.01]\n[[skin]]\
         ("run anyskn", "unknown device 'anyskn'; did you mean 'anyskin'?"),
         ("run qqqqqq", "unknown device 'qqqqqq'; `tactemu devices` lists them (your own: path/to/file.py:Class, or "),
         ("run tests", "'tests' is a folder; name a device, a scene file or path/to/device.py:Class"),
+        ("run tests/look.py", "tests/look.py: name the class in it, as tests/look.py:Class\n"),
+        ("tune anyskin --rate 1e9", "rate_hz: a rate must be >= 0.001 and <= 1e+06 Hz"),
+        ("poke press", "press: depth is missing: depth of the body's foremost point below the untouched surface"),
         ("run anyskin --port /tmp/x", "port '/tmp/x': a path needs its scheme; did you mean 'pty:/tmp/x'?"),
         ("run anyskin --port ptty:/tmp/x", "port 'ptty:/tmp/x': unknown scheme 'ptty'; did you mean 'pty'?"),
         ("run anyskin --rate touch=100", "no stream 'touch': anyskin has one stream; give the rate alone"),
@@ -42,6 +45,22 @@ def test_a_fault_of_a_scene_that_is_wrong_is_named_with_its_place(table, where, 
     scene.write_text(PAD + table)
     done = here("run", str(scene), "--port", "memory:", "--seconds", "0.1")
     assert done.returncode == 2 and f"{scene}: {where}" in done.stderr, done.stderr
+
+
+def test_a_mistake_in_a_live_command_names_it():
+    with tt.serve("anyskin", "memory:") as dev, pytest.raises(TypeError, match=r"^set: missing a required argument"):
+        dev.set(gain=0.9)  # type: ignore[call-arg]
+
+
+def test_a_log_without_can_frames_says_what_takes_it(tmp_path):
+    log = tmp_path / "t.mcap"
+    run = ("run", "anyskin", "--port", "memory:", "--clock", "virtual", "--seconds", "0.1", "--truth", str(log))
+    assert here(*run).returncode == 0
+    done = here("truth", str(log), "--to", str(tmp_path / "bus.log"))
+    assert (
+        done.stderr
+        == f"tactemu: {log}: no CAN frames in it; a .csv or .jsonl file holds the frames of every kind of line\n"
+    )
 
 
 def test_no_summary_of_a_command_is_cut():
