@@ -31,7 +31,7 @@ def test_the_page_lists_the_files_that_one_sample_visits(script):
     calls = script.trace()
     visited = set(calls)
     beside = {file for file in visited if file.startswith(script.BESIDE)}
-    way, aside = PAGE.read_text().partition("## The way of one sample")[2].split("## ")[0].split("Beside the way")
+    way, aside = PAGE.read_text().partition("## The path of one sample")[2].split("## ")[0].split("Beside the path")
     listed = [re.findall(r"^\|.*?`([a-z_/]+\.py)`", part, re.MULTILINE) for part in (way, aside)]
     assert sorted(listed[0]) == sorted(visited - beside)
     assert sorted(listed[1]) == sorted(beside)

@@ -227,11 +227,11 @@ On this page: [Laws](#laws), [Constants](#constants),
 ## Laws
 
 A law predicts recordings that were left out. *Zero skill* is the error of the best simple guess on the same
-recordings: the mean of the given ones, a straight line through them, the given one of the nearest condition, or what
-the last column of guesses names. `skill = 1 − error / zero skill`: 1 is perfect, 0 is what doing nothing gives. The
-interval is of 95 %, over independent recordings. Of six recordings or more a law was chosen and fitted on one half,
-which follows from their names, and judged once on the other; of fewer each is left out in turn. With fewer than four
-a law cannot be judged, and nothing uses it unless you ask for it.
+recordings, named in the column "its guess": such as the mean of the others, a straight line through them, or the one
+of the nearest condition. `skill = 1 − error / zero skill`: 1 is perfect, 0 is no better than that guess. The interval
+is of 95 %, over independent recordings. With six recordings or more, a law was chosen and fitted on one half, which
+follows from their names, and judged once on the other; with fewer, each is left out in turn. With fewer than four a
+law cannot be judged, and nothing uses it unless you ask for it.
 
 | recordings | law | aim | error | worst | zero skill | its guess | skill | n | result |
 | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |
