@@ -9,6 +9,7 @@ import json
 import os
 import re
 import sys
+import tomllib
 from pathlib import Path
 from unittest import mock
 
@@ -95,6 +96,11 @@ def test_every_page_is_linked():
     for page in (README.parent / "docs").glob("*.md"):
         assert f"(docs/{page.name})" in text, page.name
         assert len(re.findall(rf"[ /]{page.name}$", places, re.MULTILINE)) == 1, f"{page.name}: its place on the site"
+
+
+def test_the_package_describes_itself_as_its_help_does():
+    project = tomllib.loads((README.parent / "pyproject.toml").read_text())["project"]
+    assert project["description"] in " ".join(Path(HELP).read_text().split())
 
 
 def test_pages_name_who_does_what():

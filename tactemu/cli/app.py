@@ -8,7 +8,7 @@ from tactemu.cli.root import new_application
 from tactemu.cli.service import service
 
 HELP = """
-A simulated tactile skin at the far end of a wire: the bytes and CAN frames of real sensors, for unmodified drivers.
+A simulated tactile skin on the far end of the wire: the bytes and CAN frames of real sensors, for unmodified drivers.
 
 \b
   tactemu devices                        list the devices

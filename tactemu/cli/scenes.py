@@ -62,7 +62,7 @@ def tune(
 @commands.command(
     cls=in_sections({
         "Contents": "steps envs every shift turn bytes_envs seed",
-        "Output and machines": "out compression device strands cluster",
+        "Output and machines": "out compression device partitions cluster",
     })
 )  # fmt: skip
 def dataset(
@@ -82,7 +82,7 @@ def dataset(
     ] = None,
     seed: Annotated[int | None, typer.Option(metavar="N", help="Seed of all random numbers.")] = None,
     device: Compute = None,
-    strands: Annotated[
+    partitions: Annotated[
         int, typer.Option(metavar="N", help="Simulate the environments in N parts, for memory or for a cluster.")
     ] = 1,
     cluster: Annotated[
@@ -114,7 +114,8 @@ def dataset(
     world, (x, y, z) = load(target).tables.scene, shift
     spec = DatasetSpec(
         target=target, envs=envs, steps=steps, every=every, seed=world.seed if seed is None else seed,
-        device=device or world.compute, strands=strands, bytes_envs=min(16, envs) if bytes_envs is None else bytes_envs,
+        device=device or world.compute, partitions=partitions,
+        bytes_envs=min(16, envs) if bytes_envs is None else bytes_envs,
         shift_m=(1e-3 * x, 1e-3 * y, 1e-3 * z), turn_rad=math.radians(turn), compression=compression,
     )  # fmt: skip
     raise typer.Exit(_make_dataset(spec, out, cluster))

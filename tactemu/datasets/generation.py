@@ -64,7 +64,7 @@ def begin(spec: DatasetSpec, folder: Path) -> Estimate:
     partition = Partition(spec, *spec.ranges[0])
     with partition.simulation:
         row = 16 + sum(column.row_bytes for column in partition.columns)
-        n_shards = len(partition.shards) * spec.strands
+        n_shards = len(partition.shards) * spec.partitions
         share = (spec.ranges[0][1] - spec.ranges[0][0]) / spec.envs
         estimate = Estimate(row * spec.rows * spec.envs, partition.timed() * spec.rows / share, n_shards)
     place = folder
@@ -100,7 +100,7 @@ def make(spec: DatasetSpec, folder: Path, cluster: str | None = None) -> Iterato
     if cluster is not None:
         file, there = Path(spec.target), folder.resolve()
         elsewhere = replace(spec, target=str(file.resolve())) if file.is_file() else spec
-        jobs = [partial(_partition, elsewhere, k, there) for k in range(spec.strands)]
+        jobs = [partial(_partition, elsewhere, k, there) for k in range(spec.partitions)]
         jobs += [partial(_wire, elsewhere, env, there) for env in missing]
         for _, shards in run_on_cluster(dict(enumerate(jobs)), cluster):
             yield shards()

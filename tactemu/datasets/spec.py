@@ -35,7 +35,7 @@ class DatasetSpec:
     """Steps from one row of an environment to its next."""
     seed: int = 0
     device: str = "cpu"
-    strands: int = 1
+    partitions: int = 1
     """Number of partitions of the environments, simulated one after another, or in parallel on a cluster."""
     bytes_envs: int = 16
     """Number of environments, from the first, of which the wire log is written too."""
@@ -46,7 +46,12 @@ class DatasetSpec:
     compression: str = "lz4"
 
     def __post_init__(self):
-        limits = {"envs": (1, MAX_ENVS), "steps": (1, MAX_STEPS), "every": (1, self.steps), "strands": (1, self.envs)}
+        limits = {
+            "envs": (1, MAX_ENVS),
+            "steps": (1, MAX_STEPS),
+            "every": (1, self.steps),
+            "partitions": (1, self.envs),
+        }
         for name, (least, most) in (limits | {"bytes_envs": (0, self.envs), "seed": (-(2**63), 2**63 - 1)}).items():
             given = getattr(self, name)
             if not isinstance(given, int) or isinstance(given, bool) or not least <= given <= most:
@@ -59,7 +64,7 @@ class DatasetSpec:
     @property
     def ranges(self) -> list[tuple[int, int]]:
         """The environments of each partition, ``(first, end)`` with ``end`` exclusive."""
-        return list(pairwise(self.envs * k // self.strands for k in range(self.strands + 1)))
+        return list(pairwise(self.envs * k // self.partitions for k in range(self.partitions + 1)))
 
     @property
     def rows(self) -> int:

@@ -181,7 +181,7 @@ def test_partitions_do_not_change_the_rows_of_an_engine(spec, tmp_path, kind):
     pytest.importorskip(kind.replace("-", "_"))
     spec = replace(moved(spec, tmp_path, kind), bytes_envs=2)
     rows = made(spec, tmp_path / "one")
-    same(made(replace(spec, strands=3), tmp_path / "three"), rows)
+    same(made(replace(spec, partitions=3), tmp_path / "three"), rows)
     places, turns = StartPoses(load_scene(spec), spec).of_engine["ball"]
     begun = rows["step"][:, 0] == 1
     np.testing.assert_allclose(rows["pose.ball"][begun, :2], places[:, :2], atol=1e-5)
@@ -207,7 +207,7 @@ def test_partitions_do_not_change_the_rows(spec, tmp_path, small_shards):
     assert len(list((tmp_path / "one").rglob("*.parquet"))) > 2
     assert rows["step"][::6, 0].tolist() == list(range(4, 201, 4))
     assert rows[f"{COLUMN}.measured"].any() and (rows[f"{COLUMN}.measured"] != rows[f"{COLUMN}.ideal"]).any()
-    same(made(replace(spec, strands=3), tmp_path / "three"), rows)
+    same(made(replace(spec, partitions=3), tmp_path / "three"), rows)
 
 
 def test_a_killed_run_is_resumed(spec, tmp_path):
@@ -245,7 +245,7 @@ def test_two_workers_generate_the_same(spec, tmp_path):
     distributed = pytest.importorskip("distributed")
     with pytest.raises(TactemuError, match="no scheduler answers"):
         made(spec, tmp_path / "nowhere", cluster="tcp://127.0.0.1:9")
-    spec = replace(spec, strands=3, bytes_envs=2)
+    spec = replace(spec, partitions=3, bytes_envs=2)
     here = made(spec, tmp_path / "here")
     with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
         same(made(spec, tmp_path / "there", cluster=cluster.scheduler_address), here)
@@ -279,7 +279,7 @@ def test_another_dataset_is_not_written_over(spec, tmp_path):
     [
         (["--steps", "0"], "steps: expected a whole number from 1"),
         (["--steps", "10", "--every", "11"], "every: expected a whole number from 1 to 10"),
-        (["--steps", "10", "--strands", "100"], "strands: expected a whole number from 1 to 64"),
+        (["--steps", "10", "--partitions", "100"], "partitions: expected a whole number from 1 to 64"),
         (["--steps", "10", "--shift", "1", "1", "-1"], "shift"),
         (["--steps", "10", "--compression", "gzip"], "compression: expected one of"),
     ],
