@@ -30,7 +30,7 @@ def test_a_fault_is_a_line_and_exits_with_1(palm):
             "Serial(baud=115200)",
             "ports: expected a tuple of connectors, with a comma behind one",
         ),
-        ('("force",)', '("forse",)', "senses: 'forse': expected one of force, pressure"),
+        ('("force",)', '("forces",)', "senses: 'forces': expected one of force, pressure"),
         (
             "super().measure(reading, t_ns)",
             "super().measure(reading, t_ns) * float('nan')",
