@@ -3,6 +3,8 @@
 On a GPU a single thread that reads all entries of an environment waits for memory at each. On a CPU there is one lane.
 """
 
+import functools
+
 import warp as wp
 
 WARP_SIZE = 32
@@ -28,6 +30,18 @@ def rank(wanted: bool) -> int:
 
 @wp.func_native("""
 #if defined(__CUDA_ARCH__)
+    return __ballot_sync(0xffffffffu, wanted);
+#else
+    return wanted ? 1 : 0;
+#endif
+""")
+def ballot(wanted: bool) -> int:
+    """Return a bit for each lane: is its ``wanted`` true? All lanes must call it together."""
+    ...
+
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
     return __popc(__ballot_sync(0xffffffffu, wanted));
 #else
     return wanted ? 1 : 0;
@@ -48,3 +62,41 @@ def ballot_count(wanted: bool) -> int:
 def warp_max(value: int) -> int:
     """Return the largest value of all lanes. All lanes must call it together."""
     ...
+
+
+@functools.cache
+def largest_function(real):
+    """Return ``largest(value)``, the largest value of all lanes, which must call it together."""
+
+    @wp.func_native(_LARGEST)
+    def largest(value: real) -> real: ...
+
+    return largest
+
+
+@functools.cache
+def lane_function(real):
+    """Return ``of_lane(value, lane)``, the value of a lane; all lanes must call it together."""
+
+    @wp.func_native(_OF_LANE)
+    def of_lane(value: real, lane: int) -> real: ...
+
+    return of_lane
+
+
+_OF_LANE = """
+#if defined(__CUDA_ARCH__)
+    return __shfl_sync(0xffffffffu, value, lane);
+#else
+    return value;
+#endif
+"""
+_LARGEST = """
+#if defined(__CUDA_ARCH__)
+    for (int far = 16; far > 0; far /= 2) {
+        const auto other = __shfl_xor_sync(0xffffffffu, value, far);
+        value = other > value ? other : value;
+    }
+#endif
+    return value;
+"""

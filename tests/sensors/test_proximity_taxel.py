@@ -6,6 +6,9 @@ import pytest
 import tactemu as tt
 from tactemu.base.errors import PoseError, SceneError
 from tactemu.base.option_groups import from_flat
+from tactemu.plan.plan import Stage
+from tactemu.sensors.points.proximity_patches import record_patches
+from tactemu.sensors.points.table import upload_clouds
 
 
 def scene_of(points, *, dtype="float64", n_envs=None, shape=None, **options):
@@ -197,19 +200,35 @@ def test_the_same_seed_gives_the_same_points():
     assert np.array_equal(forces[0], forces[1]) and not np.array_equal(forces[0], forces[2])
 
 
-def test_skipping_points_one_by_one_changes_nothing(monkeypatch):
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+@pytest.mark.parametrize("spoiled", [{}, {"gain": 1.1}, {"gain": 1.1, "radius_noise": 5e-4}])
+def test_the_kernel_for_a_gpu_reads_the_same_bits(monkeypatch, dtype, spoiled):
     """A CPU leaves out points that are out of reach, a GPU adds zeros for them."""
-    from tactemu.sensors.points import proximity_sums
-
     points = np.random.default_rng(0).normal(size=(333, 3)) * 0.006
     probes = np.random.default_rng(1).uniform(-0.02, 0.02, size=(40, 3))
-    kernel, forces = proximity_sums._kernel, []
-    for skips in (True, False):
-        monkeypatch.setattr(proximity_sums, "_kernel", lambda real, _cpu, skips=skips: kernel(real, skips))
-        sim, skin, _ = scene_of(points, positions=probes, radius=5e-3)
+
+    def readings():
+        scene = tt.Scene(dt=1e-3)
+        pad = scene.add_body(tt.Box(size=(0.1, 0.1, 0.02)), name="pad")
+        ball = scene.add_body(tt.Sphere(radius=0.01), name="ball")
+        options = {"positions": probes, "radius": 5e-3, "points": points, "shear_coupling": 2.0, **spoiled}
+        skin = scene.add_sensor(from_flat(tt.ProximityTaxel, options), link=pad, name="skin")
+        sim = scene.build(3, dtype=dtype)
+        places = np.array([[0.002, 0.0, 0.01], [0.0, 0.004, -0.01], [1.0, 0.0, 0.0]])
+        turn = (0.8, 0.1, 0.3, -0.4)
+        sim.set_pose(ball, position=places, quaternion=turn, linear_velocity=(0.1, 0, 0), angular_velocity=(0, 1, 2))
         sim.step()
-        forces.append(skin.read().force)
-    assert forces[0].any() and np.array_equal(forces[0], forces[1])
+        return [part for reading in (skin.read(), skin.read_ground_truth()) for part in reading]
+
+    def on_gpu(self, site, clusters, truth, raw):
+        clouds, measured = upload_clouds(clusters, site.context), raw if site.separate else None
+        parameters = self._parameters(site, clouds, clusters.n_points)
+        return [Stage(name="", reason="", launch=record_patches(site, clouds, parameters, True, truth, measured))]
+
+    expected = readings()
+    monkeypatch.setattr(tt.ProximityTaxel, "_stages", on_gpu)
+    found = readings()
+    assert expected[0].any() and all(np.array_equal(one, other) for one, other in zip(expected, found))
 
 
 @pytest.mark.parametrize("dtype", ["float32", "float64"])

@@ -135,7 +135,7 @@ _FORCES = """
     const int n = c.positions.shape[0];
     const Vector zero = {};
     const Number normal_factor = -c.normal, shear_factor = c.shear, twist_factor = c.twist;
-    // The reading of proximity_kernel, from sums over all clouds
+    // The reading of forces.force_functions, from sums over all clouds
     auto write = [&](const Vectors& r, const Vectors& a, const Vector& total, const Vectors& motion,
                      const Vector& twist, const Vector& gain, const int* taxels, int count, Number* out) {
         const Vector push = normal_factor * gain * total;

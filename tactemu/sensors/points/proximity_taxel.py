@@ -10,7 +10,7 @@ All of F and T acts on the skin. With ``convention="genesis"`` the normal and tw
 are reversed: they act on the body, as in Genesis.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -23,10 +23,10 @@ from tactemu.base.units import NonNegative
 from tactemu.plan.launches import Launch, in_turn
 from tactemu.plan.plan import Stage
 from tactemu.sensors.point_cloud import Clusters, cluster
-from tactemu.sensors.points.forces import proximity_kernel, proximity_type
+from tactemu.sensors.points.forces import proximity_type
 from tactemu.sensors.points.near import near_clusters
+from tactemu.sensors.points.proximity_patches import record_patches
 from tactemu.sensors.points.proximity_simd import make_strips, record_strips
-from tactemu.sensors.points.proximity_sums import ProximitySums
 from tactemu.sensors.points.surface_points import FEWER_POINTS, surface_points
 from tactemu.sensors.points.table import upload_clouds
 from tactemu.sensors.probes.kinematic_taxel import ForceTorque
@@ -86,20 +86,22 @@ class ProximityTaxel(SensorModel[ForceTorque]):
         return Compiled(truth=truth, raw=raw, stages=stages)
 
     def _stages(self, site: Site, clusters: Clusters, truth: wp.array, raw: wp.array) -> list[Stage]:
-        clouds = upload_clouds(clusters, site.context)
-        near, find = near_clusters(site, clouds, float(site.probes.radii.max()) if site.radius is None else None)
-        parameters = partial(self._parameters, site, clouds, clusters.n_points)
-        record = self._on_cpu if site.context.device.is_cpu else self._on_gpu
-        launches = record(site, near, parameters, truth, raw if site.separate else None)
+        clouds, measured = upload_clouds(clusters, site.context), raw if site.separate else None
+        parameters, is_moving = self._parameters(site, clouds, clusters.n_points), self.velocity_reason() is not None
         reason = f"ProximityTaxel sums over {clusters.n_points} points"
+        points = partial(Stage, name=f"{site.name}: points", reason=reason, cheaper=FEWER_POINTS)
+        if not site.context.device.is_cpu:
+            return [points(launch=record_patches(site, clouds, parameters, is_moving, truth, measured))]
+        near, find = near_clusters(site, clouds, float(site.probes.radii.max()) if site.radius is None else None)
+        launches = self._on_cpu(site, near, parameters, truth, measured)
         skips = "ProximityTaxel skips clusters out of reach"
         return [
             Stage(name=f"{site.name}: near points", reason=skips, launch=find, cheaper=FEWER_POINTS),
-            Stage(name=f"{site.name}: points", reason=reason, launch=in_turn(*launches), cheaper=FEWER_POINTS),
+            points(launch=in_turn(*launches)),
         ]
 
     def _parameters(self, site: Site, clouds, n_points: int):
-        """Return a :func:`~tactemu.sensors.points.forces.proximity_type` without sums."""
+        """Return a :func:`~tactemu.sensors.points.forces.proximity_type`."""
         view, c = site.view, proximity_type(site.context.real)()
         density = self.density_scalar / max(n_points, 1)
         side = 1.0 if site.on_skin else -1.0
@@ -111,32 +113,9 @@ class ProximityTaxel(SensorModel[ForceTorque]):
             c.gain = site.gain
         return c
 
-    def _on_cpu(
-        self, site: Site, near, parameters: Callable[[], Any], truth: wp.array, raw: wp.array | None
-    ) -> list[Launch]:
+    def _on_cpu(self, site: Site, near, parameters: Any, truth: wp.array, raw: wp.array | None) -> list[Launch]:
         strips, has_gain = make_strips(site, near), site.gain is not None
-        record = partial(record_strips, site, strips, parameters(), self.velocity_reason() is not None)
+        record = partial(record_strips, site, strips, parameters, self.velocity_reason() is not None)
         if raw is None or site.radius is None:
             return [record(truth=truth, raw=raw, has_gain=has_gain)]
         return [record(truth=truth), record(radius=site.radius, raw=raw, has_gain=has_gain)]
-
-    def _on_gpu(
-        self, site: Site, near, parameters: Callable[[], Any], truth: wp.array, raw: wp.array | None
-    ) -> list[Launch]:
-        sums, is_moving = ProximitySums(site, near), self.velocity_reason() is not None
-        nominal, add_up = sums.record(site.radii.reshape((1, -1)))
-
-        def forces(values: wp.array, has_gain: bool, out: wp.array) -> Launch:
-            c = parameters()
-            c.sums, c.place = values, sums.place
-            kernel = proximity_kernel(site.context.real, is_moving, has_gain)
-            return site.context.record(kernel, out.shape[:2], [c], [out])
-
-        launches = [add_up, forces(nominal, False, truth)]
-        if raw is not None:
-            measured = nominal
-            if site.radius is not None:
-                measured, add_up = sums.record(site.radius)
-                launches.append(add_up)
-            launches.append(forces(measured, site.gain is not None, raw))
-        return launches
