@@ -25,6 +25,9 @@ from tactemu.transducers.transducer import SignalType, TransducerSite
 MAX_LAUNCH_THREADS = 2**31
 """Warp counts the threads of a launch, and the indices of an array's axis, in 31 bits."""
 
+MEMORIES = ("hysteresis_strength", "hysteresis_strength_unloading", "creep_strength")
+"""The imperfections of a skin by which its reading depends on the course of the load."""
+
 
 def _reading_info(sensor: Sensor, kind: SignalType | None = None) -> ReadingInfo:
     """Return the facts that the imperfections need of a sensor's reading: that of its transducers if ``kind`` is given,
@@ -51,6 +54,18 @@ def _areas(sensor: Sensor) -> np.ndarray:
     if given is None or not np.all(np.asarray(given) > 0):  # a grid of one row or column has no spacing
         given = np.pi * np.asarray(probes.radii).reshape(-1) ** 2
     return np.broadcast_to(np.asarray(given, float).reshape(-1), (probes.n,))
+
+
+def _check_single_memory(sensor: Sensor) -> None:
+    """Check that neither imperfections nor transducers remember the load of a skin that relaxes by itself."""
+    owners = [(sensor.model.imperfections, each) for each in MEMORIES]
+    owners += [(each, option) for each in sensor.transducers for option in each.memories]
+    doubled = [f"{type(owner).__name__}.{option}" for owner, option in owners if getattr(owner, option)]
+    if doubled:
+        raise SceneError(
+            f"sensor {sensor.name!r}: leave {', '.join(doubled)} at 0: its skin relaxes by itself, and a skin has one "
+            "memory of its load. Wear (softening, baseline) may be given"
+        )
 
 
 def _unchanged(array: wp.array, _branch: str) -> tuple[wp.array, list[Stage]]:
@@ -123,6 +138,8 @@ class SensorCompiler:
             )
         check_drawing(f"sensor {sensor.name!r}", sensor.model.draw)
         sensor.model.validate(sensor._probes)
+        if sensor.model.relaxes:
+            _check_single_memory(sensor)
 
     def _site(self, sensor: Sensor, gain, radius) -> Site:
         sensed = sensed_bodies(sensor, self._bodies)

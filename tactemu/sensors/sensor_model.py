@@ -307,6 +307,11 @@ class SensorModel(Options, Generic[R]):
     def validate(self, probes: Probes) -> None:
         """Check options against each other."""
 
+    @property
+    def relaxes(self) -> bool:
+        """Does the model itself remember its load over time? Then no imperfection and no transducer may do so."""
+        return False
+
     def present(self, values: NDArray[Any]) -> R:
         """Turn a copy of the channels, ``(..., n_channels)``, into the result of ``read()``; views of it suffice."""
         return cast(R, values[..., 0] if self.n_channels == 1 else values)

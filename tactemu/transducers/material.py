@@ -142,6 +142,7 @@ class Material(Transducer):
     presses_before: NonNegative = 0.0
     """Number of presses before time 0."""
 
+    memories = ("creep_per_decade", "loop")
     takes = ("force", "pressure", "displacement", "depth", "field", "resistance", "capacitance")
     valid = "Presses that come and go. Inside a loop that is not closed the reading is that of the outer one."
     source = "Logarithmic creep of elastomers and of piezoresistive composites; docs/realism.md has the measurements."

@@ -93,6 +93,8 @@ class TransducerSite:
 class Transducer(Options):
     """The options of one transducer, in SI units, with vectors in the frame of the link."""
 
+    memories: ClassVar[tuple[str, ...]] = ()
+    """The options, 0 if off, by which its reading depends on the course of the load."""
     takes: ClassVar[tuple[str, ...]]
     """The quantities that it accepts, best first."""
     valid: ClassVar[str] = ""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -15,7 +15,7 @@ from tactemu.geometry.shapes.shape import FAR
 from tactemu.plan.clearing import clear_rows
 from tactemu.plan.launches import in_turn
 from tactemu.plan.plan import Stage
-from tactemu.sensors.layer import friction, pressure, surface
+from tactemu.sensors.layer import friction, pressure, recall, surface
 from tactemu.sensors.layer.convolution import Workspace, lane_width
 from tactemu.sensors.layer.friction import friction_kernel
 from tactemu.sensors.layer.friction_state import (
@@ -37,6 +37,8 @@ from tactemu.sensors.layer.overlap import (
 from tactemu.sensors.layer.overlap_simd import is_ball_overlap
 from tactemu.sensors.layer.pressure import NORMAL_WINDOWS, Windows, normal_kernel, pressure_state_type, windows_type
 from tactemu.sensors.layer.reading import reading_kernel, skin_type
+from tactemu.sensors.layer.relaxation import SpectrumName, spectrum_of
+from tactemu.sensors.layer.relaxing_layer import RelaxingLayer
 from tactemu.sensors.layer.shared_memory import fits, shared_numbers
 from tactemu.sensors.layer.surface import response_reach, surface_kernel, surface_type
 from tactemu.sensors.layer.tables import LayerMaterial, LayerTables, layer_type
@@ -90,6 +92,9 @@ class LayerOptions(Protocol):
     def coupled(self) -> bool: ...
 
     @property
+    def relaxation(self) -> SpectrumName | Sequence: ...
+
+    @property
     def look_depth(self) -> float | None: ...
 
 
@@ -109,13 +114,15 @@ class CompiledLayer:
         context, model = self.site.context, self.model
         self.real, self.device, self.n_envs = context.real, context.device, context.n_envs
         self.lanes = lane_width(self.device)
-        self.has_friction = model.friction > 0
+        self.has_friction, self.is_coupled = model.friction > 0, bool(model.coupled)
         self.kinetic = model.friction if model.kinetic_friction is None else float(model.kinetic_friction)
         self.weakens = self.kinetic < model.friction
+        spectrum = spectrum_of(model.relaxation, self.name)
         needs = [
             pressure.SHARED_ARRAYS,
             *([friction.SHARED_ARRAYS] * self.has_friction),
             *([surface.SHARED_ARRAYS] * bool(model.displacement)),
+            *([recall.SHARED_ARRAYS] * (spectrum is not None)),
         ]
         numbers = max(shared_numbers(*each) for each in needs)
         self.is_shared = fits(self.grid.shape, numbers, self.real, self.lanes, self.device)
@@ -132,16 +139,23 @@ class CompiledLayer:
         self.tables = self.skin_tables = self._tables(self.material, tangential=self.has_friction or model.displacement)
         if self.material != skin and model.displacement:  # the surface is that of the skin alone
             self.skin_tables = self._tables(skin, tangential=True, unit_compliance=self.tables.unit_compliance)
-        self._allocate()
+        self._allocate(spectra=3 if model.displacement or spectrum else 2 if self.has_friction else 1)
+        relaxing = self.relaxing = RelaxingLayer(self, spectrum) if spectrum else None
         coarser = "lower `oversampling`"
         solver = "lower `iterations` or `oversampling`, or raise `tolerance`"
         self._add(self._overlap, "overlap", "depth of each cell along the normal", coarser)
+        fewer = f"give `relaxation` fewer terms, or {coarser}"
+        if relaxing:
+            self._add(lambda: relaxing.recall(self._layer()), "memory", f"the skin relaxes: {spectrum}", fewer)
         soft = "" if model.object_young_modulus is None else f" under objects of {model.object_young_modulus:g} Pa"
         self._add(self._normal, "pressure", f"bonded layer{soft}, at most {model.iterations} iterations", solver)
         if self.has_friction:
             falls = f", {self.kinetic:g} once it slips," if self.weakens else ""
             why = f"Coulomb friction {model.friction:g}{falls} with stick and slip"
             self._add(self._friction, "friction", why, f"set `friction = 0`, {solver}")
+        if relaxing:
+            why = "what each term keeps of this step"
+            self._add(relaxing.remember, "relaxation", why, fewer)
         if model.displacement:
             why = "displacement is on; within reach of the contact"
             self._add(self._surface, "surface", why, f"set `displacement = false`, or {coarser}")
@@ -175,9 +189,8 @@ class CompiledLayer:
     def _per_env(self, dtype) -> wp.array:
         return self.site.context.zeros(self.n_envs, dtype)
 
-    def _allocate(self) -> None:
+    def _allocate(self, *, spectra: int) -> None:
         real, vec2 = self.real, wp.types.vector(2, self.real)
-        spectra = 3 if self.model.displacement else 2 if self.has_friction else 1
         slots = 0 if self.is_shared else self.n_slots
         workspace = Workspace(slots, self.tables.n_max, real, self.lanes, self.device, spectra=spectra)
         self.windows = Windows(windows_type(real)(), NORMAL_WINDOWS, workspace, slots, self.grid.shape)
@@ -231,6 +244,8 @@ class CompiledLayer:
             clear_rows(state.slipped, mask)
         clear_rows(over.overlap, mask, NO_SURFACE)
         clear_rows(pressed.solved, mask, math.nan)
+        if self.relaxing:
+            self.relaxing.reset(mask)
 
     # -- stages -----------------------------------------------------------------------------------------------------
 
@@ -304,15 +319,17 @@ class CompiledLayer:
 
     def _normal(self) -> Callable[[], None]:
         kernel = normal_kernel(self.real, self.lanes, self.is_shared)
-        return self._blocks(kernel, [self.over, self.windows.struct, self.pressed])
+        over = self.relaxing.over if self.relaxing else self.over
+        return self._blocks(kernel, [over, self.windows.struct, self.pressed])
 
     def _friction(self) -> Callable[[], None]:
-        kernel = friction_kernel(self.real, self.lanes, bool(self.model.coupled), self.is_shared, self.weakens)
+        kernel = friction_kernel(self.real, self.lanes, self.is_coupled, self.is_shared, self.weakens)
         return self._blocks(kernel, [self.over, self.pressed, self.friction_windows.struct, self.state])
 
     def _surface(self) -> Callable[[], None]:
         kernel = surface_kernel(self.real, self.lanes, self.has_friction, self.is_shared)
-        return self._blocks(kernel, [self.pressed, self.state, self.windows.struct, self.surface], of_skin=True)
+        loads = self.relaxing.displaced if self.relaxing else [self.pressed, self.state]
+        return self._blocks(kernel, [*loads, self.windows.struct, self.surface], of_skin=True)
 
     def _read(self) -> Callable[[], None]:
         grid = self.grid
@@ -324,5 +341,6 @@ class CompiledLayer:
         own = grid.taxel_axes() if grid.is_bent else np.zeros((0, 0, 3))
         skin.axes = wp.array(own, dtype=self.site.vec3, device=self.device)
         kernel = reading_kernel(self.real, bool(self.model.displacement), self.has_friction, grid.is_bent)
-        inputs = [skin, self.pressed, self.state, self.surface]
+        loads = self.relaxing.read if self.relaxing else [self.pressed, self.state]
+        inputs = [skin, *loads, self.surface]
         return self.site.context.record(kernel, self.reading.shape[:2], inputs, [self.reading])

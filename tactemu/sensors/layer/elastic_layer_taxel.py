@@ -12,6 +12,14 @@ With a ``kinetic_friction`` the coefficient of a cell falls linearly to it over 
 Objects are rigid, or soft (``object_young_modulus``): their compliance then adds to ``C`` and ``A``, and the
 displacement of the surface remains that of the skin alone (docs/contact.md).
 
+With ``relaxation`` the modulus falls after a strain, relative to ``young_modulus``, as ``G(t) = 1 - sum g_k (1 -
+exp(-t / tau_k))``. With the pressures ``P`` of an elastic layer with the same displacement, and what each term keeps::
+
+    p = P - sum g_k m_k,   dm_k/dt = (P - m_k) / tau_k,   w = C P                      likewise the tractions
+
+``P`` is straight within a step, and the rest is exact; a skin that was just reset is free. Two stages more, ``memory``
+before the contact and ``relaxation`` after it, are built only then.
+
 They are solved on cells, ``oversampling`` along each side of a taxel. The stages, one file each::
 
     overlap ─▶ normal contact ─▶ friction ─▶ surface ───────▶ reading
@@ -25,6 +33,7 @@ The theory is that of small strains: compared with a neo-Hookean skin pressed to
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Annotated, NamedTuple
@@ -35,7 +44,7 @@ from numpy.typing import NDArray
 
 from firmware_protocols.bounds import Bounds
 from tactemu.base.errors import SceneError
-from tactemu.base.units import Length, NonNegative, Pascals, Positive
+from tactemu.base.units import Length, NonNegative, Pascals, Positive, Share
 from tactemu.plan.launches import record
 from tactemu.plan.plan import Dtype, Stage
 from tactemu.sensors.layer.compiled_layer import CompiledLayer
@@ -50,6 +59,7 @@ from tactemu.sensors.layer.reading import (
     status_kernel,
     traction_kernel,
 )
+from tactemu.sensors.layer.relaxation import RelaxationTime, SpectrumName, spectrum_of
 from tactemu.sensors.probe_layout import Probes
 from tactemu.sensors.sensor_model import Compiled, SensorModel, Setting, Site, TouchPoints
 
@@ -119,6 +129,10 @@ class ElasticLayerTaxel(SensorModel[LayerReading]):
     coupled: bool = True
     """Let pressure move the surface sideways too, and so pull at sticking cells (not at all at nu = 0.5 in a thick
     layer)."""
+    relaxation: Sequence[tuple[Share, RelaxationTime]] | SpectrumName = ()
+    """Relaxation of the modulus: pairs of the share of ``young_modulus`` that relaxes and its time constant [s], or the
+    name of a material. ``young_modulus`` is then that of a sudden press; at rest ``1 - sum of the shares`` of it is
+    left. Empty: the skin is elastic, at no cost."""
     look_depth: Length | None = None
     """Depth below the surface to which bodies are sensed [m], like ``ray_reach`` of the probes; default: to the far
     side of the link, and on a link without geometry to the thickness or the grid's diagonal, whichever is less. A body
@@ -135,10 +149,10 @@ class ElasticLayerTaxel(SensorModel[LayerReading]):
     examples = {"": {"tolerance": 1e-4}}
     valid = (
         "A flat pad of a soft, linear material on a rigid base, pressed to 0.4 of its thickness (forces within 2 % of "
-        "a neo-Hookean skin for nu = 0.49, 13 % for nu = 0.3); contacts at least one cell wide; in equilibrium at "
-        "every step. Bent around a cylinder of ten thicknesses, forces are off by 2 % for nu = 0.3, 4 % for 0.45, 8 % "
-        "for 0.49, twice that at five: too high where it is convex, too low where it is concave. No viscosity, no "
-        "wear, no free edges."
+        "a neo-Hookean skin for nu = 0.49, 13 % for nu = 0.3); contacts at least one cell wide; without "
+        "inertia. Bent around a cylinder of ten thicknesses, forces are off by 2 % for nu = 0.3, 4 % for 0.45, 8 % "
+        "for 0.49, twice that at five: too high where it is convex, too low where it is concave. Speed matters "
+        "through `relaxation` alone: linear, at a Poisson's ratio that stays. No wear, no free edges."
     )
     source = (
         "The bonded elastic layer (transfer functions in closed form, sensors/layer/compliance.py), normal contact by "
@@ -167,6 +181,10 @@ class ElasticLayerTaxel(SensorModel[LayerReading]):
         options = {"iterations": 200, "tolerance": 1e-5, "oversampling": split}
         return Setting(f"layer, {split} x {split} cells per taxel, residual 1e-5", options)
 
+    @property
+    def relaxes(self) -> bool:
+        return spectrum_of(self.relaxation, type(self).__name__) is not None
+
     def validate(self, probes: Probes) -> None:
         where = "ElasticLayerTaxel"
         if self.depth_query not in (None, "ray"):
@@ -180,6 +198,8 @@ class ElasticLayerTaxel(SensorModel[LayerReading]):
             raise SceneError(
                 f"{where}: kinetic_friction must be at most friction ({self.friction:g}), got {self.kinetic_friction:g}"
             )
+        if self.relaxes and self.object_young_modulus is not None:
+            raise SceneError(f"{where}: a skin that relaxes presses rigid objects only: leave out object_young_modulus")
         for grid in layer_grids(probes, 1, where):
             radius = min((abs(1.0 / bend) for bend in grid.curvature if bend), default=math.inf)
             if radius < 0.999 * MIN_BEND_RADIUS_THICKNESSES * self.thickness:
