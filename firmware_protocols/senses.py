@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal, get_args
@@ -117,6 +118,11 @@ class Column:
     """The key of the counts, where a device has several senses."""
     shared: bool = False
     """True for one number for all points instead of one each."""
+
+    def __post_init__(self):
+        numbers = (self.counts_per_unit, self.assumed_per_unit, self.low, self.high, self.rest)
+        if not all(number is None or math.isfinite(number) for number in numbers):
+            raise ValueError(f"column {self.name!r}: scales, limits and rest must be finite numbers")
 
     @property
     def scale(self) -> float | None:

@@ -17,8 +17,16 @@ Bad bytes from a driver are no error: the device counts them and answers as the 
 
 from __future__ import annotations
 
+import os
+
 from firmware_protocols.messages import nearest as nearest
 from firmware_protocols.messages import shown as shown
+
+
+def reason_of(error: Exception) -> str:
+    """Return the system's reason for an error, without the path, which pyserial repeats; else the error's own words."""
+    number = getattr(error, "errno", None)
+    return os.strerror(number) if number else str(error)
 
 
 class TactemuError(Exception):

@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 from firmware_protocols import Can, Connector, Serial
 from tactemu.base.clock import Clock
-from tactemu.base.errors import TactemuError, TransportError
+from tactemu.base.errors import TactemuError, TransportError, reason_of
 from tactemu.base.loop import Loop
 from tactemu.transports import create
 from tactemu.transports.transport import Opened, Received
@@ -181,5 +181,5 @@ def _from_serial(source: str, recorder: Recorder, clock: Clock, stop: Callable[[
                     recorder.add(Passage(clock.now_ns(), "", "tx", data))
     except (OSError, ValueError) as error:  # pyserial's own error is an OSError
         raise TransportError(
-            f"cannot record from {source}: {error}; check its name and your permission to read it"
+            f"cannot record from {source}: {reason_of(error)}; check its name and your permission to read it"
         ) from None

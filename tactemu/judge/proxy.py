@@ -20,7 +20,7 @@ from firmware_protocols.check.readings import reading_of
 from firmware_protocols.tables import Frame as FrameTable
 from tactemu import transports
 from tactemu.base.clock import RealClock
-from tactemu.base.errors import TransportError
+from tactemu.base.errors import TransportError, reason_of
 from tactemu.base.loop import Loop
 from tactemu.emulator.replay import DEFAULT_BAUD
 from tactemu.transports.transport import LinesChanged, Received, SettingChanged, Transport
@@ -160,7 +160,7 @@ class RealSerial:
             self.port = serial.serial_for_url(name, baudrate=baud, timeout=0, write_timeout=0.2)
         except (OSError, ValueError) as error:
             raise TransportError(
-                f"cannot open {name}: {error}; check the name and your permission to read it"
+                f"cannot open {name}: {reason_of(error)}; check the name and your permission to read it"
             ) from None
         self.name = name
 

@@ -30,6 +30,11 @@ def test_a_fault_is_a_line_and_exits_with_1(palm):
             "Serial(baud=115200)",
             "ports: expected a tuple of connectors, with a comma behind one",
         ),
+        (
+            "counts_per_unit=1000.0",
+            "counts_per_unit=float('nan')",
+            "column 'touch': scales, limits and rest must be finite",
+        ),
         ('("force",)', '("forces",)', "senses: 'forces': expected one of force, pressure"),
         (
             "super().measure(reading, t_ns)",

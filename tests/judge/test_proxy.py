@@ -142,7 +142,7 @@ def test_the_drivers_speed_reaches_the_sensor(tmp_path):
 
 
 def test_a_port_that_is_not_there():
-    with pytest.raises(TransportError, match="cannot open /dev/nope"):
+    with pytest.raises(TransportError, match="cannot open /dev/nope: No such file or directory; check the name"):
         RealSerial("/dev/nope", 115200)
 
 
