@@ -45,6 +45,11 @@ def physics(
     """Measure the time of a step and of a read of each sensor.
 
     The table has their targets, and the figures of Genesis in its own scene.
+
+    \b
+      tactemu bench physics
+      tactemu bench physics --only probe --no-starts
+      tactemu bench physics --device cuda:0 --largest --out speed.json
     """
     from tactemu.base.kernels import start_quietly
     from tactemu.tune.speed.physics import markdown_page, run
@@ -63,6 +68,10 @@ def wire(
     """Measure the time of a frame from device to port.
 
     It also prints how many frames a core can send.
+
+    \b
+      tactemu bench wire
+      tactemu bench wire --repeats 21 --out wire.json
     """
     from tactemu.tune.speed.wire import run
 
@@ -82,7 +91,14 @@ def trade(
     only: Annotated[str, typer.Option(metavar="TEXT", help="Measure only settings whose name contains this.")] = "",
     fresh: Annotated[bool, typer.Option("--fresh", help="Measure all again instead of continuing.")] = False,
 ) -> None:
-    """Measure error and cost of every setting, and draw them. The same command continues a stopped run."""
+    """Measure error and cost of every setting, and draw them.
+
+    The same command continues a stopped run.
+
+    \b
+      tactemu bench trade --quick
+      tactemu bench trade scene.toml --out scene-trade
+    """
     from tactemu.cli.progress import show_progress
     from tactemu.tune.trade.trade import run_trade
 
@@ -104,6 +120,10 @@ def realism(
     """Fit the laws of real sensors to recordings.
 
     It measures how well they predict each recording that is left out.
+
+    \b
+      tactemu bench realism
+      tactemu bench realism recordings --held others --page realism.md
     """
     from tactemu.fit.realism import run
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from tactemu.cli.parameters import Options
+from tactemu.cli.sections import in_sections
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -22,7 +23,13 @@ MAX_PRINTED = 40
 """Largest number of lines of each kind that are printed; the report has all."""
 
 
-@commands.command()
+@commands.command(
+    cls=in_sections({
+        "Sensor": "source port baud",
+        "Requests and presses": "listen ask_all press press_seconds presses",
+        "Time and reports": "seconds out",
+    })
+)  # fmt: skip
 def compare(
     device: Annotated[
         str, typer.Argument(metavar="DEVICE", help="A name of `tactemu devices`, or path/to/device.py:Class.")

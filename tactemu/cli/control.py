@@ -11,6 +11,7 @@ from typing import Annotated, Any, NoReturn
 import typer
 
 from tactemu.base.errors import TactemuError
+from tactemu.cli.sections import in_sections
 from tactemu.control.argument_types import ArgumentType
 from tactemu.control.client import connect
 from tactemu.control.command_registry import EVENT_ARGUMENT, Argument, ControlCommand
@@ -59,7 +60,10 @@ def make_app() -> typer.Typer:
     for verb in CONTROL_COMMANDS.values():
         negative = any(argument.type.words > 1 for argument in verb.arguments.values())  # -1mm is no option
         settings = {"ignore_unknown_options": negative}
-        app.command(verb.name, help=_help(verb), short_help=verb.brief, context_settings=settings)(_command(verb))
+        app.command(
+            verb.name, help=_help(verb), short_help=verb.brief, context_settings=settings,
+            cls=in_sections({"Options": " ".join(verb.arguments)}),
+        )(_command(verb))  # fmt: skip
     app.command("watch", help="Print states as lines of JSON until Ctrl-C.\n\n\b\n  tactemu poke watch --rate 30")(
         _watch
     )

@@ -169,7 +169,13 @@ def sweep(
         raise typer.Exit(1)
 
 
-@commands.command()
+@commands.command(
+    cls=in_sections({
+        "Ports": "port baud",
+        "Sensor and faults": "sensor option fault seed",
+        "Logs": "truth record",
+    })
+)  # fmt: skip
 def proxy(
     real: Annotated[
         str,

@@ -14,6 +14,7 @@ from tactemu.base.errors import TactemuError, TransportError
 from tactemu.base.formats import CAN_FRAMES, CONVERTIBLE, LOGS, READABLE, names
 from tactemu.base.statistics import counter_words
 from tactemu.cli.parameters import Faults, RunName, Seconds
+from tactemu.cli.sections import in_sections
 
 if TYPE_CHECKING:
     from tactemu.emulator.replay import Replay
@@ -140,7 +141,12 @@ def record_stream(
     typer.echo(f"{count} entries in {clock.now_ns() / 1e9:.1f} s")
 
 
-@commands.command()
+@commands.command(
+    cls=in_sections({
+        "Port and faults": "port skin fault",
+        "Time": "speed step loop seconds",
+    })
+)  # fmt: skip
 def replay(
     file: Annotated[
         Path, typer.Argument(metavar="FILE", help=f"The recording or truth log to play: {names(READABLE, dot='.')}.")
