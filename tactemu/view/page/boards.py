@@ -16,8 +16,8 @@ from tactemu.scene.description import PartDescription
 from tactemu.truth.entries import Sample
 from tactemu.view.conversions.display import in_contact, pitch
 from tactemu.view.page.feed import magnitudes
-from tactemu.view.page.legend import Range
 from tactemu.view.page.lights import instance_colours, mesh_colour
+from tactemu.view.page.ranges import Range, Ranges
 from tactemu.view.page.shapes import Mesh, carrier, joined
 
 _PLATE = (0.20, 0.22, 0.27)
@@ -86,7 +86,7 @@ class Board:
                     meshes.append(carrier(positions[here] + 0.08 * size * normals[here], normals[here], size))
         return meshes
 
-    def draw(self, samples: dict[str, Sample], ranges: dict[str, Range]) -> None:
+    def draw(self, samples: dict[str, Sample], ranges: Ranges) -> None:
         """Colour the taxels by their measured values, as shares of the range of their skin's quantity."""
         shares, vectors = [], []
         for skin, part in self._parts:
@@ -95,8 +95,9 @@ class Board:
                 shares.append(np.zeros(n))
                 vectors.append(np.zeros((n, 3)))
                 continue
-            shares.append(ranges[skin].shares(magnitudes(sample.measured)[part.taxels]))
-            vectors.append(_vectors(sample, part, ranges[skin]))
+            scale = ranges.of(skin, sample.sense)
+            shares.append(scale.shares(magnitudes(sample.measured)[part.taxels]))
+            vectors.append(_vectors(sample, part, scale))
         now = instance_colours(colours(np.concatenate(shares)))
         if (now != self._colours).any():
             self._colours = self.discs.batched_colors = now

@@ -13,15 +13,16 @@ import viser
 from tactemu.geometry import rotation
 from tactemu.scene.description import BodyDescription, PartDescription
 from tactemu.truth.entries import Sample
-from tactemu.view.conversions.display import pitch, prefixed
+from tactemu.view.conversions.display import pitch
 from tactemu.view.conversions.taxel_tables import WORLD, parts_of
 from tactemu.view.page.boards import Board
 from tactemu.view.page.camera import direction
-from tactemu.view.page.feed import DescribedRun, PageSkin, PageState, magnitudes
+from tactemu.view.page.feed import DescribedRun, PageState
 from tactemu.view.page.ground import Ground, round_length
 from tactemu.view.page.hands import hand
-from tactemu.view.page.legend import Range, Row, style
+from tactemu.view.page.legend import Row, style
 from tactemu.view.page.lights import add_lights, lit_model, mesh_colour
+from tactemu.view.page.ranges import NO_CONTACT, Ranges
 from tactemu.view.page.shapes import Mesh, capsule, joined, rounded
 
 _GREY = (0.74, 0.77, 0.81)
@@ -70,9 +71,7 @@ class Scene:
             self._add_body(scene, body, is_carrier=body.name in carriers, has_hand=body.name in hands)
         for body, mesh in hands.items():
             self._add_hand(scene, body, mesh)
-        self.ranges = {name: _range(skin) for name, skin in run.skins.items()}
-        shared = {scale.quantity: scale for scale in self.ranges.values()}
-        self.ranges = {name: shared[scale.quantity] for name, scale in self.ranges.items()}
+        self.ranges = Ranges(run)
         pitches = [pitch(part) for _, part in parts] or [1e-3]
         self._arrow_m = round_length(_ARROW_PITCHES * float(np.median(pitches)))
         on = lambda pair: self._on[pair[1].name]  # noqa: E731
@@ -173,11 +172,10 @@ class Scene:
             if frame is not None:
                 self._poses[name] = np.asarray(body["position"], float), np.asarray(body["quaternion"], float)
                 _set_pose(frame, *self._poses[name])
+        self.ranges.include(state.samples)
         for skin, sample in state.samples.items():
-            if skin in self.ranges and np.size(sample.measured):
-                self.ranges[skin].include(float(np.nanmax(magnitudes(sample.measured), initial=0.0)))
-                if np.shape(sample.measured)[1:] == (3,):
-                    self._vectors.add(self.ranges[skin].quantity)
+            if skin in self._run.skins and np.shape(sample.measured)[1:] == (3,):
+                self._vectors.add(self.ranges.of(skin, sample.sense).quantity)
         for board in self.boards.values():
             board.draw(state.samples, self.ranges)
         if self._ground is None:
@@ -197,21 +195,12 @@ class Scene:
     def legend(self) -> str:
         """Return the style sheet with the legend of the scene."""
         rows = []
-        for scale in {id(each): each for each in self.ranges.values()}.values():
-            factor, unit = prefixed(scale.top, scale.unit)
-            top = f"{scale.top * factor:.4g} {unit}" if scale.top else f"no contact yet [{unit}]"
-            half = f"{scale.top * factor / 2:.4g}" if scale.top else ""
-            arrow = f"{self._arrow_m * 1e3:.3g} mm = {top}" if scale.quantity in self._vectors and scale.top else ""
-            rows.append(Row(f"measured {scale.quantity} of a taxel", top, half, arrow))
+        for scale in self.ranges:
+            end = scale.end()
+            arrow = f"{self._arrow_m * 1e3:.3g} mm = {end}" if scale.quantity in self._vectors and end else ""
+            rows.append(Row(f"measured {scale.quantity} of a taxel", end or NO_CONTACT, scale.half(), arrow))
         grid = f"grid {self._ground.step * 1e3:g} mm" if self._ground else ""
         return style(rows[:3], grid)
-
-
-def _range(skin: PageSkin) -> Range:
-    """Return the range of a skin's first quantity that has a value for each taxel."""
-    taxels = len(skin.layout)
-    sense = next((key for key, each in skin.described.senses.items() if each.points in (0, taxels)), "")
-    return Range(skin.quantity(sense), skin.unit(sense))
 
 
 def _parts(run: DescribedRun, skin: str, taxels: int) -> list[PartDescription]:

@@ -30,6 +30,7 @@ from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 
 from tactemu.base.errors import TactemuError
+from tactemu.view.page.page_script import SCRIPT
 from tactemu.view.page.page_style import STYLE
 
 MAX_VIEWERS = 16
@@ -44,19 +45,6 @@ ACCEPTED_MESSAGES = frozenset(
 )  # fmt: skip
 """The types of messages that viewers may send. Uploads, renders and requests for a public address are not among them.
 """
-SCHEME = "tactemu.scheme"
-"""The key under which a browser stores its colour scheme, ``light`` or ``dark``."""
-_PREFIX = "viser-user:"
-"""The prefix that viser's page puts before keys of applications."""
-_SCRIPT = f"""<script>
-localStorage.setItem("{_PREFIX}{SCHEME}", matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light");
-const listen = EventTarget.prototype.addEventListener;
-EventTarget.prototype.addEventListener = function (type, heard, how) {{
-  const stops = type.startsWith("pointer") && how && how.passive;
-  return listen.call(this, type, heard, stops ? {{...how, passive: false}} : how);
-}};
-</script>"""
-"""A script that declares viser's pointer listeners not passive: they stop events, which passive listeners may not."""
 _POLICY = (
     "default-src 'self' data: blob: 'unsafe-inline' 'unsafe-eval'; connect-src 'self' data: blob: ws://{host}; "
     "form-action 'none'; base-uri 'none'; frame-ancestors 'none'"
@@ -94,7 +82,8 @@ class Gate:
         head, mark, tail = page.read_text(encoding="utf-8").partition("<title>Viser</title>")
         if not mark:
             raise TactemuError(f"the page of viser {viser.__version__} is not supported; {INSTALL_TESTED}")
-        self._page = gzip.compress(f"{head}<title>{title}</title>{_SCRIPT}<style>{STYLE}</style>{tail}".encode())
+        ours = f"<title>{title}</title><script>{SCRIPT}</script><style>{STYLE}</style>"
+        self._page = gzip.compress(f"{head}{ours}{tail}".encode())
 
     def say(self, text: str) -> None:
         """Report a line, at most one a second, so that repeated requests do not fill the terminal."""

@@ -10,34 +10,13 @@ from base64 import b64encode
 from dataclasses import dataclass
 from html import escape
 
-import numpy as np
-
 from tactemu.base.style import ARROW, NAN, RAMP, THEMES
-from tactemu.view.page.ground import round_length
 
 WIDTH_PX, HEIGHT_PX, INSET_PX = 284, 66, 10
 CANVAS = "canvas[data-engine]"
 """The canvas on which the page draws."""
 _BAR_PX = 8, 24, 150, 11
 """The left, top, width and height of a colour bar in its row [pixels]."""
-
-
-class Range:
-    """The range of the readings of one quantity: from 0 to the largest so far, rounded up to 1, 2 or 5."""
-
-    def __init__(self, quantity: str, unit: str):
-        self.quantity, self.unit = quantity, unit
-        self.top = 0.0
-
-    def include(self, largest: float) -> None:
-        """Widen the range if a reading is larger."""
-        if np.isfinite(largest) and largest > self.top:
-            low = round_length(largest)
-            self.top = next(step for step in (low, 2 * low, 2.5 * low) if step >= largest * (1 - 1e-9))
-
-    def shares(self, sizes: np.ndarray) -> np.ndarray:
-        """Return readings as shares of the range."""
-        return sizes / self.top if self.top else 0.0 * sizes
 
 
 @dataclass(frozen=True)

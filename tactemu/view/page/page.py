@@ -16,7 +16,8 @@ from tactemu.view.page.boards import Board
 from tactemu.view.page.bodies import Scene
 from tactemu.view.page.camera import Cameras
 from tactemu.view.page.feed import DescribedRun, PageSkin, PageState, page_state
-from tactemu.view.page.guard import SCHEME, Gate, behind_gate
+from tactemu.view.page.guard import Gate, behind_gate
+from tactemu.view.page.page_script import SCHEME
 from tactemu.view.page.panel import Panel, holder_text
 from tactemu.view.page.viewer_commands import ViewerCommands
 
@@ -103,8 +104,9 @@ class Page:
         assert self._viewer_commands is not None
         self._scene = Scene(self._server, self._run, connection.about.get("bodies", ()))
         self._panel = Panel(
-            self._server, self._run, self._viewer_commands, self._datasheet, self._title, self._cameras.show
-        )
+            self._server, self._run, self._viewer_commands, self._datasheet, self._title, self._cameras.show,
+            self._scene.ranges,
+        )  # fmt: skip
         for name, solid in self._scene.solids.items():
             self._enable_drag(name, solid)
         for board in self._scene.boards.values():

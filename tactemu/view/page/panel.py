@@ -14,6 +14,7 @@ from tactemu.view.page.controls import Controls
 from tactemu.view.page.curves import Curves
 from tactemu.view.page.feed import Baseline, DescribedRun, PageSkin, PageState
 from tactemu.view.page.pictures import ALL, KINDS, Pictures
+from tactemu.view.page.ranges import Ranges
 from tactemu.view.page.readings import readings_html, statistics_html
 from tactemu.view.page.viewer_commands import ViewerCommands
 from tactemu.view.page.wire import Wire
@@ -36,6 +37,7 @@ class Panel:
         datasheet: returns the lines of a device's datasheet, or why there is none.
         title: the title of the page.
         show_skin: places the camera of a viewer before the skin.
+        ranges: the ranges of the readings.
     """
 
     def __init__(
@@ -46,12 +48,13 @@ class Panel:
         datasheet: Callable[[PageSkin], Sequence[str]],
         title: str,
         show_skin: Callable[[viser.ClientHandle], None],
+        ranges: Ranges,
     ):
         self._run, self._viewer_commands, self._datasheet = run, viewer_commands, datasheet
         self._next_read_s = self._t_s = 0.0
         self._answer = ""
         self._is_held = False
-        self._pictures, self._wire = Pictures(), Wire(run)
+        self._pictures, self._wire = Pictures(ranges), Wire(run)
         self._baselines = {name: Baseline(skin) for name, skin in run.skins.items()}
         gui = self._gui = server.gui
         gui.reset()

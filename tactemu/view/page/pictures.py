@@ -14,8 +14,9 @@ from PIL import Image
 from firmware_protocols.layouts import Patch
 from tactemu.base.style import NAN, RAMP, colours
 from tactemu.truth.entries import Sample
-from tactemu.view.conversions.display import cells, prefixed
+from tactemu.view.conversions.display import cells
 from tactemu.view.page.feed import PageSkin, deviation_unit, magnitudes
+from tactemu.view.page.ranges import NO_CONTACT, Range, Ranges
 
 KINDS: tuple[str, ...] = ("ideal", "measured", "sent")
 """The pictures that there are of a skin."""
@@ -46,13 +47,18 @@ DrawnPatch = tuple[Patch, np.ndarray]
 
 
 class Pictures:
-    """The patches of one skin at a time."""
+    """The patches of one skin at a time.
 
-    def __init__(self) -> None:
+    Args:
+        ranges: the ranges of the readings.
+    """
+
+    def __init__(self, ranges: Ranges):
+        self._ranges = ranges
         self._skin: PageSkin | None = None
         self._rows: list[list[list[DrawnPatch]]] = []
         self._taxel_px = _MAX_TAXEL_PX
-        self._most = dict.fromkeys(KINDS, 0.0)
+        self._sent = Range("", "")
 
     def html(self, skin: PageSkin, sample: Sample | None, sent: np.ndarray | None, shown: str = ALL) -> str:
         """Return the pictures of a sample.
@@ -65,24 +71,22 @@ class Pictures:
         """
         if skin is not self._skin:
             self._skin = skin
-            self._most = dict.fromkeys(KINDS, 0.0)
+            self._sent = Range("", "")
             patches = skin.layout.patches[:_MAX_PATCHES]
             self._rows = picture_rows([(patch, cells(skin.layout, patch)) for patch in patches])
             self._taxel_px = taxel_size(self._rows)
         if sample is None or not len(skin.layout) or len(sample.ideal) != len(skin.layout):
             return '<div class="tt"><p>No picture: this skin has no reading for each taxel yet.</p></div>'
         sizes = {"ideal": magnitudes(sample.ideal), "measured": magnitudes(sample.measured), "sent": sent}
-        for name, size in sizes.items():
-            if size is not None:
-                self._most[name] = max(self._most[name], float(np.nanmax(size, initial=0.0)))
-        both = max(self._most["ideal"], self._most["measured"])
-        scales = {"ideal": both, "measured": both, "sent": self._most["sent"]}
-        si = skin.unit(sample.sense)
-        units = {"ideal": si, "measured": si, "sent": _sent_unit(skin, sample)}
+        if sent is not None:
+            self._sent.unit = _sent_unit(skin, sample)
+            self._sent.include(sent)
+        read = self._ranges.of(skin.name, sample.sense)
+        scales = {"ideal": read, "measured": read, "sent": self._sent}
         kinds = KINDS if shown == ALL else (shown,)
         boxes = "".join(
             f'<section class="tt-kind"><header><h4>{name}</h4>{_meaning(skin, sample, name)}'
-            f"{_colour_bar(scales[name], units[name], sizes[name])}</header>"
+            f"{_colour_bar(scales[name], sizes[name])}</header>"
             f"{self._patches(sizes[name], scales[name], len(kinds))}</section>"
             for name in kinds
         )
@@ -99,21 +103,21 @@ class Pictures:
     def _is_single(self) -> bool:
         return len(self._rows[0]) == 1 and len(self._rows[0][0]) == 1
 
-    def _patches(self, size: np.ndarray | None, most: float, kinds: int) -> str:
+    def _patches(self, size: np.ndarray | None, scale: Range, kinds: int) -> str:
         if size is None:
             return "<p>The counts are not one for each taxel.</p>"
         if self._is_single():
             limit = "44vh" if kinds == 1 else "24vh" if self._is_narrow() else "9.5vh"
-            return _figure(*self._rows[0][0][0], size, most, f"max-height:{limit}", has_name=False)
-        boxes = "".join(_row(row, size, most, self._taxel_px) for row in self._rows if row)
+            return _figure(*self._rows[0][0][0], size, scale, f"max-height:{limit}", has_name=False)
+        boxes = "".join(_row(row, size, scale, self._taxel_px) for row in self._rows if row)
         return f'<div class="tt-rows">{boxes}</div>'
 
 
-def _row(row: Sequence[Sequence[DrawnPatch]], size: np.ndarray, most: float, taxel_px: int) -> str:
+def _row(row: Sequence[Sequence[DrawnPatch]], size: np.ndarray, scale: Range, taxel_px: int) -> str:
     boxes = []
     for column in row:
         figures = [
-            _figure(*drawn, size, most, f"width:{_extent(drawn)[1] * taxel_px}px", has_name=True) for drawn in column
+            _figure(*drawn, size, scale, f"width:{_extent(drawn)[1] * taxel_px}px", has_name=True) for drawn in column
         ]
         width = _column_px(column, taxel_px)[0]
         boxes.append(f'<div class="tt-finger" style="width:{width}px">{"".join(figures)}</div>')
@@ -181,8 +185,8 @@ def _rank(name: str) -> tuple[float, str]:
     return (len(_SEGMENTS) - int(number[0]) / 100 if number else len(_SEGMENTS) / 2), part
 
 
-def _figure(patch: Patch, places: np.ndarray, size: np.ndarray, most: float, style: str, *, has_name: bool) -> str:
-    picture = image(size[patch.taxels], places, most)
+def _figure(patch: Patch, places: np.ndarray, size: np.ndarray, scale: Range, style: str, *, has_name: bool) -> str:
+    picture = image(size[patch.taxels], places, scale)
     rows, cols = places.max(axis=0) + 1
     name = escape(patch.name)
     caption = f"<figcaption>{name}</figcaption>" if has_name else ""
@@ -192,11 +196,11 @@ def _figure(patch: Patch, places: np.ndarray, size: np.ndarray, most: float, sty
     )
 
 
-def image(size: np.ndarray, places: np.ndarray, most: float) -> str:
+def image(size: np.ndarray, places: np.ndarray, scale: Range) -> str:
     """Return an image with a square for each taxel and lines between them, as an address with its data."""
     rows, cols = places.max(axis=0) + 1
     pixels = np.zeros((rows, cols, 4), np.uint8)
-    pixels[places[:, 0], places[:, 1], :3] = (255 * colours(size / (most or 1.0))).round()
+    pixels[places[:, 0], places[:, 1], :3] = (255 * colours(scale.shares(size))).round()
     pixels[places[:, 0], places[:, 1], 3] = 255
     if len(size) <= _MAX_SQUARES:
         pixels = pixels.repeat(_SQUARE_PX, axis=0).repeat(_SQUARE_PX, axis=1)
@@ -206,15 +210,13 @@ def image(size: np.ndarray, places: np.ndarray, most: float) -> str:
     return f"data:image/png;base64,{base64.b64encode(buffer.getvalue()).decode()}"
 
 
-def _colour_bar(most: float, unit: str, size: np.ndarray | None) -> str:
-    factor, shown = prefixed(most, unit)
+def _colour_bar(scale: Range, size: np.ndarray | None) -> str:
     ramp, lost = ", ".join(RAMP), ""
     if size is not None and np.isnan(size).any():
         lost = f' <span class="tt-ramp" style="flex:0 0 10px;background:{NAN}"></span><span>NaN</span>'
-    largest = f"{most * factor:.3g} {escape(shown)}" if most else "no contact yet"
     return (
         f'<div class="tt-bar"><span>0</span><span class="tt-ramp" style="background:linear-gradient(90deg, {ramp})">'
-        f"</span><span>{largest}</span>{lost}</div>"
+        f"</span><span>{escape(scale.end() or NO_CONTACT)}</span>{lost}</div>"
     )
 
 

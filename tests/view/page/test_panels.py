@@ -18,6 +18,7 @@ from tactemu.view.page.feed import Baseline, DescribedRun, PageSkin, deviation_u
 pytest.importorskip("viser", reason="the page comes with the extra web")
 
 from tactemu.view.page import pictures, readings
+from tactemu.view.page.ranges import NO_CONTACT, Ranges
 from tactemu.view.page.viewer_commands import answer_words
 from tactemu.view.page.wire import Wire
 
@@ -58,14 +59,29 @@ def test_channels_have_names_and_the_unit_of_a_count():
 
 @pytest.mark.parametrize("name", registry.names())
 def test_every_device_has_a_picture_or_a_reason(name):
-    page_skin = skin(name)
+    run = described(name)
+    page_skin = run.skins[name]
     n = len(page_skin.layout)
     shape = (n, 3) if page_skin.quantity("") == "force" else (n, 6) if page_skin.quantity("") == "wrench" else (n,)
     columns = len(page_skin.about["columns"])
     entry = sample(name, np.linspace(0, 1, int(np.prod(shape))).reshape(shape), np.zeros((n, columns)))
-    html = pictures.Pictures().html(page_skin, entry, np.zeros(n))
+    html = pictures.Pictures(Ranges(run)).html(page_skin, entry, np.zeros(n))
     assert html.count("<img") >= min(n, 3) and ("<img" in html or "No picture" in html)
     assert "tt-numbers" in readings.readings_html(page_skin, entry, 0) or not n
+
+
+def test_legend_and_pictures_have_one_range():
+    run = described("inspire_rh56dftp")
+    name, page_skin = next(iter(run.skins.items()))
+    ranges, taxels = Ranges(run), len(page_skin.layout)
+    (scale,) = ranges
+    drawn = pictures.Pictures(ranges)
+    for ideal, measured, end in ((0.0, 0.0, ""), (0.3, 0.12, "400 mN"), (0.2, 1.7, "2 N"), (0.1, np.nan, "2 N")):
+        entry = Sample(0, name, np.full(taxels, ideal), np.full(taxels, measured), np.zeros(taxels))
+        ranges.include({name: entry})
+        html = drawn.html(page_skin, entry, None)
+        assert scale.end() == end and html.count(f"<span>{end or NO_CONTACT}</span>") >= 2
+        assert ranges.of(name, entry.sense) is scale and not scale.shares(np.array([scale.top])) > 1
 
 
 def test_a_changed_temperature_is_no_touch():

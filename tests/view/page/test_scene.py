@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from firmware_protocols import registry
+from tactemu.base.style import THEMES, rgb
 from tests.control.conftest import runtime_folder  # noqa: F401
 from tests.view.page.browser import CANVAS, browsing, opened
 
@@ -16,6 +17,7 @@ from tactemu.view.page.hands import finger_of, hand
 from tactemu.view.page.shapes import capsule, carrier, hull, rounded
 
 pytestmark = [pytest.mark.timeout(180)]
+ATTRIBUTES = f'() => document.querySelector("{CANVAS}").getContext("webgl2").getContextAttributes()'
 SCHEME = """scheme => document.documentElement.setAttribute("data-mantine-color-scheme", scheme)"""
 LEGEND = f"""() => {{
   const box = document.querySelector("{CANVAS}").parentElement;
@@ -123,6 +125,15 @@ def taxels_drawn(page) -> np.ndarray:
     return np.stack([cols / image.shape[1], rows / image.shape[0]], axis=1)
 
 
+def has_sky(page, scheme: str) -> bool:
+    """Whether many pixels of the canvas have the background of its colour scheme."""
+    from PIL import Image
+
+    image = np.asarray(Image.open(io.BytesIO(page.locator(CANVAS).screenshot())).convert("RGB")).astype(float)
+    sky, haze = (255 * rgb(THEMES[name][scheme == "dark"]) for name in ("sky", "haze"))
+    return float((np.abs(image - (sky + haze) / 2).max(axis=2) < 3).mean()) > 0.1
+
+
 def test_the_skin_fills_the_free_canvas(runtime_folder):  # noqa: F811
     from tests.view.page.screenshots import SIZES, shown
 
@@ -147,5 +158,8 @@ def test_the_skin_fills_the_free_canvas(runtime_folder):  # noqa: F811
                 wide, tall, legend_width, legend_height, picture = page.evaluate(LEGEND)
                 assert legend_width + legend.INSET_PX <= wide and legend_height < 0.3 * tall
                 assert picture.startswith('url("data:image/svg+xml')
+                attributes = page.evaluate(ATTRIBUTES)
+                assert not attributes["antialias"] and not attributes["alpha"], "it draws without a GPU"
+                assert has_sky(page, scheme), f"{width} {scheme}: the background is not the theme's"
             page.context.close()
     assert not wrong
