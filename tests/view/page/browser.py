@@ -39,9 +39,20 @@ def browsing() -> Iterator:
             browser.close()
 
 
-def opened(browser, url: str, wrong: list[str], *, width: int = 1000, height: int = 700, scheme: str = "light"):
+def opened(
+    browser,
+    url: str,
+    wrong: list[str],
+    *,
+    width: int = 1000,
+    height: int = 700,
+    scheme: str = "light",
+    scale: float = 1,
+):
     """A page of a viewer's own; what goes wrong on it is added to a list."""
-    context = browser.new_context(viewport={"width": width, "height": height}, color_scheme=scheme)
+    context = browser.new_context(
+        viewport={"width": width, "height": height}, color_scheme=scheme, device_scale_factor=scale
+    )
     page = context.new_page()
     ours = urlsplit(url).netloc
 

@@ -1,9 +1,12 @@
-"""Screenshots of the live page, to be looked at: ``python -m tests.view.page.screenshots FOLDER [SCENE ...]``.
+"""Screenshots of the live page, to be looked at: ``python -m tests.view.page.screenshots [FOLDER [LABEL ...]]``.
 
-A sheet and a hand that a ball touches, and a grasp, each at several widths, light and dark.
+Sheets and hands that a ball touches, and a grasp, each at several widths, light and dark. A label is the beginning of
+``SCENE-SIZE-SCHEME``, or ``all``; without one there are the four of :data:`USUAL`. Without a folder these are written
+for docs/live-page.md.
 """
 
 import contextlib
+import io
 import os
 import subprocess
 import sys
@@ -12,13 +15,25 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+from PIL import Image
+
 import tactemu as tt
 from firmware_protocols import CanFrame
-from tests.view.page.browser import browsing, opened
+from tests.view.page.browser import CANVAS, browsing, opened
 
 SIZES = {"wide": (1440, 900), "narrow": (1000, 700), "phone": (400, 800)}
 SCHEMES = ("light", "dark")
 ROOT = Path(__file__).parents[3]
+PICTURES = ROOT / "docs" / "pictures"
+USUAL = ("hand-wide-light", "sheet-wide-dark", "grasp-narrow-light", "skin-phone-light")
+"""The pictures of docs/live-page.md, which each run of the CI takes, too."""
+FINE = 2
+"""The factor by which pictures for the documentation are drawn larger than they are shown."""
+IS_DRAWN = f"""() => {{
+  const look = getComputedStyle(document.querySelector("{CANVAS}").parentElement, "::after");
+  return look.backgroundImage !== "none";
+}}"""
+"""Whether the legend of the scene is there."""
 
 
 def press_middle(device) -> None:
@@ -44,6 +59,7 @@ SCENES: dict[str, tuple[str, Callable]] = {
     "tips": ("orca_touch", press_middle),
     "grasp": (str(ROOT / "examples" / "hands" / "linker_l6.toml"), grasp),
 }
+LABELS = [f"{scene}-{size}-{scheme}" for scene in SCENES for size in SIZES for scheme in SCHEMES]
 
 
 @contextlib.contextmanager
@@ -63,28 +79,50 @@ def shown(what: str, name: str, begin: Callable | None = None) -> Iterator[tuple
             page.wait()
 
 
+def take(browser, url: str, label: str, scale: float = 1) -> tuple[bytes, list[str]]:
+    """Take a picture of a page as PNG, once its skin is drawn; also return what went wrong."""
+    _, size, scheme = label.split("-")
+    width, height = SIZES[size]
+    wrong: list[str] = []
+    page = opened(browser, url, wrong, width=width, height=height, scheme=scheme, scale=scale)
+    page.add_style_tag(content=".mantine-Notification-root { display: none; }")
+    page.wait_for_function(IS_DRAWN, timeout=60_000)
+    page.wait_for_timeout(2500)
+    picture = page.screenshot()
+    page.context.close()
+    return picture, wrong
+
+
+def reduced(picture: bytes) -> bytes:
+    """Return a picture of :data:`FINE` times its size as WebP: a browser without a GPU draws jagged edges."""
+    image = Image.open(io.BytesIO(picture)).convert("RGB")
+    out = io.BytesIO()
+    image.resize((image.width // FINE, image.height // FINE), Image.Resampling.LANCZOS).save(out, "WebP", quality=82)
+    return out.getvalue()
+
+
 def main() -> None:
     """Take the pictures."""
-    folder, *wanted = sys.argv[1:] or ["screenshots"]
-    Path(folder).mkdir(parents=True, exist_ok=True)
+    if is_for_docs := len(sys.argv) == 1:
+        folder, wanted = PICTURES, list(USUAL)
+    else:
+        folder, wanted = Path(sys.argv[1]), sys.argv[2:] or list(USUAL)
+        wanted = LABELS if wanted == ["all"] else wanted
+    folder.mkdir(parents=True, exist_ok=True)
     os.environ.setdefault("XDG_RUNTIME_DIR", tempfile.mkdtemp())
     with browsing() as browser:
-        for name in wanted or SCENES:
-            scene, _, only = name.partition(":")
-            what, begin = SCENES[scene]
-            with shown(what, scene, begin) as (_, url):
-                for size, (width, height) in SIZES.items():
-                    for scheme in SCHEMES:
-                        label = f"{scene}-{size}-{scheme}"
-                        if only and only not in label:
-                            continue
-                        wrong: list[str] = []
-                        page = opened(browser, url, wrong, width=width, height=height, scheme=scheme)
-                        page.add_style_tag(content=".mantine-Notification-root { display: none; }")
-                        page.wait_for_timeout(2500)
-                        page.screenshot(path=Path(folder) / f"{label}.png")
-                        page.context.close()
-                        print(label, *wrong, flush=True)
+        for name, (what, begin) in SCENES.items():
+            labels = [each for each in LABELS if each.startswith(f"{name}-") and each.startswith(tuple(wanted))]
+            if not labels:
+                continue
+            with shown(what, name, begin) as (_, url):
+                for label in labels:
+                    picture, wrong = take(browser, url, label, FINE if is_for_docs else 1)
+                    if is_for_docs:
+                        (folder / f"page-{name}.webp").write_bytes(reduced(picture))
+                    else:
+                        (folder / f"{label}.png").write_bytes(picture)
+                    print(label, *wrong, flush=True)
 
 
 if __name__ == "__main__":
