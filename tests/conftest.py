@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-import tests.fuzz  # noqa: F401  (the profile of all random tests)
+import tests.fuzz
+import tests.run_folder  # noqa: F401  (usual ports and sockets are of this process alone)
 
 # On Linux a driver on one multicast group hears every other group on its port, so tests that run at the same time
 # would hear each other. python-can reads this variable, in this process and in those of the drivers. Workers of
