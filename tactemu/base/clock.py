@@ -50,8 +50,8 @@ class Clock(Protocol):
         """Return the time since the start [ns]."""
         ...
 
-    def wait(self, deadline_ns: int | None, filenos: Sequence[int], *, poll: bool = False) -> None:
-        """Return at the deadline, or earlier when a file descriptor is readable.
+    def wait(self, deadline_ns: int | None, filenos: Sequence[int], *, poll: bool = False) -> Sequence[int] | None:
+        """Return at the deadline, or earlier when a file descriptor is readable, with those that are; None: unknown.
 
         With ``poll`` it returns after :data:`POLL_NS` at the latest, for a port without a file descriptor.
         """
@@ -84,12 +84,12 @@ class RealClock:
         """Return the time since the clock was made, or started [ns]."""
         return time.monotonic_ns() - self.origin_ns
 
-    def wait(self, deadline_ns: int | None, filenos: Sequence[int], *, poll: bool = False) -> None:
+    def wait(self, deadline_ns: int | None, filenos: Sequence[int], *, poll: bool = False) -> Sequence[int] | None:
         """Sleep until then."""
         if deadline_ns is None or poll:
             latest = self.now_ns() + (POLL_NS if poll else _MAX_IDLE_WAIT_NS)
             deadline_ns = latest if deadline_ns is None else min(deadline_ns, latest)
-        wait_until(self.origin_ns + deadline_ns, filenos)
+        return wait_until(self.origin_ns + deadline_ns, filenos)
 
 
 class VirtualClock:

@@ -175,6 +175,8 @@ class Loop(ABC):
         self._ports = ports
         self._calls = Calls()
         self._stop_requested = False
+        self._readable: Sequence[int] | None = None
+        """The file descriptors that were readable when the last wait ended; ``None``: unknown."""
 
     @abstractmethod
     def step(self, end_ns: int | None = None) -> None:
@@ -210,7 +212,7 @@ class Loop(ABC):
             own = port.filenos()
             filenos += own
             poll = poll or not own
-        self.clock.wait(earliest(*deadlines, self._calls.next_ns), filenos, poll=poll)
+        self._readable = self.clock.wait(earliest(*deadlines, self._calls.next_ns), filenos, poll=poll)
 
 
 def earliest(*times_ns: int | None) -> int | None:

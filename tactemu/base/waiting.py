@@ -30,8 +30,9 @@ class Waiter:
             poll.register(fileno, select.POLLIN)
         return poll
 
-    def wait(self, until_ns: int, filenos: Sequence[int]) -> bool:
-        """Sleep until a time of the machine's monotonic clock; return True as soon as a file descriptor is readable.
+    def wait(self, until_ns: int, filenos: Sequence[int]) -> list[int]:
+        """Sleep until a time of the machine's monotonic clock, or until a file descriptor is readable; return those
+        that are.
 
         Raises:
             OSError: a file descriptor is closed.
@@ -41,25 +42,28 @@ class Waiter:
             self._poll = self._polling()
         self._timer.set_ns(until_ns)
         timer = self._timer.fileno
-        events = [event for fileno, event in self._poll.poll() if fileno != timer]
-        if any(event & select.POLLNVAL for event in events):
-            raise OSError(errno.EBADF, os.strerror(errno.EBADF))
-        return bool(events)
+        readable = []
+        for fileno, event in self._poll.poll():
+            if event & select.POLLNVAL:
+                raise OSError(errno.EBADF, os.strerror(errno.EBADF))
+            if fileno != timer:
+                readable.append(fileno)
+        return readable
 
 
 _threads = threading.local()
 """The waiter of each thread: it is gone when the thread ends."""
 
 
-def wait_until(until_ns: int, filenos: Sequence[int]) -> bool:
-    """Sleep until a time of the machine's monotonic clock, or until a file descriptor is readable; return True if one
-    is. A time that has passed returns at once, without a look at the descriptors.
+def wait_until(until_ns: int, filenos: Sequence[int]) -> list[int] | None:
+    """Sleep until a time of the machine's monotonic clock, or until a file descriptor is readable; return those that
+    are. For a time that has passed, return None at once, without a look at the descriptors.
 
     Raises:
         OSError: a file descriptor is closed, or the kernel has no timer left.
     """
     if until_ns <= time.monotonic_ns():
-        return False
+        return None
     waiter = getattr(_threads, "waiter", None)
     if waiter is None:
         waiter = _threads.waiter = Waiter()

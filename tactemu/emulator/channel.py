@@ -234,7 +234,7 @@ class Channel:
 
     def due(self, now_ns: int) -> list[tuple[int, str]]:
         """Return the streams whose next reading is due, with its time."""
-        return [(each.due_ns, name) for name, each in self.timers.items() if each.running and each.due_ns <= now_ns]
+        return [(each.due_ns, name) for name, each in self.timers.items() if each.due_ns <= now_ns and each.running]
 
     def next_due_ns(self) -> int | None:
         """Return the time of the next reading of any stream; ``None`` if none is running."""

@@ -55,7 +55,7 @@ class Emulator(Lifecycle):
 
     TRANSIENT_FIELDS: ClassVar[tuple[str, ...]] = (
         "catch_up_steps", "clock", "look_ahead_ns", "recipe", "_calls", "_channels", "_is_restored", "_ports",
-        "_step_ns", "_stop_requested",
+        "_readable", "_step_ns", "_stop_requested",
     )  # fmt: skip
 
     def __init__(
@@ -102,7 +102,7 @@ class Emulator(Lifecycle):
 
     def _receive(self, wire: Wire, now: int) -> None:
         """Pass commands and port events from the wire to every device on it."""
-        for event in wire.receive(now):
+        for event in wire.receive(now, self._readable):
             for channel in self.channels:
                 for port, each in channel.wires.items():
                     if each is wire:

@@ -103,6 +103,10 @@ class CanTransport(Transport):
         """Return the bus's socket, where it has one."""
         return [self._fileno] if self._fileno >= 0 and reading else []
 
+    def is_quiet(self, readable: Sequence[int]) -> bool:
+        """Return True where the bus has a socket and nothing to read."""
+        return self._queue is not None and self._fileno >= 0 and self._queue.is_empty(self._fileno, readable)
+
     def poll(self, reading: bool = True) -> list[Event]:
         """Return frames of the other nodes, and the number of errors of a real bus."""
         if self._bus is None or self._queue is None:

@@ -7,6 +7,7 @@ import os
 import socket
 import struct
 import time
+from collections.abc import Sequence
 
 from tactemu.transports.transport import Counted
 
@@ -44,6 +45,13 @@ class ReceiveQueue:
         end = now + max(MIN_POLL_S, POLL_TIME_SHARE * (now - self._polled_s))
         self._polled_s = now
         return end
+
+    def is_empty(self, fileno: int, readable: Sequence[int]) -> bool:
+        """Return True if a socket is none of those that are readable; then no poll is late."""
+        if fileno in readable:
+            return False
+        self._polled_s = time.monotonic()
+        return True
 
     def overflows(self) -> list[Counted]:
         """Return the number of frames dropped since the last call, as an event; empty for 0.

@@ -142,6 +142,10 @@ class SocketCanTransport(Transport):
         """Return the bus's socket."""
         return [self._in.fileno()] if self._in is not None and reading else []
 
+    def is_quiet(self, readable: Sequence[int]) -> bool:
+        """Return True while the bus is there and has nothing to read."""
+        return self._in is not None and self._queue is not None and self._queue.is_empty(self._in.fileno(), readable)
+
     def poll(self, reading: bool = True) -> list[Event]:
         """Return frames of the other nodes, errors of a real bus, and whether the interface went away or came back."""
         events: list[Event] = []

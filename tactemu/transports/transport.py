@@ -159,6 +159,11 @@ class Transport(ABC):
                 as a slower line does.
         """
 
+    def is_quiet(self, readable: Sequence[int]) -> bool:
+        """Return True if :meth:`poll` need not be called, since only these file descriptors are readable; False where
+        it also reports what makes none readable."""
+        return False
+
     @abstractmethod
     def write(self, frame: WireFrame) -> bool:
         """Write one complete frame, or nothing (``False``: no driver is connected or reads). Never blocks."""

@@ -9,7 +9,7 @@ noise.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from typing import ClassVar
 
 from firmware_protocols import Connector, Sent, WireFrame
@@ -148,10 +148,8 @@ class Wire(WirePort):
             return
         least = self.line_model.turnaround_ns()
         for each in frames:
-            if isinstance(each, Sent):
-                frame, turn, ready_ns = each.frame, each.turn, now_ns + max(each.delay_ns, least)
-            else:
-                frame, turn, ready_ns = each, 0, now_ns + least
+            frame, delay_ns, turn = (each.frame, each.delay_ns, each.turn) if isinstance(each, Sent) else (each, 0, 0)
+            ready_ns = now_ns + (delay_ns if delay_ns > least else least)
             if is_undisturbed:
                 self.line.put(frame, ready_ns, source, turn=turn, sample=sample)
                 continue
@@ -281,13 +279,15 @@ class Wire(WirePort):
 
     # -- from the driver ---------------------------------------------------------------------------------------------
 
-    def receive(self, now_ns: int) -> list[Event | ReceivedData]:
-        """Return what happened by ``now_ns``, oldest first; bytes arrive when their last bit has."""
+    def receive(self, now_ns: int, readable: Sequence[int] | None = None) -> list[Event | ReceivedData]:
+        """Return what happened by ``now_ns``, oldest first; bytes arrive when their last bit has. ``readable``: the
+        file descriptors that have data, if the caller knows."""
         self._now_ns = now_ns
         events: list[Event | ReceivedData] = []
         if self._injector.outages or self._down is not None:
             self._apply_outages(self._injector.outage(now_ns), now_ns, events)
-        for event in self.transport.poll(self._is_reading):
+        is_quiet = readable is not None and self.transport.is_quiet(readable)
+        for event in () if is_quiet else self.transport.poll(self._is_reading):
             if isinstance(event, Received):
                 if self._down is None:
                     self._take(event.data, now_ns)
