@@ -4,7 +4,7 @@ The datasheet of the skin is :mod:`firmware_protocols.devices.icub_skin`.
 """
 
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import cache, lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -78,6 +78,34 @@ def _blank(_tables: tuple[str, str], ident: int, enabled: bytes) -> Blank:
     return Blank(frames, data, HEAD.slice_of("pads"), *map(TAIL.slice_of, ("pads", "out_of_range", "ending")))
 
 
+def _wire_order_of(kind: int) -> np.ndarray:
+    """Return the chip of each triangle in wire order."""
+    return ERGO_WIRE_ORDER if kind == TYPE_ERGO_HAND else WIRE_ORDER
+
+
+@cache
+def _sent_as(kind: int) -> np.ndarray:
+    """Return the number under which each chip of a type is sent, 16 for none, shape ``(17,)``."""
+    numbers = np.full(CHIPS_PER_BOARD, TRIANGLES_PER_BOARD)
+    numbers[_wire_order_of(kind)] = WIRE_ORDER
+    return numbers
+
+
+@cache
+def _settings_of(kind: int) -> np.ndarray:
+    """Return the number of the triangle whose settings each chip of a type has, shape ``(17,)``."""
+    return np.minimum(_sent_as(kind), TRIANGLES_PER_BOARD - 1)
+
+
+@cache
+def _gain_of(kind: int) -> np.ndarray | None:
+    """Return the drift gain of each chip's pads [1/128], shape ``(17, 12)``; None for a type without compensation."""
+    if kind not in DRIFT_GAINS:
+        return None
+    is_compensated = (_sent_as(kind) > 4)[:, None] if kind == TYPE_ERGO_HAND else np.ones((CHIPS_PER_BOARD, 1), bool)
+    return np.where(is_compensated, np.array(DRIFT_GAINS[kind]), 0)
+
+
 @dataclass(eq=False)
 class Board:
     """One microcontroller with its triangles, as it powers up: silent, all enabled, calibrated at rest and 25 deg C."""
@@ -108,6 +136,7 @@ class Board:
 
     def __post_init__(self):
         n = len(self.flags)
+        self.has_flags = bool(self.flags.any())
         self.raw = np.full((CHIPS_PER_BOARD, PADS_PER_TRIANGLE), ABSENT)
         self.shift = np.full(TRIANGLES_PER_BOARD, POWER_UP_SHIFT)
         self.enabled = np.ones(TRIANGLES_PER_BOARD, bool)
@@ -133,23 +162,20 @@ class Board:
             temperature: temperature of each taxel [deg C].
         """
         warmth = np.add.reduceat(temperature, self.starts)[:, None] / self.sizes - 25.0
-        pushed = np.append(RAW_COUNTS_PER_NEWTON * push, 0.0)  # a thermal pad has no push: the last entry
+        pushed = np.zeros(len(push) + 1)  # a thermal pad has no push: the last entry
+        pushed[:-1] = RAW_COUNTS_PER_NEWTON * push
         fitted = quantize(RAW_AT_REST + self.per_deg * warmth + pushed[self.taxel_of], high=MAX_RAW - 1)
-        if self.flags.any():
+        if self.has_flags:
             fitted[self.flags == NO_ACK], fitted[self.flags == NOT_CONNECTED] = 0, ABSENT
         self.raw[self.numbers] = fitted
         if self.calibrates:
             self.calibrate()
-        sent_as, drift = self._sent_as(), 0
+        settings, gain = _settings_of(self.kind), _gain_of(self.kind)
         change = self.raw - self.offset
-        if self.kind in DRIFT_GAINS:
-            gain = np.array(DRIFT_GAINS[self.kind])
-            if self.kind == TYPE_ERGO_HAND:
-                gain = np.where((sent_as > 4)[:, None], gain, 0)
+        if gain is not None:
             thermal = change[:, THERMAL_PADS[:1]]
-            drift = np.where(thermal > 0, (thermal >> 2) * gain >> 5, -(-thermal >> 2) * gain >> 5)
-        shift = self.shift[np.minimum(sent_as, TRIANGLES_PER_BOARD - 1)][:, None]
-        change = change - drift
+            change = change - (np.where(thermal > 0, thermal >> 2, -(-thermal >> 2)) * gain >> 5)
+        shift = self.shift[settings][:, None]
         self.pads = np.minimum(np.maximum(self.no_load - (change >> shift), 0), 255).astype(np.uint8)
         self.out = (change <= -(255 - self.no_load << shift) * 2) | (change >= (self.no_load << shift) * 2)
         if self.kind == TYPE_TEST:
@@ -167,7 +193,7 @@ class Board:
         """Return head and tail of every enabled triangle."""
         which, ident = self.enabled, self.family << 8 | self.address << 4
         blank = _blank((HEAD.text, TAIL.text), ident, which.tobytes())
-        chips = (ERGO_WIRE_ORDER if self.kind == TYPE_ERGO_HAND else WIRE_ORDER)[which]
+        chips = _wire_order_of(self.kind)[which]
         data, pads, raw = blank.data.copy(), self.pads[chips], self.raw[chips]
         mask = self.out[chips, None] @ _MASK
         data[:, 0, blank.head_pads] = pads[:, :7]
@@ -175,19 +201,13 @@ class Board:
         data[:, 1, blank.out_of_range] = mask >> 4
         flags = np.zeros((len(chips), 1), np.uint8)
         if self.kind != TYPE_TEST:
-            unheard = ((raw == 0) & (self.offset[chips] != 0)).any(1)
-            flags[:, 0] = NO_ACK * unheard + NOT_CONNECTED * (raw == ABSENT).all(1)
-            self.unheard += int(unheard.sum())
+            unheard = np.logical_or.reduce((raw == 0) & (self.offset[chips] != 0), 1)
+            flags[:, 0] = NO_ACK * unheard + NOT_CONNECTED * np.logical_and.reduce(raw == ABSENT, 1)
+            self.unheard += np.count_nonzero(unheard)
         if self.unheard >= MAX_UNACKNOWLEDGED:
             self.unheard, self.calibrates = 0, True
         data[:, 1, blank.ending] = (mask & 0xF) << 4 | flags
         return blank.frames.with_data(data.reshape(-1, 8))
-
-    def _sent_as(self) -> np.ndarray:
-        """Return the number under which each chip is sent, 16 for none, shape ``(17,)``."""
-        numbers = np.full(CHIPS_PER_BOARD, TRIANGLES_PER_BOARD)
-        numbers[ERGO_WIRE_ORDER if self.kind == TYPE_ERGO_HAND else WIRE_ORDER] = WIRE_ORDER
-        return numbers
 
     def answers(self, klass: int, data: bytes) -> list[bytes]:
         """Return the answers to a request for version or identity; none for other messages."""
