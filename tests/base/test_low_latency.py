@@ -58,7 +58,9 @@ def test_blocks_of_threads_may_overlap():
     with low_latency():
         thread.start()
         inside.wait(60)
-    assert gc.get_threshold()[2] >= 1000 and sys.getswitchinterval() == pytest.approx(1e-4)
+    assert (
+        gc.get_threshold()[1] == 1 and gc.get_threshold()[2] >= 5000 and sys.getswitchinterval() == pytest.approx(1e-4)
+    )
     leave.set()
     thread.join()
 
