@@ -4,7 +4,9 @@
   imperfections, and with those of a real one. ``scripts/trace`` counts its calls.
 * A frame: from :meth:`Wire.send` to the port, one frame after another, with the turns that its line needs; CAN frames
   one by one, many of one sample, and as an array.
-* The same to a pseudo terminal that another process reads, with the calls of the system.
+* The same to a pseudo terminal that another process reads, with the calls of the system; the processor time of that
+  process; and the frames a second that both keep up with on a core each: by the larger of the two times, and as they
+  passed, which other programs slow down.
 
 A figure is the least of several runs: other programs make it larger, never smaller.
 """
@@ -47,11 +49,13 @@ CASES: dict[str, tuple[Connector, Sequence[bytes] | Sequence[CanFrame]]] = {
 }
 """The lines, and the frames that a device sends at once."""
 _READER = """
-import os, sys, tty
-port = os.open(sys.argv[1], os.O_RDWR | os.O_NOCTTY)
+import os, sys, time, tty
+port, left = os.open(sys.argv[1], os.O_RDWR | os.O_NOCTTY), int(sys.argv[2])
 tty.setraw(port)
 print("open", flush=True)
-while os.read(port, 65536): pass
+began = time.process_time()
+while left > 0: left -= len(os.read(port, 65536))
+print(time.process_time() - began)
 """
 
 
@@ -73,6 +77,32 @@ def frame_us(port: Transport, connector: Connector, frames: Sequence[bytes] | Se
     return (time.process_time_ns() - began_ns) / 1e3 / sent
 
 
+def pty_figures(repeats: int) -> dict[str, float]:
+    """Return the figures of a pseudo terminal with a reader by name; processor times [us] and rates [1/s]."""
+    connector, frames = CASES["82 bytes, USB"]
+    with PtyTransport() as port:
+        total = str(repeats * FRAMES * len(_FRAME))
+        command = [sys.executable, "-c", _READER, port.address, total]
+        with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as reader:
+            assert reader.stdout is not None
+            reader.stdout.readline()
+            costs_us, took_s = [], []
+            for _ in range(repeats):
+                began = time.perf_counter()
+                costs_us.append(frame_us(port, connector, frames))
+                took_s.append(time.perf_counter() - began)
+            while reader.poll() is None:  # the end of a frame that the kernel took in part
+                port.poll()
+                time.sleep(1e-3)
+            reader_us = float(reader.stdout.read()) * 1e6 / FRAMES / repeats
+    return {
+        "82 bytes, a pty": min(costs_us),
+        "its reader": reader_us,
+        "a second, by these": 1e6 / max(min(costs_us), reader_us),
+        "a second, as passed": FRAMES / min(took_s),
+    }
+
+
 def sample_us(repeats: int, *, measured: bool) -> float:
     """Return the processor time of a sample with its steps [us], the least of several runs."""
     times = []
@@ -89,7 +119,7 @@ def sample_us(repeats: int, *, measured: bool) -> float:
 
 
 def run(report: Report, *, repeats: int = 9) -> dict[str, float]:
-    """Measure everything, report one line per figure, and return the figures by name [us]."""
+    """Measure everything, report one line per figure, and return the figures by name [us, 1/s]."""
     start_quietly()
     figures = {
         "a sample": sample_us(repeats, measured=False),
@@ -102,14 +132,7 @@ def run(report: Report, *, repeats: int = 9) -> dict[str, float]:
                 times.append(frame_us(port, connector, frames))
                 port.driver.read()
             figures[name] = min(times)
-    with PtyTransport() as port:
-        reader = subprocess.Popen([sys.executable, "-c", _READER, port.address], stdout=subprocess.PIPE)
-        assert reader.stdout is not None
-        reader.stdout.readline()
-        connector, frames = CASES["82 bytes, USB"]
-        figures["82 bytes, a pty"] = min(frame_us(port, connector, frames) for _ in range(repeats))
-        reader.kill()
-        reader.wait()
-    for name, cost_us in figures.items():
-        report(f"{name:24} {cost_us:7.2f} µs")
+    figures |= pty_figures(repeats)
+    for name, value in figures.items():
+        report(f"{name:24} {value:7.0f}" if "a second" in name else f"{name:24} {value:7.2f} µs")
     return figures
