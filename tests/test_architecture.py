@@ -13,10 +13,13 @@ MAX_FILES_ON_THE_WAY = 18
 """Number of files through which one sample passes; it may only fall."""
 MAX_FILES = 23
 """Number of all files that it visits, also those of the loop's tools and of the log; it may only fall."""
-MAX_CALLS = 196
+MAX_CALLS = 188
 """Number of Python calls of one sample with its ten steps of the physics; it may only fall."""
-MAX_SYSTEM_CALLS = 5
+MAX_SYSTEM_CALLS = 3
 """Number of calls of the system for one sample on a pseudo terminal that a driver reads; it may only fall."""
+
+MAX_ANSWER_CALLS = 137
+"""Number of Python calls from a request to its reply; it may only fall."""
 
 
 @pytest.fixture(scope="module")
@@ -46,3 +49,9 @@ def test_a_sample_makes_few_calls_of_the_system(script):
     calls = script.trace_system()
     assert calls["posix.write"] == 1, "a frame is written in one piece"
     assert calls.total() <= MAX_SYSTEM_CALLS
+
+
+def test_an_answer_makes_few_calls(script):
+    calls = script.trace_answer()
+    assert not any(file.startswith("tactemu/sensors") for file in calls), "an answer does not wait for the physics"
+    assert sum(functions.total() for functions in calls.values()) <= MAX_ANSWER_CALLS

@@ -161,7 +161,7 @@ class PtyTransport(BytePort):
         if self._has_driver:
             self._finish(self._master)
             room = MAX_CHUNK_BYTES if reading else MAX_LEFTOVER_BYTES if gone else 0
-            chunks, all_read = self._read(room) if state else ([], room > 0)
+            chunks, all_read = self._read(room, to_the_end=gone) if state else ([], room > 0)
             events += self._changed_setting()  # read after the bytes: settings made before them apply to them
             while self._side_events:
                 events.append(self._side_events.popleft())
@@ -178,13 +178,17 @@ class PtyTransport(BytePort):
     def _hung_up(self) -> bool:
         return bool(self._ready().get(self._master, 0) & select.POLLHUP)
 
-    def _read(self, room: int) -> tuple[list[bytes], bool]:
-        """Return at most ``room`` bytes in chunks, and whether those are all."""
-        chunks = []
+    def _read(self, room: int, *, to_the_end: bool) -> tuple[list[bytes], bool]:
+        """Return at most ``room`` bytes in chunks, and whether those are all. ``to_the_end``: until the kernel says
+        that there are no more; else the next poll finds what a short read has left."""
+        chunks, wanted, size = [], 0, 0
         try:
-            while room > 0 and (chunk := os.read(self._master, min(room, MAX_CHUNK_BYTES))):
+            while room > 0 and (to_the_end or size == wanted):
+                wanted = min(room, MAX_CHUNK_BYTES)
+                if not (size := len(chunk := os.read(self._master, wanted))):
+                    break
                 chunks.append(chunk)
-                room -= len(chunk)
+                room -= size
         except OSError as error:
             if error.errno not in (errno.EAGAIN, errno.EIO):
                 raise TransportError(f"lost the port {self.address}: {error.strerror}") from None

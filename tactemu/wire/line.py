@@ -39,7 +39,7 @@ class Pending:
     """A frame, or a run of frames, on its way; sorted in the order of its lane."""
 
     order: tuple[int, int, int]
-    """The line model's order, then the number."""
+    """The turn, the time from which it may leave, and the number on the line."""
     frame: WireFrame | CanFrames
     """The frame, or a run of frames that follow one another."""
     source: str
@@ -106,6 +106,10 @@ class LineModel(ABC):
     """True where the driver's frames travel on the same line as those of the devices."""
     has_settings: ClassVar[bool] = False
     """True where each end has settings of its own, and receives noise if they differ."""
+    has_lanes: ClassVar[bool] = False
+    """True where each node has a queue of its own; else all frames wait in one."""
+    has_turns: ClassVar[bool] = False
+    """True where frames leave by the turn that their device gives them, and only then by the time they are ready."""
     is_byte_stream: ClassVar[bool] = True
     """True where frames stay in order: those after a frame that a fault holds back wait for it."""
 
@@ -133,14 +137,6 @@ class LineModel(ABC):
     def driver_ns(self, frame: WireFrame, setting: Any) -> int:
         """Return how long the driver's end takes to send a frame at the setting of its port [ns]."""
         return self.duration_ns(frame)
-
-    def lane(self, source: str) -> str:
-        """Return the name of a source's queue; frames of one queue leave in order."""
-        return ""
-
-    def order(self, turn: int, ready_ns: int) -> tuple[int, int]:
-        """Return the sort key of a frame in its queue; the smallest goes first."""
-        return (0, ready_ns)
 
     def rank(self, pending: Pending) -> tuple:
         """Return the sort key of a queue that is ready; the smallest goes first."""
@@ -246,9 +242,9 @@ class Line:
         """Queue a frame that may leave from ``ready_ns`` on; ``took_ns``: its time on the line if not the model's."""
         self._number += 1
         line_model = self.line_model
-        lane = line_model.lane(source)
+        lane = source if line_model.has_lanes else ""
         took = line_model.duration_ns(frame) if took_ns is None else took_ns
-        order = (*line_model.order(turn, ready_ns), self._number)
+        order = (turn if line_model.has_turns else 0, ready_ns, self._number)
         heapq.heappush(self._lanes[lane], Pending(order, frame, source, ready_ns, took, sample))
         self._waiting_ns[lane] += took
 
@@ -257,23 +253,22 @@ class Line:
         if not frames:
             return
         self._number += 1
-        line_model = self.line_model
-        lane = line_model.lane(source)
-        ends = list(accumulate(line_model.run_ns(frames)))
-        order = (*line_model.order(0, ready_ns), self._number)
+        lane = source if self.line_model.has_lanes else ""
+        ends = list(accumulate(self.line_model.run_ns(frames)))
+        order = (0, ready_ns, self._number)
         run = Pending(order, frames, source, ready_ns, ends[-1], sample, ends)
         heapq.heappush(self._lanes[lane], run)
         self._waiting_ns[lane] += ends[-1]
 
     def backlog_ns(self, source: str, now_ns: int) -> int:
         """Return the backlog of a source: the time that its queue will take, or has waited already if that is more."""
-        name = self.line_model.lane(source)
+        name = source if self.line_model.has_lanes else ""
         lane = self._lanes.get(name)
         return max(self._waiting_ns[name], now_ns - lane[0].ready_ns) if lane else 0
 
     def waiting_ns(self, source: str) -> int:
         """Return how long the line will be busy with what a source has queued."""
-        return self._waiting_ns[self.line_model.lane(source)]
+        return self._waiting_ns[source if self.line_model.has_lanes else ""]
 
     def sender(self, now_ns: int) -> str:
         """Return the source whose frame is on the line, or "" when it is idle."""
@@ -345,7 +340,7 @@ class Line:
             pending = heapq.heappop(lane)
         else:
             pending = self._part_of_run(lane, waiting, start, now_ns)
-        self._waiting_ns[self.line_model.lane(pending.source)] -= pending.duration_ns
+        self._waiting_ns[pending.source if self.line_model.has_lanes else ""] -= pending.duration_ns
         pending.end_ns = self.free_ns = start + pending.duration_ns
         self._handover_ns = start if self.is_paced_by_port else pending.end_ns
         self.busy_ns += pending.duration_ns

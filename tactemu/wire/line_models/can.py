@@ -33,6 +33,7 @@ class CanLine(LineModel, connector=Can):
     }
     likely_faults = ("truncate", "reorder", "stray", "error", "busoff", "load")
     has_identifiers = True
+    has_lanes = True
     is_shared = True
     is_half_duplex = True
     is_byte_stream = False
@@ -55,10 +56,6 @@ class CanLine(LineModel, connector=Can):
     def traffic_ns(self, frame: CanFrame) -> int:
         """Return the exact time of a frame [ns], intermission included, with or without pacing."""
         return frame_ns(frame, self.connector.bitrate, self.connector.data_bitrate)
-
-    def lane(self, source: str) -> str:
-        """Return the name of the source: each node has a queue of its own."""
-        return source
 
     def rank(self, pending: Pending) -> tuple:
         """Return the rank of the next frame: its arbitration priority, then the time at which it was ready."""

@@ -17,10 +17,7 @@ class Rs485Line(SerialLine, connector=Rs485):
 
     is_shared = True
     is_half_duplex = True
-
-    def order(self, turn: int, ready_ns: int) -> tuple[int, int]:
-        """Return the sort key of a frame: its turn, then the time at which it is ready."""
-        return (turn, ready_ns)
+    has_turns = True
 
     def turnaround_ns(self) -> int:
         """Return the turnaround time of the connector [ns]."""
