@@ -28,6 +28,9 @@ class Aim:
     """The description of the law, with the parts of a predicted recording that it takes."""
     most: float
     unit: str
+    each: str = ""
+    """The condition of which every value is left out in turn and counts as one recording; the set's module has a
+    ``value_of(condition, name)``. Without it :func:`folds` leaves out recordings."""
 
 
 @dataclass(frozen=True)
@@ -39,15 +42,17 @@ class Constant:
     unit: str = ""
 
 
-def folds(names: Sequence[str], unit: Callable[[str], str] = str) -> list[Fold]:
+def folds(names: Sequence[str], unit: Callable[[str], str] = str, *, one_by_one: bool = False) -> list[Fold]:
     """Return how recordings are left out: with six independent ones or more, half of them; else each in turn.
 
     Args:
         names: the names of the recordings.
         unit: returns what recordings share that are not independent, by their name.
+        one_by_one: leave each out in turn, however many there are.
     """
     units = list(dict.fromkeys(unit(name) for name in names))
-    out = [halves(units)[1]] if len(units) >= LEAST_HALVED else [[each] for each in units] if len(units) > 1 else []
+    is_halved = len(units) >= LEAST_HALVED and not one_by_one
+    out = [halves(units)[1]] if is_halved else [[each] for each in units] if len(units) > 1 else []
     return [
         ([name for name in names if unit(name) not in held], [name for name in names if unit(name) in held])
         for held in out
