@@ -1,8 +1,10 @@
-"""Progress of long work within the library: a program that has a terminal says how it is shown."""
+"""Progress of long work within the library, and notices before it: a program that has a terminal says how they are
+shown."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from typing import Any, TypeVar
 
 Item = TypeVar("Item")
@@ -10,6 +12,7 @@ Display = Callable[[Iterable[Any], str, int], Iterable[Any]]
 """Iterates over items, of which the title and the number are given, and shows how far it is."""
 
 _displays: list[Display] = []
+_readers: list[Callable[[str], None]] = []
 
 
 def show_long_work(display: Display) -> None:
@@ -30,3 +33,24 @@ def long_work(items: Iterable[Item], title: str, total: int) -> Iterator[Item]:
         total: the number of parts.
     """
     yield from _displays[0](items, title, total) if _displays else items
+
+
+@contextmanager
+def notices_to(reader: Callable[[str], None]) -> Iterator[None]:
+    """Within this context, pass notices about long work to ``reader``, before the work begins."""
+    _readers.append(reader)
+    try:
+        yield
+    finally:
+        _readers.remove(reader)
+
+
+def notice(text: str) -> bool:
+    """Say what work is about to begin, or is not needed.
+
+    Returns:
+        False if nothing receives notices.
+    """
+    for reader in _readers:
+        reader(text)
+    return bool(_readers)

@@ -32,7 +32,8 @@ def explain(
 ) -> None:
     """Show the stages that a scene simulates, and why.
 
-    It prints bodies, skins, frames and taxels, and the plan of the simulation with the time of each stage.
+    It prints bodies, skins, frames and taxels, and the plan of the simulation with the time of each stage. If a mesh
+    needs a band of distances, it first prints how long that takes to build, or that it is kept.
 
     \b
       tactemu explain anyskin
@@ -44,6 +45,7 @@ def explain(
     import time
 
     from tactemu.base.kernels import start_quietly
+    from tactemu.base.long_work import notices_to
     from tactemu.emulator.scenario import laws_needed
     from tactemu.scene import file
     from tactemu.scene.building import build_scene, make_devices
@@ -67,7 +69,8 @@ def explain(
         return
     _print_schedule(loaded)
     start_quietly()
-    simulation = scene.build(device=device or world.compute, seed=world.seed, dtype=world.dtype)
+    with notices_to(lambda text: print(f"{text}\n", flush=True)):
+        simulation = scene.build(device=device or world.compute, seed=world.seed, dtype=world.dtype)
     simulation.step()
     if cost:
         simulation.plan.time_stages(time.perf_counter_ns)

@@ -1,5 +1,6 @@
 """``tactemu explain``: everything that a scene asks for, and nothing that it does not."""
 
+import itertools
 import json
 
 import pytest
@@ -40,3 +41,25 @@ def test_mistakes_exit_with_2(target):
     done = here("explain", target)
     assert done.returncode == 2
     assert done.stderr.startswith("tactemu: ")
+
+
+def test_a_band_is_announced_before_it_is_built_and_found_again(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.setattr("tactemu.geometry.shapes.band_building._KEPT_AFTER_S", 0.0)
+    corners = itertools.product((-0.01, 0.01), repeat=3)
+    text = "".join(f"v {x} {y} {z}\n" for x, y, z in corners)
+    sides = ((1, 2, 4, 3), (5, 7, 8, 6), (1, 5, 6, 2), (3, 4, 8, 7), (1, 3, 7, 5), (2, 6, 8, 4))
+    text += "".join(f"f {a} {b} {c}\nf {a} {c} {d}\n" for a, b, c, d in sides)
+    (tmp_path / "box.obj").write_text(text)
+    scene = tmp_path / "scene.toml"
+    scene.write_text(
+        '[[body]]\nname = "pad"\nshape = "frame"\nfixed = true\n'
+        '[[body]]\nname = "tool"\nshape = "mesh"\npath = "box.obj"\nposition = [0.0, 0.0, 0.0098]\n'
+        '[[skin]]\ndevice = "xela_uskin"\nlink = "pad"\nmodel = "kinematic_taxel"\nport = "memory:"\n'
+        'options = { depth_query = "band", voxel_size = 1e-3 }\n'
+    )
+    first, again = (here("explain", str(scene), "--no-cost") for _ in range(2))
+    assert first.returncode == 0, first.stderr
+    before, plan = first.stdout.split("Plan: ")
+    assert "body 'tool': comparing a band with its 12 faces takes about 1 s here" in before and plan
+    assert "its band is kept in" in again.stdout and "(1 bands" in again.stdout

@@ -164,10 +164,22 @@ def test_the_files_used_last_stay(bands, monkeypatch):
 def test_long_work_is_shown_and_announced(bands, monkeypatch, caplog):
     shown = []
     monkeypatch.setattr(long_work, "_displays", [lambda items, title, total: (shown.append((title, total)), items)[1]])
-    monkeypatch.setattr(band_building, "_ANNOUNCED_S", 0.0)
+    monkeypatch.setattr(band_building, "_LONG_S", 0.0)
     table_row(MESHES["box"](), 1e-3)
     assert shown == [("band of 'tool': distances", 64), ("band of 'tool': comparing", 64)]
     assert "comparing a band with its 12 faces takes about" in caplog.text and str(bands) in caplog.text
+    assert "'voxel' is built in a tenth" in caplog.text
+
+
+def test_a_notice_says_what_is_built_and_what_is_kept(bands, caplog):
+    said = []
+    with long_work.notices_to(said.append):
+        table_row(MESHES["box"](), 1e-3)
+        table_row(MESHES["box"](), 1e-3)
+    table_row(MESHES["box"](), 1e-3)
+    assert len(said) == 2 and not caplog.text
+    assert "its 12 faces takes about 1 s here" in said[0] and "(0 bands, 0 of at most 1024 MiB)" in said[0]
+    assert "its band is kept in" in said[1] and "(1 bands" in said[1]
 
 
 def test_ctrl_c_ends_the_work(bands, monkeypatch):

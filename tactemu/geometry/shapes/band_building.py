@@ -1,7 +1,7 @@
 """Building of a narrow band of distances around a closed mesh: nodes, then cells, by all cores; kept for the next time.
 
-The work grows with the nodes within the band and, slowly, with the faces of the mesh. The time of the whole is said
-after the first slab of nodes, and :mod:`tactemu.base.long_work` shows the progress.
+The work grows with the nodes within the band and, slowly, with the faces of the mesh. Before it begins, its time is
+estimated from some of the nodes; :mod:`tactemu.base.long_work` passes it on, and shows the progress.
 """
 
 from __future__ import annotations
@@ -18,10 +18,9 @@ import numpy as np
 import warp as wp
 
 from tactemu.base.errors import SceneError
-from tactemu.base.folders import cache_folder
-from tactemu.base.long_work import long_work
+from tactemu.base.long_work import long_work, notice
 from tactemu.geometry.shapes.band import BAND, Band, cell_kernel, node_kernel
-from tactemu.geometry.shapes.band_files import keep_band, kept_band
+from tactemu.geometry.shapes.band_files import keep_band, kept_band, kept_bands
 from tactemu.geometry.shapes.shape import Row
 from tactemu.geometry.shapes.voxel_grid import MAX_GRID_NODES
 from tactemu.plan.plan import Context
@@ -39,10 +38,15 @@ SMALL_M, LARGE_M = 2e-3, 2.0
 """Longest sides below and above which the tolerance is a share of the body: 1e-3 and 1e-6 of its longest side."""
 _SLABS = 64
 """Number of parts of the work, between which it can be interrupted and shows its progress."""
-COMPARISONS = 8
-"""Time of comparing all cells, of that of the distances at the nodes; about, for the time that is announced."""
-_ANNOUNCED_S = 10.0
-"""Time of comparing from which on it is announced."""
+COMPARISONS = 5
+"""Time of comparing all cells, of that of the distances at the nodes, for the time that is estimated.
+
+It is 3 for a ball of 80,000 faces, of which many cells fail at once, and 6 for one of 1.3 million.
+"""
+_TRIED_EVERY = 16
+"""The time is estimated from one of so many rows of nodes."""
+_LONG_S = 10.0
+"""Estimated time from which on it is logged and ``voxel`` is advised."""
 _KEPT_AFTER_S = 1.0
 """Time of building from which on a band is kept for the next time."""
 
@@ -75,7 +79,9 @@ def band_row(row: Row, pack: Callable[..., Any], cell: float | None, name: str, 
     origin = middle - 0.5 * cell * (np.array(shape) - 1)
     empty = Band(np.zeros((0, 0, 0, 4)), np.zeros(shape, np.uint8), origin, cell, tolerance(longest))
     band = kept_band(row, empty, context.real)
-    if band is None:
+    if band is not None:
+        notice(f"body {name!r}: its band is kept in {kept_bands()}; nothing is built")
+    else:
         begin = time.perf_counter()
         band = _built(row, pack, empty, reach, name, context)
         if time.perf_counter() - begin > _KEPT_AFTER_S:
@@ -90,40 +96,54 @@ def tolerance(longest: float) -> float:
 
 def _built(row: Row, pack: Callable[..., Any], band: Band, reach: float, name: str, context: Context) -> Band:
     real, device, shape = context.real, context.device, band.smooth.shape
-    nodes = wp.zeros(shape, dtype=wp.types.vector(4, real), device=device)
+    number = np.float32 if real is wp.float32 else np.float64
     smooth = wp.zeros(shape, dtype=wp.uint8, device=device)
-    table = pack([row], context).struct
+    table = pack([replace(row, band=replace(band, nodes=np.zeros((*shape, 4), number)))], context).struct
+    nodes = table.band_values.reshape(shape)  # filled, then read by the comparison
     first_node = wp.types.vector(3, real)(*map(float, band.origin))
 
     def fill(first: int, count: int) -> None:
         inputs = [table, first_node, band.cell, reach, first]
         wp.launch(node_kernel(real), dim=(count, *shape[1:]), inputs=inputs, outputs=[nodes], device=device)
 
+    _announce(name, row, _estimated_s(fill, shape[0], device))
     title = f"band of {name!r}"
-    begin = time.perf_counter()
     for _ in long_work(_in_slabs(fill, shape[0], device), f"{title}: distances", _SLABS):
         pass
-    _announce(name, len(row.mesh.indices) // 3, COMPARISONS * (time.perf_counter() - begin))
-    with_nodes = replace(band, nodes=nodes.numpy())
-    compared = pack([replace(row, band=with_nodes)], context).struct
 
     def compare(first: int, count: int) -> None:
-        inputs = [compared, nodes, first]
+        inputs = [table, nodes, first]
         wp.launch(cell_kernel(real), dim=(count, *shape[1:]), inputs=inputs, outputs=[smooth], device=device)
 
     for _ in long_work(_in_slabs(compare, shape[0], device), f"{title}: comparing", _SLABS):
         pass
-    return replace(with_nodes, smooth=smooth.numpy())
+    return replace(band, nodes=nodes.numpy(), smooth=smooth.numpy())
 
 
-def _announce(name: str, faces: int, seconds: float) -> None:
-    """Log how long the comparison will take, if it is long."""
-    if seconds > _ANNOUNCED_S:
-        log.warning(
-            "body %r: comparing a band with its %s faces takes about %.0f s here, once: it is kept in %s for the next "
-            "time. depth_query='voxel' is built in a tenth of that, and is less exact (docs/contact.md)",
-            name, f"{faces:,}", seconds, cache_folder("bands"),
-        )  # fmt: skip
+def _estimated_s(fill: Callable[[int, int], None], rows: int, device: wp.Device) -> float | None:
+    """Return the time that building takes here [s], from the distances in some rows of nodes; None on a GPU."""
+    if not device.is_cpu:
+        return None
+    fill(0, 1)  # loads the module
+    tried = range(_TRIED_EVERY // 2, rows, _TRIED_EVERY)
+    begin = time.thread_time()  # other processes do not count
+    for row in tried:
+        fill(row, 1)
+    return (1 + COMPARISONS) * (time.thread_time() - begin) * rows / max(len(tried), 1) / cores()
+
+
+def _announce(name: str, row: Row, seconds: float | None) -> None:
+    """Say how long building will take; log it if nothing receives notices and it is long."""
+    takes = "seconds" if seconds is None else f"about {max(1.0, seconds):.0f} s"
+    text = (
+        f"body {name!r}: comparing a band with its {len(row.mesh.indices) // 3:,} faces takes {takes} here, once: it "
+        f"is kept in {kept_bands()} for the next time"
+    )
+    is_long = seconds is not None and seconds > _LONG_S
+    if is_long:
+        text += ". depth_query='voxel' is built in a tenth of that, and is less exact (docs/contact.md)"
+    if not notice(text) and is_long:
+        log.warning("%s", text)
 
 
 def _in_slabs(work: Callable[[int, int], None], rows: int, device: wp.Device) -> Iterator[None]:

@@ -45,6 +45,13 @@ def kept_band(row: Row, empty: Band, real: type) -> Band | None:
     return replace(empty, nodes=nodes, smooth=smooth)
 
 
+def kept_bands() -> str:
+    """Return where bands are kept, how many there are, and their size, for messages."""
+    folder = cache_folder("bands")
+    sizes = [path.stat().st_size for path in folder.glob("*.npz")]
+    return f"{folder} ({len(sizes)} bands, {sum(sizes) / 2**20:.0f} of at most {MAX_BYTES / 2**20:.0f} MiB)"
+
+
 def keep_band(row: Row, band: Band, real: type) -> None:
     """Write the band of a mesh to its file; nothing is kept if the folder cannot be written to."""
     path = _path(row, band, real)

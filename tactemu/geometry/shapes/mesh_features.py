@@ -13,6 +13,8 @@ from tactemu.geometry.shapes.triangles import Triangles
 
 MAX_SLIVER_CHAIN = 8
 """Most triangles without an area, one behind another, across which an edge finds its neighbour's normal."""
+BLOCK_FACES = 2**17
+"""Number of faces whose corners are held at a time."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,35 +33,81 @@ class Features:
 
 
 def features_of(triangles: Triangles, middle: np.ndarray) -> Features:
-    """Return the features of a mesh. Triangles without an area have no normal, so that those behind them count."""
+    """Return the features of a mesh. Triangles without an area have no normal, so that those behind them count.
+
+    A mesh may have millions of faces: no more than a few numbers per side are held at a time.
+    """
     points = triangles.vertices - middle
     many = len(triangles.faces)
     faces = np.concatenate([triangles.faces, triangles.slivers])
-    corners = points[faces]
-    way = np.roll(corners, -1, axis=1) - corners
-    length = np.linalg.norm(way, axis=2)
-    start, end = faces.reshape(-1).astype(np.int64), np.roll(faces, -1, axis=1).reshape(-1)
-    _, edge, uses = np.unique(
-        np.minimum(start, end) * len(points) + np.maximum(start, end), return_inverse=True, return_counts=True
-    )
-    seen = np.zeros((len(faces), 3, 3))  # the normal that each side of a face, or of a sliver, contributes
-    seen[:many] = _unit(np.cross(way[:many, 0], way[:many, 1]))[:, None]
-    for _ in range(MAX_SLIVER_CHAIN if len(faces) > many else 0):
-        beyond = (_summed(seen.reshape(-1, 3), edge, len(uses))[edge].reshape(-1, 3, 3) - seen)[many:]
-        longest = length[many:].argmax(1)
-        rows = np.arange(len(longest))
-        weight = length[many:].copy()
-        weight[rows, longest] = 0.0
+    edge, uses = _edges(faces, len(points))
+    sides = np.empty((many, 4, 3))
+    normals = sides[:, 0]
+    angles = np.empty((len(faces), 3))
+    for part in _blocks(len(faces)):
+        corners = points[faces[part]]
+        way = np.roll(corners, -1, axis=1) - corners
+        angles[part] = _angles(way)
+        count = len(normals[part])  # slivers have no normal of their own
+        normals[part] = _unit(np.cross(way[:count, 0], way[:count, 1]))
+    beside_slivers, shown_by_slivers = _across_slivers(points, triangles.slivers, normals, edge, len(uses))
+    edge_normals = _cleared(_edge_sums(normals, beside_slivers, edge, len(uses)))
+    for k in range(3):
+        sides[:, 1 + k] = edge_normals[edge[k : 3 * many : 3]]
+    del edge_normals
+    vertex_sums = np.empty((len(points), 3))
+    for k in range(3):
+        shown = np.concatenate([normals[:, k], shown_by_slivers[:, k]])
+        vertex_sums[:, k] = np.bincount(faces.reshape(-1), (angles * shown[:, None]).reshape(-1), len(points))
+    return Features(points, _cleared(vertex_sums), sides, _beside(edge, uses, many))
+
+
+def _blocks(count: int) -> list[slice]:
+    return [slice(start, start + BLOCK_FACES) for start in range(0, count, BLOCK_FACES)]
+
+
+def _edges(faces: np.ndarray, points: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the number of the edge of each side, flat, and how many sides each edge has."""
+    start, end = faces.reshape(-1), np.roll(faces, -1, axis=1).reshape(-1)
+    key = np.minimum(start, end).astype(np.int64)
+    key *= points
+    key += np.maximum(start, end)
+    del start, end
+    _, edge, uses = np.unique(key, return_inverse=True, return_counts=True)
+    return edge.astype(np.int32), uses
+
+
+def _across_slivers(
+    points: np.ndarray, slivers: np.ndarray, normals: np.ndarray, edge: np.ndarray, edges: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the normal that each side of a sliver contributes, ``(k, 3, 3)``, and that of its corners, ``(k, 3)``.
+
+    A sliver's short side takes the normal beyond its longest side.
+    """
+    seen = np.zeros((len(slivers), 3, 3))
+    if not len(slivers):
+        return seen, np.zeros((0, 3))
+    corners = points[slivers]
+    length = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)
+    longest = length.argmax(1)
+    rows = np.arange(len(longest))
+    weight = length.copy()
+    weight[rows, longest] = 0.0
+    for _ in range(MAX_SLIVER_CHAIN):
+        beyond = _edge_sums(normals, seen, edge, edges)[edge[3 * len(normals) :]].reshape(-1, 3, 3) - seen
         through = np.repeat(beyond[rows, longest][:, None], 3, axis=1)
         through[rows, longest] = np.einsum("fk,fkx->fx", weight, beyond)
-        seen[many:] = _unit(through)
-    edge_normals = _cleared(_summed(seen.reshape(-1, 3), edge, len(uses)))
-    sides = np.concatenate([seen[:many, :1], edge_normals[edge].reshape(-1, 3, 3)[:many]], axis=1)
-    across = (length.argmax(1) + 1) % 3  # a sliver's short side takes the normal beyond its longest side
-    shown = seen[np.arange(len(faces)), across][:, None]
-    weighted = (_angles(way, length)[..., None] * shown).reshape(-1, 3)
-    vertex_normals = _cleared(_summed(weighted, faces.reshape(-1), len(points)))
-    return Features(points, vertex_normals, sides, _beside(edge, uses, many))
+        seen = _unit(through)
+    return seen, seen[rows, (longest + 1) % 3]
+
+
+def _edge_sums(normals: np.ndarray, of_slivers: np.ndarray, edge: np.ndarray, edges: int) -> np.ndarray:
+    """Return the sum of the normals on both sides of each edge, ``(edges, 3)``."""
+    sums = np.empty((edges, 3))
+    for k in range(3):
+        weights = np.concatenate([np.repeat(normals[:, k], 3), of_slivers[..., k].reshape(-1)])
+        sums[:, k] = np.bincount(edge, weights, edges)
+    return sums
 
 
 def _unit(vectors: np.ndarray) -> np.ndarray:
@@ -67,16 +115,12 @@ def _unit(vectors: np.ndarray) -> np.ndarray:
     return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0.0)
 
 
-def _summed(values: np.ndarray, groups: np.ndarray, count: int) -> np.ndarray:
-    return np.stack([np.bincount(groups, weights=values[:, k], minlength=count) for k in range(3)], axis=1)
-
-
 def _cleared(sums: np.ndarray) -> np.ndarray:
     """Return unit vectors, zero where normals cancel up to rounding, as at the rim of the two sides of a sheet."""
     return np.where(np.linalg.norm(sums, axis=1, keepdims=True) > 1e-9, _unit(sums), 0.0)
 
 
-def _angles(way: np.ndarray, length: np.ndarray) -> np.ndarray:
+def _angles(way: np.ndarray) -> np.ndarray:
     """Return the angle between the sides at each corner [rad]."""
     back = -np.roll(way, 1, axis=1)
     across = np.linalg.norm(np.cross(way, back), axis=2)

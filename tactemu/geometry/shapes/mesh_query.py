@@ -74,9 +74,9 @@ def build_query(triangles: Triangles, device) -> MeshQuery:
     if not wound and (kept := _without_interior_faces(triangles, mesh, device)) is not triangles:
         wound, triangles = True, kept
         mesh = _hierarchy(points, triangles, device)
-    features = features_of(triangles, middle)
     if not wound:
-        mesh = _faster_hierarchy(mesh)
+        mesh = _without_winding_numbers(mesh)
+    features = features_of(triangles, middle)
     cell = 2.0 * unit / (NODES_PER_LONGEST_SIDE - 3)
     nodes = np.ceil(2.0 * half / cell).astype(int) + 3
     origin = -half - cell
@@ -89,14 +89,14 @@ def _hierarchy(points: wp.array, triangles: Triangles, device) -> wp.Mesh:
     return wp.Mesh(points=points, indices=indices, support_winding_number=True)
 
 
-def _faster_hierarchy(mesh: wp.Mesh) -> wp.Mesh:
-    """Return the mesh with cuBQL's hierarchy on a GPU: a fifth to a quarter faster, but without winding numbers."""
+def _without_winding_numbers(mesh: wp.Mesh) -> wp.Mesh:
+    """Return the mesh with a hierarchy a third as large; on a GPU it is cuBQL's, a fifth to a quarter faster."""
     if mesh.points.device is not None and mesh.points.device.is_cuda:
         try:
             return wp.Mesh(points=mesh.points, indices=mesh.indices, bvh_constructor="cubql")
         except (RuntimeError, ValueError) as error:  # this Warp was built without cuBQL
             log.debug("no cuBQL hierarchy: %s", error)
-    return mesh
+    return wp.Mesh(points=mesh.points, indices=mesh.indices)
 
 
 @functools.cache

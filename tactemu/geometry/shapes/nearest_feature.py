@@ -33,13 +33,17 @@ def upload_surfaces(parts: Sequence[Features], real, device):
     """Return the surfaces of meshes on the device, one behind the other."""
     surfaces, vec3 = surfaces_type(real)(), wp.types.vector(3, real)
 
-    def joined(name: str, *width: int) -> np.ndarray:
-        return np.concatenate([getattr(each, name) for each in parts]) if parts else np.zeros((1, *width))
+    def uploaded(name: str, dtype, number: type, *width: int) -> wp.array:
+        values = [getattr(each, name) for each in parts] or [np.zeros((1, *width))]
+        together = values[0] if len(values) == 1 else np.concatenate(values)
+        # on a CPU the kernels read this very array: nothing writes to it
+        return wp.array(np.ascontiguousarray(together, number), dtype=dtype, device=device, copy=False)
 
-    surfaces.points = wp.array(joined("points", 3), dtype=vec3, device=device)
-    surfaces.point_normals = wp.array(joined("point_normals", 3), dtype=vec3, device=device)
-    surfaces.side_normals = wp.array(joined("side_normals", 4, 3), dtype=vec3, device=device)
-    surfaces.beside = wp.array(joined("beside", 3), dtype=wp.vec3i, device=device)
+    number = np.float32 if real is wp.float32 else np.float64
+    surfaces.points = uploaded("points", vec3, number, 3)
+    surfaces.point_normals = uploaded("point_normals", vec3, number, 3)
+    surfaces.side_normals = uploaded("side_normals", vec3, number, 4, 3)
+    surfaces.beside = uploaded("beside", wp.vec3i, np.int32, 3)
     return surfaces
 
 

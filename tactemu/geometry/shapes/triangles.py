@@ -6,6 +6,7 @@ A surface with holes is used with a warning; its inside is the space that it mos
 """
 
 import functools
+import gc
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -17,6 +18,9 @@ import numpy as np
 from tactemu.base.errors import MeshError
 
 log = logging.getLogger(__name__)
+
+MANY_FACES = 100_000
+"""Number of faces from which on memory is given back while a mesh is read."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,11 +55,16 @@ class Triangles:
 
 
 @functools.lru_cache(maxsize=4)
-def _read_file(path: Path, _changed_ns: int, _size: int) -> Any:
-    """Read a mesh file, once for its extent, its outline and its triangles."""
+def _read_file(path: Path, _changed_ns: int, _size: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the vertices and faces of a mesh file, read once for its extent, its outline and its triangles."""
     import trimesh
 
-    return cast(Any, trimesh.load(path, force="mesh", process=False))
+    mesh = cast(Any, trimesh.load(path, force="mesh", process=False))
+    vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
+    del mesh
+    if len(faces) > MANY_FACES:
+        gc.collect()  # its parts refer to one another: they would stay, several times as large as the arrays
+    return _compact(vertices, faces)
 
 
 def extent_of_file(path: Path, scale: float, name: str) -> float:
@@ -76,7 +85,7 @@ def _read(source, name: str) -> tuple[np.ndarray, np.ndarray]:
             raise MeshError(f"{name}: there is no such file (looked in {Path.cwd()}); give the full path")
         status = path.stat()
         try:
-            source = _read_file(path.resolve(), status.st_mtime_ns, status.st_size)
+            return _read_file(path.resolve(), status.st_mtime_ns, status.st_size)
         except Exception as error:
             raise MeshError(f"{name}: trimesh cannot read it ({error}); try STL, OBJ, PLY, OFF or GLB") from None
     if hasattr(source, "vertices") and hasattr(source, "faces"):
@@ -106,9 +115,9 @@ def load_mesh(source, scale: float | Sequence[float] = 1.0, name: str = "mesh") 
         name = f"{name} ({source})"
     vertices, faces = _read(source, name)
     vertices, faces = _checked_arrays(vertices, faces, name)
-    vertices = vertices * _checked_scale(scale, name)
     given = len(faces)
-    faces = _without_points(_merged(vertices, faces))
+    vertices, faces = _compact(vertices * _checked_scale(scale, name), faces)
+    faces = _without_points(faces)
     closed = len(faces) > 0 and _is_closed(faces, name)
     faces, slivers = _without_slivers(vertices, faces, given, name)
     if closed and _volume(vertices, faces) < 0.0:
@@ -136,18 +145,36 @@ def _checked_scale(scale, name: str) -> np.ndarray:
     return factor
 
 
+def _compact(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return each vertex that faces use once, in the order given, and the faces (int32) of these vertices.
+
+    Arrays that :func:`_checked_arrays` refuses are returned as they are.
+    """
+    if not len(faces) or faces.min() < 0 or faces.max() >= len(vertices) or not np.isfinite(vertices).all():
+        return vertices, faces
+    faces = _merged(vertices, faces)
+    used = np.zeros(len(vertices), bool)
+    used[faces] = True
+    return vertices[used], (np.cumsum(used, dtype=np.int32) - 1)[faces]
+
+
 def _merged(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """Return faces that share one vertex wherever positions are equal bit for bit (STL repeats them per triangle)."""
-    bits = (vertices + 0.0).view(np.uint64)  # adding 0.0 makes -0.0 equal to 0.0
+    odd = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], np.uint64)
+
+    def mixed(axis: int) -> np.ndarray:
+        bits = (vertices[:, axis].astype(np.float64) + 0.0).view(np.uint64)  # adding 0.0 makes -0.0 equal to 0.0
+        return (bits ^ (bits >> np.uint64(29))) * odd[axis]
+
     with np.errstate(over="ignore"):
-        odd = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], np.uint64)
-        mixed = (bits ^ (bits >> np.uint64(29))) * odd
-        key = mixed[:, 0] ^ np.roll(mixed, 1, axis=1)[:, 2] * odd[2] ^ (mixed[:, 2] >> np.uint64(7)) * odd[0]
+        key = mixed(0)
+        key ^= mixed(1) * odd[2]
+        key ^= (mixed(2) >> np.uint64(7)) * odd[0]
     _, first, inverse = np.unique(key, return_index=True, return_inverse=True)
-    same = first[inverse]
-    if not np.array_equal(vertices[same], vertices):  # two keys collided: this is unlikely, and harmless
-        return faces
-    return same.astype(np.int32)[faces]
+    same = first.astype(np.int32)[inverse]
+    if not all(np.array_equal(vertices[same, axis], vertices[:, axis]) for axis in range(3)):
+        return faces  # two keys collided: this is unlikely, and harmless
+    return same[faces]
 
 
 def _without_points(faces: np.ndarray) -> np.ndarray:
