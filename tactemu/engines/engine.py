@@ -19,8 +19,9 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from tactemu.base.errors import PoseError, SceneError, nearest
-from tactemu.engines.mujoco_contacts import Contacts, Pad, contacts_of
+from tactemu.engines.mujoco_contacts import REACH_RADII, Contacts, Pad, closing_speeds, contacts_of, mean_contacts
 from tactemu.engines.mujoco_drives import Drive, check_apart
+from tactemu.engines.mujoco_impacts import match_reason
 from tactemu.engines.mujoco_source import MujocoSource, check_ranges, load_mujoco
 from tactemu.geometry.bodies import Body
 from tactemu.scene.engine_tables import MujocoTable
@@ -81,9 +82,13 @@ class MujocoEngine:
         for drive in self.drives:
             drive.bind(self.model)
         given = {body.name: body for body in scene.bodies}
+        self._scene_dt, self._knows_all = scene.dt, not any(body.shape for body in scene.bodies)
+        """The scene's step [s], and whether all that may press on a skin is MuJoCo's."""
         self.source = MujocoSource(scene, self.model)
         self.pads: dict[Body, Pad] = {}
         """The skins whose forces follow MuJoCo's contacts, by the frames that carry them."""
+        self._pad_geoms = np.zeros(self.model.ngeom, bool)
+        """A mask of the geoms that move with any of them."""
         self._mocap = [
             (int(self.model.body_mocapid[k]), given[name])
             for k in range(self.model.nbody)
@@ -97,6 +102,8 @@ class MujocoEngine:
             self.model.pair_friction[:, :2] = self._table.friction
         self._left_out_s = 0.0
         """The lag of the model behind the clock."""
+        self.beside_ns = 0.0
+        """The impulse of contacts on geoms with skins, but beside all of their taxels, since the start [N s]."""
         scene.posers.append(self.pose)
 
     def _read(self, file: Path) -> Any:
@@ -156,13 +163,16 @@ class MujocoEngine:
             return self.source.body_of(name)
         self.source.check(name)
         frame = self.source.pad(name, part)
-        self.pads[frame] = Pad(frame, np.isin(np.arange(self.model.ngeom), self.source.moving_with(name)))
+        geoms = np.isin(np.arange(self.model.ngeom), self.source.moving_with(name))
+        self.pads[frame], self._pad_geoms = Pad(frame, geoms), self._pad_geoms | geoms
         return frame
 
     def attach_sensor(self, sensor: Sensor) -> None:
         """Register a sensor on one of its bodies."""
-        if sensor.link in self.pads:
-            self.pads[sensor.link].attach(sensor)
+        if (pad := self.pads.get(sensor.link)) is not None:
+            knows_all = self._knows_all and pad.geoms.any()
+            touch = self.source.may_touch
+            pad.attach(sensor, match_reason(self.model, pad.geoms, touch, self._scene_dt) if knows_all else None)
 
     def ignored_bodies(self, name: str) -> tuple[int, ...]:
         """Return the indices of the scene's bodies that a skin on this geom or MuJoCo body ignores."""
@@ -197,18 +207,26 @@ class MujocoEngine:
             self.data.mocap_pos[index], self.data.mocap_quat[index] = here.position, here.quaternion
         for drive in self.drives:
             drive.command(self.model, self.data, t_s, t_s - max(steps, 1) * dt)
+        contacts: list[Contacts] = []
         if steps > 0:
-            self._mujoco.mj_step(self.model, self.data, min(steps, most))
+            steps = min(steps, most)
+            if steps > 1 and self.pads:  # a contact that begins and ends within the step has its part in the mean
+                for _ in range(steps - 1):
+                    self._mujoco.mj_step(self.model, self.data)
+                    contacts.append(contacts_of(self.model, self.data, self._pad_geoms))
+                steps = 1
+            self._mujoco.mj_step(self.model, self.data, steps)
             self._check(t_s)
         for drive in self.drives:
             drive.report(self.data, t_s)
         if self.pads or self._breaks:
-            self._press(contacts_of(self.model, self.data), t_s)
+            contacts.append(contacts_of(self.model, self.data, None if self._breaks else self._pad_geoms))
+            self._press(contacts, t_s)
         self.source.update(simulation, self.data)
 
     def _restart(self) -> None:
         self._mujoco.mj_resetData(self.model, self.data)
-        self._left_out_s = 0.0
+        self._left_out_s = self.beside_ns = 0.0
         self._break(())
         for drive in self.drives:
             drive.release()
@@ -231,14 +249,42 @@ class MujocoEngine:
             f"more armature or damping"
         )
 
-    def _press(self, contacts: Contacts, t_s: float) -> None:
+    def _press(self, steps: Sequence[Contacts], t_s: float) -> None:
+        """Break geoms, and press the skins, by the contacts of each step of the model since the last call."""
         for geom, limit in self._breaks.items():
-            if geom not in self.source.hidden and (force := _largest_contact_force(contacts, geom)) > limit:
+            if geom not in self.source.hidden and (force := _largest_contact_force(steps[-1], geom)) > limit:
                 self._break((*self.source.hidden, geom))
                 _logger.warning("engine: %s broke under %.2f N at %.3f s", self.model.geom(geom).name, force, t_s)
+        if not self.pads:
+            return
+        contacts = mean_contacts(steps)
+        if not len(contacts.forces):
+            for frame, pad in self.pads.items():
+                pad.clear()
+                self.source.shifts[frame] = pad.shift
+            return
+        dt = self.model.opt.timestep
+
+        def approach(which: np.ndarray) -> np.ndarray:
+            return closing_speeds(self.model, self.data, contacts, which) * dt
+
+        touched, carried = np.zeros((2, len(contacts.forces)), bool)
         for frame, pad in self.pads.items():
-            pad.press(contacts, *self.source.place(self.data, frame))
+            carried |= pad.press(contacts, *self.source.place(self.data, frame), approach)
+            touched |= pad.touched(contacts)
             self.source.shifts[frame] = pad.shift
+        beside_n = float(contacts.forces[touched & ~carried].sum())
+        if beside_n > 0 and not self.beside_ns:
+            names = {pad.sensor.name for pad in self.pads.values() if pad.sensor and pad.touched(contacts).any()}
+            _logger.warning(
+                "engine: %.3g N at %.3f s press beside the taxels of %s (by more than %g radii), and are not in its "
+                "readings",
+                beside_n,
+                t_s,
+                ", ".join(sorted(names)) or "a skin",
+                REACH_RADII,
+            )
+        self.beside_ns += beside_n * dt * len(steps)
 
     def _break(self, broken: Sequence[int]) -> None:
         """Break these geoms, and restore all others: a broken geom stays where it is, and nothing touches it."""
@@ -263,6 +309,7 @@ class MujocoEngine:
         self._mujoco.mj_getState(self.model, self.data, values, spec)
         return {
             "left_out_s": self._left_out_s,
+            "beside_ns": self.beside_ns,
             "values": values,
             "broken": sorted(self.source.hidden),
             "pads": [pad.state() for pad in self.pads.values()],
@@ -286,7 +333,7 @@ class MujocoEngine:
 
         def restore() -> None:
             self._mujoco.mj_setState(self.model, self.data, values, spec)
-            self._left_out_s = float(left_out_s)
+            self._left_out_s, self.beside_ns = float(left_out_s), float(state["beside_ns"])
             self._break(state["broken"])
             for (frame, pad), each in zip(self.pads.items(), state["pads"]):
                 pad.restore(each)

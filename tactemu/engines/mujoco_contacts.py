@@ -2,12 +2,16 @@
 
 MuJoCo's contacts are points that give a little, by parameters that do not describe rubber. A skin's model computes what
 an indentation does to each taxel. So MuJoCo provides the force, and the skin its distribution: the skin's frame is
-moved against the touched object, or back, until the skin's total force equals that of MuJoCo's contacts. If the skin's
-model has friction, its frame is likewise moved along the object until the friction force is MuJoCo's.
+moved against the touched object, or back, until the skin's total force equals that of MuJoCo's contacts. What is left
+of the difference in a step (an impact has no time to settle; float32 resolves a light object's depth by per cents) is
+one factor on all taxels (:class:`~tactemu.sensors.load_match.LoadMatch`). If the skin's model has friction, its frame
+is likewise moved along the object until the friction force is MuJoCo's.
 """
 
 from __future__ import annotations
 
+import logging
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -15,9 +19,12 @@ import numpy as np
 
 from tactemu.engines.mujoco_source import load_mujoco
 from tactemu.geometry.bodies import Body
+from tactemu.sensors.load_match import LoadMatch
 
 if TYPE_CHECKING:
     from tactemu.sensors.sensor import Sensor
+
+_logger = logging.getLogger(__name__)
 
 FIRST_DEPTH_M = 20e-6
 """Depth of a skin at the first touch."""
@@ -52,13 +59,15 @@ MIN_SHEAR_STIFFNESS = 0.03
 """Smallest stiffness of a skin along its surface, in shares of force per depth."""
 MIN_SHIFT_SHARE = 0.01
 """Shift along the surface, as a share of the depth, from which the shear stiffness is computed."""
+MIN_CARRIED = 0.9
+"""Smallest share of a load at the largest depth that is not reported."""
 REACH_RADII = 4.0
 """Distance from a taxel within which a contact is the skin's, in radii of the taxels."""
 
 
 @dataclass(frozen=True)
 class Contacts:
-    """The contacts of one step that press."""
+    """The contacts of one step that press, or of several, each with its share of the mean force."""
 
     geoms: np.ndarray
     """Ids of the two geoms, shape ``(n, 2)``."""
@@ -72,18 +81,49 @@ class Contacts:
     """Friction forces on the second geom [N], world, shape ``(n, 3)``."""
     depths: np.ndarray
     """Overlaps of the geoms [m], shape ``(n,)``."""
+    ages: np.ndarray
+    """Steps of the model since the overlaps, of which one is since the last forces, shape ``(n,)``."""
 
 
-def contacts_of(model: Any, data: Any) -> Contacts:
-    """Return the contacts of MuJoCo's last step."""
+def contacts_of(model: Any, data: Any, geoms: np.ndarray | None = None) -> Contacts:
+    """Return the contacts of MuJoCo's last step; given a mask of geoms, only those between one of them and another."""
     mujoco, wrench, contact = load_mujoco(), np.zeros(6), data.contact
-    forces, drags = np.zeros(data.ncon), np.zeros((data.ncon, 3))
-    for k in range(data.ncon):
-        mujoco.mj_contactForce(model, data, k, wrench)
-        forces[k], drags[k] = wrench[0], wrench[1:3] @ contact.frame[k].reshape(3, 3)[1:]
+    which = np.arange(data.ncon)
+    if geoms is not None and data.ncon:
+        mine = geoms[contact.geom]
+        which = np.flatnonzero(mine[:, 0] | mine[:, 1])
+    forces, drags = np.zeros(len(which)), np.zeros((len(which), 3))
+    for k, index in enumerate(which):
+        mujoco.mj_contactForce(model, data, index, wrench)
+        forces[k], drags[k] = wrench[0], wrench[1:3] @ contact.frame[index].reshape(3, 3)[1:]
     press = forces > 0
-    normals = contact.frame[press][:, :3]
-    return Contacts(contact.geom[press], contact.pos[press], normals, forces[press], drags[press], -contact.dist[press])
+    forces, drags, which = forces[press], drags[press], which[press]
+    normals, depths, ages = contact.frame[which][:, :3], -contact.dist[which], np.ones(len(which))
+    return Contacts(contact.geom[which], contact.pos[which], normals, forces, drags, depths, ages)
+
+
+def closing_speeds(model: Any, data: Any, contacts: Contacts, which: np.ndarray) -> np.ndarray:
+    """Return the speeds [m/s] at which the geoms of some contacts approach each other after MuJoCo's last step."""
+    mujoco, jacobian, speeds = load_mujoco(), np.zeros((3, model.nv)), np.zeros(len(which))
+    for k, contact in enumerate(which):
+        for geom, side in zip(contacts.geoms[contact], (1.0, -1.0)):
+            mujoco.mj_jac(model, data, jacobian, None, contacts.positions[contact], model.geom_bodyid[geom])
+            speeds[k] += side * (contacts.normals[contact] @ jacobian @ data.qvel)
+    return speeds
+
+
+def mean_contacts(steps: Sequence[Contacts]) -> Contacts:
+    """Return the contacts of several steps, whose sum of forces is the mean force."""
+    if len(steps) == 1:
+        return steps[0]
+    if not any(len(c.forces) for c in steps):
+        return steps[-1]
+    share = 1 / len(steps)
+    parts = [
+        (c.geoms, c.positions, c.normals, c.forces * share, c.drags * share, c.depths, c.ages + (len(steps) - 1 - k))
+        for k, c in enumerate(steps)
+    ]
+    return Contacts(*map(np.concatenate, zip(*parts)))
 
 
 class Pad:
@@ -95,8 +135,9 @@ class Pad:
     """
 
     def __init__(self, frame: Body, geoms: np.ndarray):
-        self.frame, self._geoms = frame, geoms
+        self.frame, self.geoms = frame, geoms
         self.sensor: Sensor | None = None
+        self._load: LoadMatch | None = None
         self.depth = 0.0
         """The total depth to which the skin is pressed [m]."""
         self.shift = np.zeros(3)
@@ -109,6 +150,8 @@ class Pad:
         """Force and overlap of MuJoCo's contact since it stands still."""
         self._bounds: list[tuple[float, float, int]] = []
         """Depths tried since then, the skin's force at each [m, N], and the number of steps since."""
+        self.is_overloaded = False
+        """Was a load more than the skin's model carries at its largest depth?"""
         self._measured: float | None = None
         """The skin's force in a restored state, whose step was not computed here."""
         self._friction = 0.0
@@ -117,49 +160,74 @@ class Pad:
         self._give, self._pulled = 0.0, (np.zeros(3), np.zeros(3))
         """The displacement per friction force; the last displacement, and the friction force before it."""
 
-    def attach(self, sensor: Sensor) -> None:
-        """Attach the skin that the frame carries, if it has forces that can be summed."""
+    def attach(self, sensor: Sensor, reason: str | None) -> None:
+        """Attach the skin that the frame carries, if it has forces that can be summed.
+
+        Args:
+            sensor: the skin.
+            reason: the reason of the stage that makes their sum MuJoCo's, for the plan; ``None``: without that stage.
+        """
         if not sensor.transducers and "force" in sensor.quantities:
             self.sensor = sensor
             self._friction = float(getattr(sensor.model, "friction", 0.0))
             self._reach = REACH_RADII * float(np.max(sensor.radii))
+            if sensor.model.load_fields and reason is not None:
+                self._load = sensor.load = LoadMatch(reason)
 
     def clear(self) -> None:
         """Reset the pad: nothing touches the skin."""
         self.depth, self.shift, self.force, self._measured = 0.0, np.zeros(3), 0.0, None
         self._exponent, self._before = FIRST_EXPONENT, (0.0, 0.0)
         self._still, self._bounds = (0.0, 0.0), []
+        if self._load is not None:
+            self._load.set(0.0)
         self.along, self._give, self._pulled = np.zeros(3), 0.0, (np.zeros(3), np.zeros(3))
 
-    def press(self, contacts: Contacts, position: np.ndarray, turn: np.ndarray) -> None:
-        """Compute depth and shift of the skin for the next step.
+    def touched(self, contacts: Contacts) -> np.ndarray:
+        """Return which contacts are between a geom that moves with the skin and another, as a mask; none without a
+        skin that has forces."""
+        mine = self.geoms[contacts.geoms]
+        return (mine[:, 0] != mine[:, 1]) & (self.sensor is not None)
+
+    def press(
+        self,
+        contacts: Contacts,
+        position: np.ndarray,
+        turn: np.ndarray,
+        closing_m: Callable[[np.ndarray], np.ndarray],
+    ) -> np.ndarray:
+        """Compute depth and shift of the skin for the next step, and return the contacts that it carries, a mask.
 
         Args:
             contacts: the contacts of MuJoCo's last step.
             position: world position of the frame [m].
             turn: orientation of the frame, a matrix.
+            closing_m: returns by how much the geoms of some contacts approach each other in a step of the model [m].
         """
-        if self.sensor is None:
-            return
-        mine = self._geoms[contacts.geoms]
-        which = np.flatnonzero(mine[:, 0] != mine[:, 1])
-        if not len(which):
+        carried = np.zeros(len(contacts.forces), bool)
+        which = np.flatnonzero(self.touched(contacts))
+        if self.sensor is None or not len(which):
             self.clear()
-            return
-        measured, self._measured = self.skin_force(), None
+            return carried
+        measured, self._measured = self._modelled_force(), None
         local = (contacts.positions[which] - position) @ turn
         away = np.linalg.norm(local[:, None] - self.sensor.positions.reshape(1, -1, 3), axis=-1).min(axis=1)
         which = which[away < self._reach]
+        carried[which] = True
         self.force = float(contacts.forces[which].sum())
         if self.force < MIN_FORCE_N:
             self.clear()
-            return
-        sides = np.where(mine[which, 0], 1.0, -1.0)
+            return carried
+        sides = np.where(self.geoms[contacts.geoms[which, 0]], 1.0, -1.0)
         pulls = sides[:, None] * contacts.normals[which] * contacts.forces[which, None]
         inward = pulls.sum(axis=0)
         length = float(np.linalg.norm(inward))
-        overlap = float(contacts.depths[which] @ contacts.forces[which]) / self.force
+        last = which[contacts.ages[which] == contacts.ages[which].min()]
+        share = contacts.forces[last] / contacts.forces[last].sum()
+        overlap = float(contacts.depths[last] @ share)
         self._bound(measured, overlap)
+        if not self._bounds:  # it moves, and poses are those after the step
+            overlap += float((closing_m(last) * contacts.ages[last]) @ share)
         if self._bounds and abs(measured - self.force) <= FORCE_TOLERANCE * self.force:
             depth = self.depth
         elif measured > 0 and self.depth > 0:
@@ -168,18 +236,35 @@ class Pad:
         else:
             depth = max(2 * self.depth, FIRST_DEPTH_M) if self._bounds else max(2 * self.depth, overlap, FIRST_DEPTH_M)
         self.depth = min(self._between(depth), MAX_DEPTH_M)
+        self._report(self._load is not None and self.depth == MAX_DEPTH_M and measured < MIN_CARRIED * self.force)
         self.shift = inward / length * (self.depth - overlap) if length > 0.2 * self.force else np.zeros(3)
-        if self._friction and measured > 0:
+        if self._friction and measured > 0 and self._factor > 0:
             drag = -(sides[:, None] * contacts.drags[which]).sum(axis=0)
             self._drag(drag @ turn, inward / length @ turn, measured)
             self.shift = self.shift + turn @ self.along
+        if self._load is not None:
+            self._load.set(self.force)
+        return carried
+
+    def _report(self, is_overloaded: bool) -> None:
+        """Log once that the skin's model cannot carry the load."""
+        if is_overloaded and not self.is_overloaded and self.sensor is not None:
+            self.is_overloaded = True
+            _logger.warning(
+                "engine: skin %r carries %.3g N, which press deeper than %g mm into its model: its forces are scaled; "
+                "make the model stiffer",
+                self.sensor.name,
+                self.force,
+                MAX_DEPTH_M * 1e3,
+            )
 
     def _drag(self, drag: np.ndarray, inward: np.ndarray, measured: float) -> None:
         """Move the skin along the touched object, towards the friction force ``drag``; vectors are in its frame."""
         assert self.sensor is not None
         across = np.eye(3) - np.outer(inward, inward)
-        has = across @ self.sensor.quantity("force", ground_truth=True).sum(axis=0)
-        wanted = across @ drag
+        factor = self._factor  # the skin's model has its forces without it
+        has = across @ self.sensor.quantity("force", ground_truth=True).sum(axis=0) / factor
+        wanted = across @ drag / factor
         most, pull = self._friction * measured, float(np.linalg.norm(wanted))
         wanted *= min(1.0, SLIDING_SHARE * most / max(pull, MIN_FORCE_N))
         stiff = measured / self.depth
@@ -221,10 +306,19 @@ class Pad:
                 self._exponent = float(np.clip(slope, MIN_EXPONENT, most))
         self._before = self.depth, measured
 
-    def skin_force(self) -> float:
-        """Return the total normal force on the skin in the last step [N], without imperfections."""
+    @property
+    def _factor(self) -> float:
+        """The factor on all taxels in the last step."""
+        return 1.0 if self._load is None else self._load.factor
+
+    def _modelled_force(self) -> float:
+        """Return the total normal force of the last step as the skin's model has it [N]."""
         if self._measured is not None:
             return self._measured
+        return self.skin_force() if self._load is None else self._load.modelled
+
+    def skin_force(self) -> float:
+        """Return the total normal force on the skin in the last step [N], without imperfections."""
         if self.sensor is None or self.sensor.imperfections is None:  # the scene is not built yet
             return 0.0
         forces = self.sensor.quantity("force", ground_truth=True)
@@ -232,7 +326,8 @@ class Pad:
 
     def state(self) -> dict[str, Any]:
         """Return the state on which the next step depends."""
-        numbers = {"depth": self.depth, "force": self.force, "felt": self.skin_force(), "exponent": self._exponent}
+        had = self._modelled_force()
+        numbers = {"depth": self.depth, "force": self.force, "felt": had, "exponent": self._exponent}
         tried = {"before": list(self._before), "still": list(self._still), "bounds": [list(b) for b in self._bounds]}
         along = {"along": self.along.copy(), "give": self._give, "pulled": np.array(self._pulled)}
         return {**numbers, **tried, **along, "shift": self.shift.copy()}

@@ -241,7 +241,7 @@ class MujocoSource:
         touched = {
             int(geom)
             for geom in self._geoms
-            if geom not in mine and (not len(mine) or any(self._may_touch(int(own), int(geom)) for own in mine))
+            if geom not in mine and (not len(mine) or any(self.may_touch(int(own), int(geom)) for own in mine))
         }
         return tuple(body.index for geom, body in self._geoms.items() if geom not in touched)
 
@@ -254,7 +254,7 @@ class MujocoSource:
             together = model.geom_bodyid == body
         return np.flatnonzero(together & ((model.geom_contype != 0) | (model.geom_conaffinity != 0)))
 
-    def _may_touch(self, a: int, b: int) -> bool:
+    def may_touch(self, a: int, b: int) -> bool:
         """Return True if MuJoCo lets two geoms touch."""
         model = self._model
         types, affinities = model.geom_contype, model.geom_conaffinity

@@ -22,6 +22,7 @@ from tactemu.imperfections.adjustments import Chosen
 from tactemu.plan.array_types import WarpArray
 from tactemu.plan.plan import Plan, Stage
 from tactemu.sensors.arrays import SensorArrays, pick
+from tactemu.sensors.load_match import LoadMatch
 from tactemu.sensors.probe_layout import Probes
 from tactemu.sensors.sensor_model import Derive, R, SensorModel
 from tactemu.sensors.signs import Convention
@@ -82,6 +83,8 @@ class Sensor(Adjustments, Generic[R]):
     """The signs of its forces and torques: the model's own, else the scene's."""
     imperfections: Imperfections | None = field(default=None, repr=False)
     """The imperfections of a built scene; their setters change them at run time. ``None`` before the scene is built."""
+    load: LoadMatch | None = field(default=None, repr=False)
+    """The load that an engine sets, which the forces of its readings then sum up to; set before the scene is built."""
     _sim: Built | None = field(default=None, repr=False)
     _outputs: Outputs | None = field(default=None, repr=False)
     _arrays: dict[bool, SensorArrays] = field(default_factory=dict, repr=False)

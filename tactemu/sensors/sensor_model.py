@@ -269,6 +269,9 @@ class SensorModel(Options, Generic[R]):
     """Does it reverse parts of its reading where ``site.on_skin`` is false? If not, all always acts on the skin."""
     more_fields: ClassVar[dict[str, slice]] = {}
     """Fields of the reading that are no quantity of a device, each with its channels."""
+    load_fields: ClassVar[tuple[str, ...]] = ()
+    """Fields of the reading that grow with the load of a contact, if its ``force`` is that of contacts: an engine that
+    knows the load scales them. Empty: the readings are none of a load."""
     senses_within_radius: ClassVar[bool] = False
     """Do its probes sense bodies nearer than their radius? Sunk by that radius, they measure from the first contact."""
     strengths: ClassVar[tuple[str, ...]] = ()

@@ -145,6 +145,7 @@ class ElasticLayerTaxel(SensorModel[LayerReading]):
     gain_inside = False
     layouts = {"pressure": PRESSURE, "force": FORCE, "displacement": DISPLACEMENT, "touch": PRESSURE}
     more_fields = {"slip": slice(SLIP_STATE, SLIP_STATE + 1), "residual": slice(RESIDUAL, RESIDUAL + 1)}
+    load_fields = ("pressure", "force", "displacement")
     material = ("young_modulus", "poisson_ratio", "thickness", "friction")
     examples = {"": {"tolerance": 1e-4}}
     valid = (

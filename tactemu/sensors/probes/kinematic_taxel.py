@@ -199,6 +199,7 @@ class KinematicTaxel(SensorModel[ForceTorque]):
     has_genesis_signs = True
     more_fields = {"torque": slice(3, 6)}
     reading_unit = "N, N m"
+    load_fields = ("force", "torque")
     senses_within_radius = True
     strengths = ("normal_stiffness", "normal_damping", "shear_scalar", "twist_scalar")
     valid = (
