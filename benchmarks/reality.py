@@ -166,9 +166,10 @@ noise.
 
 SLIDES
 
-All levels have the line at the frequency of the board. Their noise is that of bars with sharp edges under points 1.5
-mm apart: it grows more slowly with the speed than the finger's, whose skin rounds the edges; the level whose skin
-rounds them most is nearest. The fitted white noise is zero, because the sharp edges replace it. A sine with white
-noise is better than any level and needs no contact: the shape of the ridge matters here. No level has the noise of a
-fabric: without ridges they measure a flat face.
+All levels have the line at the frequency of the board. The noise of bars with sharp edges under points 1.5 mm apart
+grows more slowly with the speed than the finger's, whose skin rounds the edges; the level whose skin rounds them most
+is nearest. The fitted white noise is zero, because the sharp edges replace it. *Textured* is a flat face with a
+[texture](contact.md#textures) of one wave, as high as the bars: every level is then as good as a sine with white noise,
+which needs no contact. The profile of the ridge matters here, and not the level. The recorded noise on a fabric is not
+in these tables: it oscillates at 2 Hz at every speed, which no texture does ([how real is it?](realism.md#laws)).
 """

@@ -2,7 +2,8 @@
 
 The recordings are those of :mod:`tactemu.fit.sets.cpm_finger`. Each level measures one period of the still board: bars
 of half a pitch, 1 mm deep in a skin of 8 x 16 points of 1.5 mm, of which each of the finger's 2 x 8 taxels is the mean
-of 4 x 2. With its shape ``s`` of a taxel, of mean 0, a slide under a grip of ``F`` counts at a speed ``v`` reads::
+of 4 x 2. The board is also a flat face with a texture, one wave as high as the bars. With a level's shape ``s`` of a
+taxel, of mean 0, a slide under a grip of ``F`` counts at a speed ``v`` reads::
 
     F (1 + m s(v t))                    m: the share of the grip on the ridges, one gain of each level
     noise from sample to sample: sqrt(n² + (m F)² var(s(x + v T) - s(x)) / 2)
@@ -30,24 +31,33 @@ POINTS, PITCH, BLOCK = (8, 16), 1.5e-3, (4, 2)
 BARS, DEPTH, STEPS = 5, 1e-3, 320
 
 
-def shape_of(kind: str, options: Mapping[str, Any], pitch_m: float) -> tuple[np.ndarray, float]:
+def shape_of(
+    kind: str, options: Mapping[str, Any], pitch_m: float, *, is_wave: bool = False
+) -> tuple[np.ndarray, float]:
     """Return the taxels' readings at :data:`STEPS` places over a board's pitch, of mean 1, ``(steps, 16)``.
 
-    The second value is the time of a step [µs].
+    The board has bars, or if ``is_wave`` a texture. The second value is the time of a step [µs].
     """
     x, y = ((np.arange(n) - (n - 1) / 2) * PITCH for n in POINTS)
     probes = np.stack([*np.meshgrid(x, y, indexing="ij"), np.zeros(POINTS)], axis=-1)
     scene = tt.Scene(dt=1e-3)
     pad = scene.add_body(None, name="pad", fixed=True)
-    size = (0.04, pitch_m / 2, 0.02)
-    bars = [scene.add_body(tt.Box(size=size), name=f"bar {k}", position=(0, 0, 1 + k)) for k in range(BARS)]
+    size = (0.04, BARS * pitch_m if is_wave else pitch_m / 2, 0.02)
+    wave = {"amplitudes": (DEPTH / 2,), "wavelengths": (pitch_m,), "angles": (np.pi / 2,), "phases": (0.0,)}
+    texture = tt.HeightSpectrum(**wave) if is_wave else None
+    bars = [
+        scene.add_body(tt.Box(size=size), name=f"bar {k}", position=(0, 0, 1 + k), texture=texture)
+        for k in range(1 if is_wave else BARS)
+    ]
+    depth = DEPTH / 2 if is_wave else DEPTH
     sensor = scene.add_sensor(getattr(tt, kind)(positions=probes, **options), link=pad)
     sim = scene.build()
     quantity = next(each for each in ("force", "depth", "displacement") if each in sensor.quantities)
     felt, times = [], []
     for place in np.linspace(0.0, pitch_m, STEPS, endpoint=False):
         for k, bar in enumerate(bars):
-            sim.set_pose(bar, position=(0, place + (k - BARS // 2) * pitch_m, size[2] / 2 - DEPTH))
+            middle = 0 if is_wave else (k - BARS // 2) * pitch_m
+            sim.set_pose(bar, position=(0, place + middle, size[2] / 2 - depth))
         begin = time.perf_counter_ns()
         sim.step()
         times.append(time.perf_counter_ns() - begin)
@@ -85,8 +95,13 @@ def lines(levels: Mapping[str, tuple[str, dict[str, Any]]], recordings: Path) ->
         return []
     pitch_m = 1e-3 * float(np.median([slide.speed_mm_s / slide.line_hz for slide in boards if slide.line_hz]))
     found = []
-    for name, (kind, options) in levels.items():
-        shape, cost = shape_of(kind, options, pitch_m)
+    boards_of = [
+        (f"{name}{', textured' * is_wave}", level, is_wave)
+        for name, level in levels.items()
+        for is_wave in (False, True)
+    ]
+    for name, (kind, options), is_wave in boards_of:
+        shape, cost = shape_of(kind, options, pitch_m, is_wave=is_wave)
         apart: dict[str, list[float]] = {"line": [], "plain": [], "laws": []}
         for condition in conditions:
             known = [slide for slide in boards if (slide.grip, slide.speed_mm_s) != condition]
