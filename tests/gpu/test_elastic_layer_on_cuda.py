@@ -51,3 +51,29 @@ def test_environments_beyond_the_blocks_at_once():
         alone = simulate(1, depths[env : env + 1])
         for one, other in zip(many, alone):
             np.testing.assert_array_equal(one[env], other[0])
+
+
+@pytest.mark.parametrize("cells", [16, 40])
+def test_a_layer_that_relaxes(cells):
+    """A ball that presses, drags, and lets go reads as on a CPU; the first skin is solved in a block's own memory."""
+    x = (np.arange(cells) - (cells - 1) / 2) * 5e-4
+    positions = np.stack([*np.meshgrid(x, x), np.zeros((cells, cells))], -1)
+    readings = []
+    for device in ("cpu", "cuda:0"):
+        scene = tt.Scene(dt=5e-3)
+        pad = scene.add_body(None, fixed=True)
+        ball = scene.add_body(tt.Sphere(radius=5e-3), position=(0, 0, 1))
+        model = tt.ElasticLayerTaxel(
+            positions=positions, thickness=4e-3, iterations=100, tolerance=1e-5, relaxation=((0.4, 0.02), (0.3, 0.2))
+        )
+        skin = scene.add_sensor(model, link=pad)
+        sim = scene.build(n_envs=3, device=device)
+        for k in range(40):
+            height = 5e-3 - np.array([2e-4, 3e-4, 4e-4]) * min(k, 10, 40 - k) / 10
+            sim.set_pose(ball, position=np.stack([np.full(3, 3e-5 * k), np.zeros(3), height], -1))
+            sim.step()
+            readings.append(skin.read())
+    for one, other in zip(readings[:40], readings[40:]):
+        for field in ("force", "displacement"):
+            largest = max(np.abs(getattr(each, field)).max() for each in readings)
+            np.testing.assert_allclose(getattr(one, field), getattr(other, field), atol=2e-3 * largest)
