@@ -43,8 +43,8 @@ def shape_of(
     scene = tt.Scene(dt=1e-3)
     pad = scene.add_body(None, name="pad", fixed=True)
     size = (0.04, BARS * pitch_m if is_wave else pitch_m / 2, 0.02)
-    wave = {"amplitudes": (DEPTH / 2,), "wavelengths": (pitch_m,), "angles": (np.pi / 2,), "phases": (0.0,)}
-    texture = tt.HeightSpectrum(**wave) if is_wave else None
+    wave = tt.HeightSpectrum(amplitudes=(DEPTH / 2,), wavelengths=(pitch_m,), angles=(np.pi / 2,), phases=(0.0,))
+    texture = wave if is_wave else None
     bars = [
         scene.add_body(tt.Box(size=size), name=f"bar {k}", position=(0, 0, 1 + k), texture=texture)
         for k in range(1 if is_wave else BARS)
