@@ -16,9 +16,9 @@ from tactemu.scene.description import PartDescription
 from tactemu.truth.entries import Sample
 from tactemu.view.conversions.display import in_contact, pitch
 from tactemu.view.page.feed import magnitudes
-from tactemu.view.page.lights import instance_colours, mesh_colour
+from tactemu.view.page.lights import instance_colours, lit_model
 from tactemu.view.page.ranges import Range, Ranges
-from tactemu.view.page.shapes import Mesh, carrier, joined
+from tactemu.view.page.shapes import Mesh, carrier, faceted, joined
 
 _PLATE = (0.20, 0.22, 0.27)
 _MAX_ARROWS = 400
@@ -63,11 +63,8 @@ class Board:
             batched_scales=self._pitches.astype(np.float32), batched_colors=self._colours, lod="off",
             cast_shadow=False, receive_shadow=False, flat_shading=True,
         )  # fmt: skip
-        plates = joined(self._plates(patches, placed))
-        scene.add_mesh_simple(
-            f"{path}/plates", plates.vertices, plates.faces, color=mesh_colour(_PLATE), flat_shading=True,
-            cast_shadow=False, receive_shadow=False,
-        )  # fmt: skip
+        plates = lit_model(faceted(joined(self._plates(patches, placed))), _PLATE)
+        scene.add_glb(f"{path}/plates", plates, cast_shadow=False, receive_shadow=False)
         self._arrows = scene.add_arrows(
             f"{path}/forces", np.zeros((1, 2, 3), np.float32), instance_colours(rgb(ARROW)),
             shaft_radius=0.028 * arrow_m, head_radius=0.07 * arrow_m, head_length=_MIN_ARROW * arrow_m, visible=False,

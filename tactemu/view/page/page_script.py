@@ -57,9 +57,16 @@ if (/swiftshader|llvmpipe|softpipe|software|basic render/i.test(drawer())) {{
     }};
     return gl;
   }};
+  const wait = setInterval(() => {{
+    const image = window.__viserMutable?.backgroundMaterial;
+    if (image) {{ image.visible = false; clearInterval(wait); }}
+  }}, 200);
 }}
 """
-"""Gives canvases of a browser without a GPU the attributes that cost least, and its page's background."""
+"""Gives canvases of a browser without a GPU the attributes that cost least, and its page's background.
+
+viser's image behind the scene, which the page does not use, is not drawn: it would test every pixel of each frame.
+"""
 
 SCRIPT = f"{_SCHEME}{_LISTENERS}{_WITHOUT_GPU}"
 """The script, which the page's head contains."""

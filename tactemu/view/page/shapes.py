@@ -42,6 +42,11 @@ def joined(meshes: Sequence[Mesh]) -> Mesh:
     )  # fmt: skip
 
 
+def faceted(mesh: Mesh) -> Mesh:
+    """Return a mesh whose faces share no vertex, so that each has a colour of its own."""
+    return Mesh(mesh.vertices[mesh.faces].reshape(-1, 3), np.arange(mesh.faces.size).reshape(-1, 3))
+
+
 def rounded(half: Sequence[float] | np.ndarray, radius: float, steps: int = _EDGE_STEPS) -> Mesh:
     """Return a box around the origin with rounded edges; a capsule if two of its sides are as long as two radii.
 

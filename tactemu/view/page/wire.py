@@ -225,7 +225,8 @@ def _event(what: str) -> str:
         return escape(what)
     try:
         said = json.loads(what[len(COMMAND) :])
-        return f"<b>{escape(answer_words(str(said['verb']), said['args'])[:200])}</b>, by {escape(str(said['by']))}"
+        by = f", by {escape(str(said['by']))}" if said["by"] else ""  # a call in the emulator's own program has no name
+        return f"<b>{escape(answer_words(str(said['verb']), said['args'])[:200])}</b>{by}"
     except (ValueError, KeyError, TypeError, AttributeError):
         return escape(what[:300])
 

@@ -67,7 +67,7 @@ def opened(
     page.on("console", lambda message: message.type == "error" and wrong.append(message.text))
     page.on("pageerror", lambda error: wrong.append(str(error)))
     page.on("websocket", lambda each: urlsplit(each.url).netloc == ours or wrong.append(f"asks {each.url}"))
-    page.goto(url, wait_until="load")
+    page.goto(url, wait_until="load", timeout=120_000)
     page.wait_for_selector(CANVAS, timeout=60_000)
     return page
 

@@ -85,6 +85,7 @@ def test_panels_are_whole_and_can_be_read(runtime_folder):  # noqa: F811
 
 
 @pytest.mark.nightly
+@pytest.mark.timeout(900)
 @pytest.mark.parametrize("device", DEVICES)
 def test_panels_of_many_devices_are_whole(device, runtime_folder):  # noqa: F811
     look_at_device(device)

@@ -1,6 +1,7 @@
 """What the panels say: names, units, rows of pictures, frames and answers in words; without a browser."""
 
 import ast
+import json
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ from firmware_protocols.check.mutations import tables_of
 from firmware_protocols.tables import Frame
 from tactemu.control.description import _device
 from tactemu.scene.description import SceneContext
+from tactemu.truth import COMMAND
 from tactemu.truth.entries import Sample
 from tactemu.view.conversions.display import cells, prefixed, written
 from tactemu.view.page.feed import Baseline, DescribedRun, PageSkin, deviation_unit
@@ -125,6 +127,14 @@ def test_frames_are_told_in_words():
     fault = {"what": "flip", "detail": "flip 20% at 15ns for 5s", "before": "028#C2010203", "after": ["028#C2010207"]}
     wire.add([row("inject", **fault)], 0)
     assert "✕ fault" in wire.html() and "flip 20% for 5s" in wire.html() and "byte 3: 03 → 07" in wire.html()
+
+
+def test_an_event_names_who_caused_it():
+    wire = Wire(described("linker_hand_l6"))
+    press = {"verb": "press", "args": {"depth": 1e-3, "dwell": 1.0, "taxel": 3, "skin": "x", "wait": False}}
+    for by in ("viewer 1", ""):
+        wire.add([row("event", what=COMMAND + json.dumps(press | {"by": by}))], 0)
+    assert wire.html().count("</b>, by ") == 1 and "</b>, by viewer 1" in wire.html()
 
 
 def test_fields_of_a_table_have_their_names_and_remarks():
