@@ -5,7 +5,7 @@ factor on all of them, before imperfections. Where the model reads no force at a
 """
 
 # pyright: reportIndexIssue=false, reportArgumentType=false, reportGeneralTypeIssues=false, reportCallIssue=false
-# pyright: reportAssignmentType=false
+# pyright: reportAssignmentType=false, reportOperatorIssue=false
 
 import functools
 from typing import TYPE_CHECKING, Any
