@@ -67,7 +67,7 @@ class ListWire:
     def flush(self, now_ns):
         return 0
 
-    def receive(self, now_ns):
+    def receive(self, now_ns, readable=None):
         events, self.events = self.events, []
         return events
 
