@@ -49,6 +49,7 @@ def test_what_is_written_from_the_code():
     page = SimpleNamespace(file=SimpleNamespace(src_uri="tutorial.md"), url="tutorial.html", title="Tutorial")
     shown = hooks.on_page_markdown((DOCS / "tutorial.md").read_text(), page, None, None)
     assert '```python title="driver.py"' in shown and "```sh\n" in shown, "a fence with a bare name is none there"
+    assert "<svg" not in hooks._device("sensel_morph") and len(hooks._device("sensel_morph")) < 30_000
     assert "<svg" in hooks._device("anyskin") and hooks._chart().count('"mode":"markers"') == 5
 
 

@@ -14,6 +14,8 @@ from typing import Any
 
 ROOT = Path(__file__).parents[2]
 PICTURES = ROOT / "docs" / "pictures"
+MAX_TAXELS_DRAWN = 5000
+"""Taxels of a device above which its page has the small picture: a browser draws 20,000 elements for half a minute."""
 sys.path.insert(0, str(ROOT))
 
 from mkdocs.structure.files import File, Files  # noqa: E402
@@ -283,7 +285,11 @@ def _device(name: str) -> str:
     device = fp.device_class(name)()
     sheet = "\n".join(line.rstrip() for line in datasheet(name, device))
     command = f'python -c "import firmware_protocols as fp; print(fp.create({name!r}).layout.picture(400))"'
-    picture = f"## Where its taxels are\n\n{device.layout.picture(400)}\n\n*`{command}`*\n\n"
+    drawn = device.layout.picture(400)
+    if len(device.layout) > MAX_TAXELS_DRAWN:
+        drawn = f"![{name}, thinned out](../pictures/devices/{name}.svg)"
+        command = "scripts/device_pages.py"
+    picture = f"## Where its taxels are\n\n{drawn}\n\n*`{command}`*\n\n"
     picture = picture if len(device.layout) else ""
     return f"# {device.title}\n\n`tactemu run {name}`\n\n{picture}## Datasheet\n\n````text\n{sheet}\n````\n"
 
