@@ -22,7 +22,7 @@ PICTURES = DOCS / "pictures"
 SCENE, SECONDS, RATE_HZ = "tactemu/scene/demo.toml", 8.0, 20.0
 """What is recorded, for how long, and the pictures in a second."""
 JUDGE = "judge optoforce --seed 1 --budget 90s --html card.html -- python driver.py {port}"
-FRONT = ["normal force"]
+FRONT = ["total force"]
 """The metric of the picture of the front page."""
 
 

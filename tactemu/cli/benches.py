@@ -86,23 +86,30 @@ def trade(
     out: Annotated[Path, typer.Option("--out", metavar="FOLDER", help="Folder for figures, table and picture.")] = Path(
         "trade"
     ),
-    quick: Annotated[bool, typer.Option("--quick", help="Use a coarser truth and ten cases: a minute.")] = False,
+    quick: Annotated[bool, typer.Option("--quick", help="Use a coarser truth and twelve cases.")] = False,
     device: Annotated[str, typer.Option("--device", metavar="DEV", help="Where kernels run: cpu or cuda:0.")] = "cpu",
     only: Annotated[str, typer.Option(metavar="TEXT", help="Measure only settings whose name contains this.")] = "",
     fresh: Annotated[bool, typer.Option("--fresh", help="Measure all again instead of continuing.")] = False,
+    times: Annotated[bool, typer.Option(help="Measure times, which needs an idle machine, or keep the last.")] = True,
+    page: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="A Markdown page whose table of settings is replaced.")
+    ] = None,
 ) -> None:
     """Measure error and cost of every setting, and draw them.
 
-    The same command continues a stopped run.
+    Presses, light presses, edges and drags are tried, each at four places less than a taxel apart. The same command
+    continues a stopped run.
 
     \b
       tactemu bench trade --quick
       tactemu bench trade scene.toml --out scene-trade
+      tactemu bench trade --page docs/accuracy.md
     """
     from tactemu.cli.progress import show_progress
-    from tactemu.tune.trade.trade import run_trade
+    from tactemu.tune.trade.trade import TradeOptions, run_trade
 
-    run_trade(typer.echo, scene, out=out, quick=quick, device=device, only=only, fresh=fresh, progress=show_progress)
+    options = TradeOptions(quick=quick, only=only, fresh=fresh, times=times, page=page)
+    run_trade(typer.echo, scene, out=out, device=device, options=options, progress=show_progress)
 
 
 @bench.command()

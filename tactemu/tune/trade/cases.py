@@ -1,4 +1,8 @@
-"""The contacts of `tactemu bench trade`: seven objects at three depths, pressed, slid and rolled."""
+"""The contacts of `tactemu bench trade`: eight objects at four depths, pressed, slid and rolled.
+
+Each case is run at :data:`OFFSETS`, places less than a taxel apart: errors depend on how a contact lies on the grid,
+and may vanish by chance at one place.
+"""
 
 from __future__ import annotations
 
@@ -22,6 +26,19 @@ TOP = 0.005
 """Height of the skin's surface [m]."""
 DT = 1e-3
 DEPTHS = (2e-4, 5e-4, 1e-3)
+LIGHT_DEPTH = 5e-5
+"""Depth of a light press [m]; a thirtieth to a hundredth of the force of a press of 0.5 mm."""
+LIGHTLY_PRESSED = ("sphere", "box", "cylinder", "tilted box", "free form")
+"""Objects whose contact is as wide as a taxel even when they are pressed lightly."""
+RIM_TILT = np.radians(25.0)
+"""Angle by which a cylinder stands aslant on its rim [rad]."""
+OFFSETS = ((0, 0), (5, 7), (2, 6), (7, 5))
+"""Places of the object at which a case is run, in eighths of a taxel along x and y.
+
+They are distinct modulo a taxel and half a taxel, the cells of oversampling 1 and 2, and modulo a quarter in pairs.
+"""
+OFFSET_STEPS = 8
+"""Number of steps of an offset in a taxel."""
 PRESS_STEPS = 2
 MOVE_STEPS = 6
 SLIDE = 6e-4
@@ -76,6 +93,13 @@ def _box_corners(size) -> np.ndarray:
     return np.array(list(np.ndindex(2, 2, 2)), float) @ np.diag(size) - np.asarray(size) / 2
 
 
+def _on_its_rim(radius: float, length: float) -> Indenter:
+    """Return a cylinder that stands aslant, on one point of its rim."""
+    turn = rotation.from_rotation_vector(np.array([0.0, RIM_TILT, 0.0]))
+    lowest = radius * np.sin(RIM_TILT) + 0.5 * length * np.cos(RIM_TILT)
+    return Indenter(Cylinder(radius=radius, length=length), tuple(turn), float(lowest))
+
+
 def _wedge() -> tuple[np.ndarray, np.ndarray]:
     """Return a prism with an edge of 30 degrees along y, 8 mm long, pointing down."""
     half, height, length = 6e-3 * np.tan(np.radians(15)), 6e-3, 8e-3
@@ -110,6 +134,7 @@ def indenters() -> dict[str, Indenter]:
         "tilted box": _tilted(Box(size=cube), _box_corners(cube), (0, np.radians(5), 0)),
         "thin wedge": Indenter(Mesh(source=wedge), upright, 0.0),
         "free form": Indenter(Mesh(source=pebble), upright, -float(pebble[0][:, 2].min())),
+        "rim": _on_its_rim(radius=4e-3, length=8e-3),
     }
 
 
@@ -125,10 +150,19 @@ class Case:
     @property
     def name(self) -> str:
         """The name of the case in tables and files."""
-        return f"{self.object}, {self.depth * 1e3:.1f} mm, {self.motion}"
+        return f"{self.object}, {self.depth * 1e3:g} mm, {self.motion}"
 
-    def poses(self, fine: int = 1) -> Iterator[dict[str, Any]]:
-        """Yield the poses of the object, step by step; ``fine`` times as many while it slides or rolls."""
+    def poses(self, fine: int = 1, shift: tuple[float, float] = (0.0, 0.0)) -> Iterator[dict[str, Any]]:
+        """Yield the poses of the object, step by step.
+
+        Args:
+            fine: the factor by which there are more poses while it slides or rolls.
+            shift: the place of the object along x and y [m].
+        """
+        for pose in self._poses(fine):
+            yield pose | {"position": pose["position"] + np.array([*shift, 0.0])}
+
+    def _poses(self, fine: int) -> Iterator[dict[str, Any]]:
         body = indenters()[self.object]
         for k in range(1, PRESS_STEPS + 1):
             height = body.lowest - self.depth * k / PRESS_STEPS
@@ -168,16 +202,18 @@ COST = Case("sphere", 5e-4, "slide")
 
 
 def all_cases(quick: bool = False) -> list[Case]:
-    """Return every case; the quick choice has each object once, and the sphere in all motions."""
+    """Return every case; the quick choice has each object once, the sphere in all motions, and one light press."""
     names = list(indenters())
     if quick:
         return [Case(name, 5e-4, "press") for name in names] + [
             Case("sphere", 5e-4, "slide"),
             Case("cylinder", 5e-4, "slide"),
             Case("sphere", 5e-4, "roll"),
+            Case("sphere", LIGHT_DEPTH, "press"),
         ]
+    light = [Case(name, LIGHT_DEPTH, "press") for name in LIGHTLY_PRESSED]
     cases = [Case(name, depth, "press") for name in names for depth in DEPTHS]
-    return cases + [Case(name, 5e-4, motion) for motion in ("slide", "roll") for name in names]
+    return light + cases + [Case(name, 5e-4, motion) for motion in ("slide", "roll") for name in names]
 
 
 def build(skin: TestSkin, case: Case, model: Any, dtype: Dtype = "float32", device: str = "cpu"):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -31,9 +32,9 @@ class Observation:
     touch: np.ndarray | None = None
     """The taxels in contact, bool, shape ``(n,)``."""
     sink: np.ndarray | None = None
-    """Motion of the surface into the skin, shape ``(n,)``."""
+    """Motion of the surface into the skin, shape ``(n,)``; NaN where a truth does not know it."""
     shift: np.ndarray | None = None
-    """Motion along the skin, shape ``(n, 2)``."""
+    """Motion along the skin, shape ``(n, 2)``; likewise."""
 
     def scaled(self, gains: dict[str, float]) -> Observation:
         """Return the observation with each quantity multiplied by its gain."""
@@ -42,6 +43,26 @@ class Observation:
             name: value * gains[name] if value is not None and name in gains else value
             for name, value in parts.items()
         })  # fmt: skip
+
+
+def joined(observations: Sequence[Observation]) -> Observation:
+    """Return several observations, such as those of one case at all its offsets, as one."""
+    parts = {field.name: [getattr(each, field.name) for each in observations] for field in fields(Observation)}
+    return Observation(**{
+        name: None if any(value is None for value in values) else np.concatenate(values)
+        for name, values in parts.items()
+    })  # fmt: skip
+
+
+def together(found: Sequence[dict[str, float | None]]) -> dict[str, dict[str, float]]:
+    """Return the errors of one case at all its offsets as their RMS and range, for each metric that has values."""
+    summed = {}
+    for metric in found[0]:
+        values = [value for each in found if (value := each.get(metric)) is not None]
+        if values:
+            rms = float(np.sqrt(np.mean(np.square(values))))
+            summed[metric] = {"rms": rms, "low": min(values), "high": max(values)}
+    return summed
 
 
 def observe(reading: Any, area: float, threshold: float = 0.0) -> Observation:
@@ -70,7 +91,14 @@ def observe(reading: Any, area: float, threshold: float = 0.0) -> Observation:
     return Observation(touch=depth > threshold, sink=depth)
 
 
+def _known(got: np.ndarray, truth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return both without the values that the truth does not know."""
+    known = np.isfinite(truth)
+    return got[known], truth[known]
+
+
 def _relative(got: np.ndarray, truth: np.ndarray) -> float | None:
+    got, truth = _known(got, truth)
     size = float(np.linalg.norm(truth))
     return float(np.linalg.norm(got - truth)) / size if size > 0 else None
 
@@ -82,6 +110,7 @@ def fit_gains(got: Observation, truth: Observation, names: tuple[str, ...]) -> d
         value, wanted = getattr(got, name), getattr(truth, name)
         if value is None or wanted is None:
             continue
+        value, wanted = _known(value, wanted)
         if name == "pressure":
             gains[name] = float(wanted.sum() / value.sum()) if value.sum() else 1.0
         elif np.vdot(value, value):

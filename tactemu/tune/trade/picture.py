@@ -14,7 +14,8 @@ from tactemu.base.style import LIGHT, SERIES, plot_style
 matplotlib.use("svg")
 import matplotlib.pyplot as plt  # noqa: TID253
 
-PANELS = ("normal force", "pressure", "tangential motion", "normal motion")
+PANELS = ("total force", "pressure", "light press force", "drag force")
+PANELS += ("edge force", "edge pressure", "tangential motion", "normal motion")
 COLOURS = (LIGHT["muted"], *SERIES)
 """The colours of the levels."""
 MARKERS = "dvs^o"

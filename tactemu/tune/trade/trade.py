@@ -1,7 +1,8 @@
 """The trade-off of speed and accuracy: `tactemu bench trade` measures the error and the cost of every setting.
 
 The last reading of each setting and case is compared with that of a solution sixteen times as fine
-(:mod:`tactemu.tune.trade.truth`). Springs, points, depths and markers get one gain per quantity, fitted on a ball
+(:mod:`tactemu.tune.trade.truth`), at four places less than a taxel apart: an error is the RMS over them, since the
+error at one place may vanish by chance. Springs, points, depths and markers get one gain per quantity, fitted on a ball
 pressed (and, for tangential forces, slid) 0.5 mm deep, and are evaluated on the other cases. Costs are medians of warm
 steps of a sliding contact, measured in turn for all settings in one run.
 
@@ -26,6 +27,7 @@ from statistics import median
 import numpy as np
 import warp as wp
 
+from tactemu.base.errors import TactemuError
 from tactemu.base.jobs import Journal
 from tactemu.sensors.models import model_class
 from tactemu.sensors.sensor_model import Setting
@@ -34,14 +36,16 @@ from tactemu.tune.trade.cases import (
     CALIBRATION,
     CALIBRATION_OF_SHEAR,
     COST,
+    OFFSET_STEPS,
+    OFFSETS,
     PRESS_STEPS,
     Case,
     TestSkin,
     all_cases,
     build,
 )
-from tactemu.tune.trade.errors import Observation, errors, fit_gains, observe
-from tactemu.tune.trade.report import summarise, write_table
+from tactemu.tune.trade.errors import Observation, errors, fit_gains, joined, observe, together
+from tactemu.tune.trade.report import read_costs, summarise, write_page, write_table
 from tactemu.tune.trade.scene import trade_of_scene
 from tactemu.tune.trade.settings import calibrated_fields, ladder, make_model
 from tactemu.tune.trade.truth import Truths, checks
@@ -65,65 +69,108 @@ class Cost:
     """The memory of the scene's arrays."""
 
 
+@dataclass(frozen=True, kw_only=True)
+class TradeOptions:
+    """The settings and cases to measure, and the page of their table."""
+
+    quick: bool = False
+    """Use a coarser truth (256 cells) and twelve cases instead of forty-five."""
+    only: str = ""
+    """A part of the names of the settings to measure."""
+    fresh: bool = False
+    """Measure everything again."""
+    times: bool = True
+    """Measure the times; otherwise those of the page, or of the folder's last run, stay."""
+    page: Path | None = None
+    """A Markdown page whose table of settings is replaced."""
+
+
 def run_trade(
     report: Report = print,
     scene: str | None = None,
     *,
     out: str | Path = "trade",
-    quick: bool = False,
     device: str = "cpu",
-    only: str = "",
-    fresh: bool = False,
+    options: TradeOptions = TradeOptions(),
     progress: Callable[[Iterable, str, int], Iterable] | None = None,
 ) -> dict:
     """Measure the trade-off and write it to a folder.
 
     Args:
         report: receives lines of text.
-        scene: a scene file or a device: its own contacts and skins are measured instead of the seven objects.
+        scene: a scene file or a device: its own contacts and skins are measured instead of the eight objects.
         out: folder for the results; a later run continues from them.
-        quick: use a coarser truth (256 cells) and ten cases instead of thirty-five.
         device: where the settings run: ``cpu`` or ``cuda:0``.
-        only: part of the names of the settings to measure.
-        fresh: measure everything again.
+        options: what is measured.
         progress: ``progress(items, title, total)`` iterates over the items and shows progress.
 
     Returns:
         The content of ``trade.json``.
+
+    Raises:
+        TactemuError: times are not to be measured, and there are none of a setting.
     """
     folder = Path(out)
     folder.mkdir(parents=True, exist_ok=True)
     progress = progress or (lambda items, _title, _total: items)
     if scene is not None:
         return trade_of_scene(report, scene, folder, device, progress)
-    skin = TestSkin()
-    settings = [setting for setting in ladder() if only in setting.name]
+    found = _measure(folder, device, options, report, progress)
+    (folder / "trade.json").write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+    report(write_table(found, folder / "trade.md"))
+    _draw(found, folder / "trade.svg", report)
+    if options.page is not None:
+        write_page(found, options.page)
+        report(f"written into {options.page}")
+    return found
+
+
+def _measure(folder: Path, device: str, options: TradeOptions, report: Report, progress: Callable) -> dict:
+    """Return the content of ``trade.json``: errors and costs of all settings."""
+    skin, quick = TestSkin(), options.quick
+    settings = [setting for setting in ladder() if options.only in setting.name]
     cases = all_cases(quick)
     truths = Truths(skin, 8 if quick else 16, folder / "truth")
     vouchers = checks(128 if quick else 256)
     report("\n".join([f"truth: {truths.name}", *(f"  {check.what}: {check.error:+.1e}" for check in vouchers)]))
-    done = Results(folder / "results.jsonl", _digest(truths, device), fresh)
+    done = Results(folder / "results.jsonl", _digest(truths, device), options.fresh)
     needed = list(dict.fromkeys([*cases, CALIBRATION, CALIBRATION_OF_SHEAR]))
     for case in progress(needed, "truth", len(needed)):
         truths.of(case)
     _play_missing(done, skin, [(setting, case) for setting in settings for case in needed], device, progress)
-    costs = measure_costs(skin, settings, device, progress)
-    found = {
+    if options.times:
+        costs = measure_costs(skin, settings, device, progress)
+    else:
+        costs = _earlier_costs(options.page or folder / "trade.md", skin, settings)
+    judged = [
+        _judge(skin, setting, cases, truths, done) | {"cost": asdict(costs[setting.name])} for setting in settings
+    ]
+    return {
         "machine": {"processor": platform.processor() or platform.machine(), "cores": os.cpu_count(), "device": device},
         "warp": wp.config.version,
         "truth": truths.name,
         "checks": [asdict(check) for check in vouchers],
         "calibration": [CALIBRATION.name, CALIBRATION_OF_SHEAR.name],
         "skin": asdict(skin),
-        "settings": [
-            _judge(skin, setting, cases, truths, done) | {"cost": asdict(costs[setting.name])} for setting in settings
-        ],
+        "settings": judged,
+        "summary": summarise(judged),
     }
-    found["summary"] = summarise(found["settings"])
-    (folder / "trade.json").write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
-    report(write_table(found, folder / "trade.md"))
-    _draw(found, folder / "trade.svg", report)
-    return found
+
+
+def _earlier_costs(page: Path, skin: TestSkin, settings: list[Setting]) -> dict[str, Cost]:
+    """Return the costs that the table of a page has.
+
+    Raises:
+        TactemuError: it has none of a setting.
+    """
+    kept = read_costs(page.read_text(encoding="utf-8")) if page.exists() else {}
+    missing = [setting.name for setting in settings if setting.name not in kept]
+    if missing:
+        raise TactemuError(f"{page} has no times of {', '.join(missing)}: measure them, without --no-times")
+    return {
+        setting.name: Cost(**kept[setting.name], updates_per_s=1e6 * skin.side**2 / kept[setting.name]["step_us"])
+        for setting in settings
+    }
 
 
 def _play_missing(
@@ -137,7 +184,7 @@ def _play_missing(
 
 def _digest(truths: Truths, device: str) -> str:
     """Return a digest of skin, cases and device; results of different digests cannot be compared."""
-    return hashlib.blake2b(f"2 {truths.skin} {device} {PRESS_STEPS}".encode(), digest_size=6).hexdigest()
+    return hashlib.blake2b(f"3 {truths.skin} {device} {PRESS_STEPS} {OFFSETS}".encode(), digest_size=6).hexdigest()
 
 
 class Results:
@@ -155,13 +202,15 @@ class Results:
         """Return True if the file has the observation of this setting and case."""
         return self._key(setting, case) in self._journal.results
 
-    def get(self, setting: Setting, case: Case) -> Observation:
-        """Return the observation of a setting and case."""
-        return _unpack(self._journal.results[self._key(setting, case)])
+    def get(self, setting: Setting, case: Case) -> list[Observation]:
+        """Return the observations of a setting and case, one for each offset."""
+        return [_unpack(packed) for packed in self._journal.results[self._key(setting, case)]]
 
-    def add(self, setting: Setting, case: Case, seen: Observation) -> None:
-        """Keep the observation and append it to the file."""
-        packed = {name: None if value is None else _pack(value) for name, value in vars(seen).items()}
+    def add(self, setting: Setting, case: Case, seen: list[Observation]) -> None:
+        """Keep the observations and append them to the file."""
+        packed = [
+            {name: None if value is None else _pack(value) for name, value in vars(each).items()} for each in seen
+        ]
         self._journal.add(self._key(setting, case), packed)
 
 
@@ -180,12 +229,17 @@ def _unpack(packed: dict) -> Observation:
     return Observation(**{name: None if entry is None else array(entry) for name, entry in packed.items()})
 
 
-def _play(skin: TestSkin, setting: Setting, case: Case, device: str) -> Observation:
+def _play(skin: TestSkin, setting: Setting, case: Case, device: str) -> list[Observation]:
+    """Return the last reading of a case at each of its offsets."""
     sim, body, sensor = build(skin, case, make_model(setting, skin), setting.dtype, device)
-    for pose in case.poses():
-        sim.set_pose(body, **pose)
-        sim.step()
-    return observe(sensor.read(), skin.pitch**2, threshold=2e-6)
+    found = []
+    for x, y in OFFSETS:
+        sim.reset()
+        for pose in case.poses(shift=(x * skin.pitch / OFFSET_STEPS, y * skin.pitch / OFFSET_STEPS)):
+            sim.set_pose(body, **pose)
+            sim.step()
+        found.append(observe(sensor.read(), skin.pitch**2, threshold=2e-6))
+    return found
 
 
 def _gains(setting: Setting, truths: Truths, done: Results) -> dict[str, float]:
@@ -194,8 +248,11 @@ def _gains(setting: Setting, truths: Truths, done: Results) -> dict[str, float]:
     still = tuple(name for name in fields if name not in ("drag", "shift"))
     moving = tuple(name for name in fields if name == "drag")
     both = tuple(name for name in fields if name == "shift")
-    gains = fit_gains(done.get(setting, CALIBRATION), truths.of(CALIBRATION), still + both)
-    return gains | fit_gains(done.get(setting, CALIBRATION_OF_SHEAR), truths.of(CALIBRATION_OF_SHEAR), moving)
+
+    def fitted(case: Case, names: tuple[str, ...]) -> dict[str, float]:
+        return fit_gains(joined(done.get(setting, case)), joined(truths.of(case)), names)
+
+    return fitted(CALIBRATION, still + both) | fitted(CALIBRATION_OF_SHEAR, moving)
 
 
 def _judge(skin: TestSkin, setting: Setting, cases: list[Case], truths: Truths, done: Results) -> dict:
@@ -203,8 +260,10 @@ def _judge(skin: TestSkin, setting: Setting, cases: list[Case], truths: Truths, 
     positions = skin.positions()[..., :2].reshape(-1, 2)
     found = {}
     for case in cases:
-        seen = done.get(setting, case).scaled(gains)
-        found[case.name] = errors(seen, truths.of(case), positions, skin.pitch**2, skin.friction)
+        found[case.name] = together([
+            errors(seen.scaled(gains), truth, positions, skin.pitch**2, skin.friction)
+            for seen, truth in zip(done.get(setting, case), truths.of(case))
+        ])  # fmt: skip
     fitted = {CALIBRATION.name, CALIBRATION_OF_SHEAR.name} if calibrated_fields(setting) else set()
     return {
         "name": setting.name,

@@ -1,6 +1,6 @@
 """The truth for the settings: the layer on a grid sixteen times as fine, and the checks that verify it.
 
-None of the seven objects has a closed form on a layer of finite thickness. The fine solution is therefore compared with
+None of the eight objects has a closed form on a layer of finite thickness. The fine solution is therefore compared with
 known solutions of simpler cases: Hertz' half-space, and finite elements of the same layer.
 """
 
@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -16,11 +17,11 @@ from tactemu.geometry.shapes.mesh import Mesh
 from tactemu.geometry.shapes.sphere import Sphere
 from tactemu.scene.scene import Scene
 from tactemu.sensors.layer.elastic_layer_taxel import ElasticLayerTaxel
-from tactemu.tune.trade.cases import TOP, Case, TestSkin, build
+from tactemu.tune.trade.cases import OFFSET_STEPS, OFFSETS, TOP, Case, TestSkin, build
 from tactemu.tune.trade.errors import Observation
 
 TOLERANCE = 1e-5
-_VERSION = 2
+_VERSION = 3
 """The version of the content of stored truths."""
 FINITE_ELEMENTS = {(0.3, 4e-4): 0.119728, (0.45, 4e-4): 0.148791, (0.49, 4e-4): 0.162828, (0.49, 8e-4): 0.592370}
 """(Poisson ratio, depth [m]): force [N] on a paraboloid of 5 mm, E = 0.1 MPa, 4 mm thick; quadratic axisymmetric
@@ -48,13 +49,13 @@ class Truths:
 
     Args:
         skin: the skin of the settings.
-        factor: number of cells along a taxel.
+        factor: number of cells along a taxel, a multiple of :data:`~tactemu.tune.trade.cases.OFFSET_STEPS`.
         folder: the folder that keeps truths between runs; None: they are not kept.
     """
 
     def __init__(self, skin: TestSkin, factor: int, folder: Path | None):
         self.skin, self.factor, self.folder = skin, factor, folder
-        self._known: dict[Case, Observation] = {}
+        self._known: dict[Case, list[Observation]] = {}
 
     @property
     def name(self) -> str:
@@ -62,45 +63,59 @@ class Truths:
         cells = self.skin.side * self.factor
         return f"layer solution on {cells} x {cells} cells, residual {TOLERANCE:g}, averaged over taxels"
 
-    def of(self, case: Case) -> Observation:
-        """Return the truth of a case: its last reading."""
+    def of(self, case: Case) -> list[Observation]:
+        """Return the truth of a case at each of its offsets: its last reading."""
         if case not in self._known:
             file = self._file(case)
             if file is not None and file.exists():
                 with np.load(file) as data:
-                    self._known[case] = Observation(**{key: data[key] for key in data.files})
+                    stacked = {key: data[key] for key in data.files}
             else:
-                self._known[case] = found = self._solve(case)
+                found = self._solve(case)
+                stacked: dict[str, Any] = {key: np.stack([vars(each)[key] for each in found]) for key in vars(found[0])}
                 if file is not None:
                     file.parent.mkdir(parents=True, exist_ok=True)
-                    np.savez_compressed(file, **vars(found))
+                    np.savez_compressed(file, **stacked)
+            self._known[case] = [
+                Observation(**{key: values[k] for key, values in stacked.items()}) for k in range(len(OFFSETS))
+            ]
         return self._known[case]
 
     def _file(self, case: Case) -> Path | None:
         if self.folder is None:
             return None
         key = hashlib.blake2b(
-            repr((_VERSION, self.skin, self.factor, TOLERANCE, list(_plain(case)))).encode(), digest_size=8
+            repr((_VERSION, self.skin, self.factor, TOLERANCE, OFFSETS, list(_plain(case)))).encode(), digest_size=8
         )
         return self.folder / f"{case.name.replace(',', '').replace(' ', '_')}-{key.hexdigest()}.npz"
 
-    def _solve(self, case: Case) -> Observation:
+    def _solve(self, case: Case) -> list[Observation]:
         fine = fine_skin(self.skin, self.factor)
         model = ElasticLayerTaxel(positions=fine.positions(), **fine.layer, iterations=400, tolerance=TOLERANCE)
         sim, body, sensor = build(fine, case, model)
         for pose in case.poses():
             sim.set_pose(body, **pose)
             sim.step()
-        return self._average(sensor.read())
+        reading = sensor.read()
+        return [self._average(reading, offset) for offset in OFFSETS]
 
-    def _average(self, reading) -> Observation:
+    def _average(self, reading, offset: tuple[int, int]) -> Observation:
+        """Return the averages over taxels of an object that lies elsewhere: its solution is moved by whole cells.
+
+        The motion of taxels whose cells come from beyond the skin is unknown, NaN; no object touches there.
+        """
         side, factor = self.skin.side, self.factor
+        finer, cells = factor // OFFSET_STEPS, np.arange(side * factor)
+        columns, rows = cells - offset[0] * finer, cells + offset[1] * finer  # y falls from row to row
+        unknown = ~np.isin(rows, cells)[:, None] | ~np.isin(columns, cells)
 
-        def blocks(values: np.ndarray) -> np.ndarray:
+        def blocks(values: np.ndarray, beyond: float = 0.0) -> np.ndarray:
             tail = values.shape[2:]
-            return values.astype(float).reshape(side, factor, side, factor, *tail).mean((1, 3)).reshape(-1, *tail)
+            moved = values[np.ix_(rows % len(cells), columns % len(cells))].astype(float)
+            moved[unknown] = beyond
+            return moved.reshape(side, factor, side, factor, *tail).mean((1, 3)).reshape(-1, *tail)
 
-        moved = blocks(reading.displacement)
+        moved = blocks(reading.displacement, np.nan)
         pressure = blocks(reading.pressure)
         return Observation(
             pressure=pressure,
