@@ -1,6 +1,7 @@
 """The layer's solvers on plain arrays: what the tests press is an array of overlaps, not a scene."""
 
 import math
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -11,7 +12,7 @@ from tactemu.sensors.layer.friction import friction_kernel
 from tactemu.sensors.layer.friction_state import FRICTION_WINDOWS, friction_state_type, friction_windows_type
 from tactemu.sensors.layer.overlap import overlap_type
 from tactemu.sensors.layer.pressure import NORMAL_WINDOWS, Windows, normal_kernel, pressure_state_type, windows_type
-from tactemu.sensors.layer.shared_memory import fits, shared_numbers
+from tactemu.sensors.layer.shared_memory import complex_numbers, fits
 from tactemu.sensors.layer.surface import response_reach, surface_kernel, surface_type
 from tactemu.sensors.layer.tables import LayerMaterial, LayerTables, layer_type
 
@@ -20,13 +21,13 @@ class LayerRig:
     """One layer of ``cells`` (rows, columns) at ``pitch`` [m]; SI in, SI out, no environments axis for one."""
 
     def __init__(
-        self, cells, pitch, young, nu, thickness, *, n_envs=1, real=wp.float32, iterations=200, tolerance=1e-5,
+        self, cells, pitch, young, nu, thickness, *, n_envs=1, real: Any = wp.float32, iterations=200, tolerance=1e-5,
         mu=0.0, mu_kinetic=None, slip_distance=1e-4, coupled=False, device="cpu", lanes=None,
     ):  # fmt: skip
         self.device = wp.get_device(device)
         self.real, self.pitch, self.n_envs = real, pitch, n_envs
         lanes, slots = lanes or lane_width(self.device), 1 if self.device.is_cpu else n_envs
-        is_shared = fits(cells, shared_numbers(*friction.SHARED_ARRAYS), real, lanes, self.device)
+        is_shared = fits(cells, complex_numbers(friction.SHARED_WINDOWS), real, lanes, self.device)
         self.material = LayerMaterial(young / (2 * (1 + nu)), nu, thickness)
         self.tables = LayerTables(self.material, cells, (pitch, pitch), tangential=True, real=real, device=self.device)
         workspace = Workspace(slots, self.tables.n_max, real, lanes, self.device, spectra=3)

@@ -2,9 +2,10 @@
 between all devices: eight cells at a time in the vector registers of a CPU, one on a GPU."""
 
 from tactemu.geometry.simd import vector_prelude
+from tactemu.sensors.layer.shared_memory import WINDOW_ROW
 
 
-def over_cells(real, lanes: int, like: str, snippet: str) -> str:
+def over_cells(real, lanes: int, is_shared: bool, like: str, snippet: str) -> str:
     """Return a C++ snippet that processes the calling thread's cells of the window ``at`` of ``win``.
 
     ``snippet`` may use ``all(visit)``, which calls ``visit(cell)`` for each ``Vector`` of cells, ``load(win.x, cell)``
@@ -12,11 +13,13 @@ def over_cells(real, lanes: int, like: str, snippet: str) -> str:
     choice, which a GPU's compiler would not fuse by itself. It adds up ``doubles(vector)`` in ``Doubles``, and ``sum``
     reduces those to one number: the thread's part.
 
-    With more than one of ``lanes``, the windows have the strides of the window ``like``, multiples of a register.
+    With more than one of ``lanes``, the windows have the strides of the window ``like``, multiples of a register. If
+    ``is_shared``, they are all in the block's shared memory (:mod:`.shared_memory`).
     """
     if lanes > 1:
         return vector_prelude(real) + _EIGHT.replace("LIKE", like) + snippet
-    return _ONE.replace("NUMBER", real.__name__) + snippet
+    access = _SHARED.replace("ROW", str(WINDOW_ROW)) if is_shared else _GLOBAL
+    return (_ONE + access + _NUMBERS).replace("NUMBER", real.__name__) + snippet
 
 
 _EIGHT = """
@@ -50,10 +53,25 @@ _ONE = """
             for (int x = at.mine[2]; x < at.shape[1]; x += at.mine[3])
                 visit(Cell{y, x});
     };
+"""
+_GLOBAL = """
     auto place = [&](const auto& a, const Cell& cell) {
         const int64_t row = int64_t(a.strides[0]) * at.slot + int64_t(a.strides[1]) * cell.y;
         return reinterpret_cast<Number*>(reinterpret_cast<char*>(a.data) + row) + cell.x;
     };
+"""
+_SHARED = """
+#if defined(__CUDA_ARCH__)
+    extern __shared__ char dynamic_smem_base[];
+    Number* const memory = reinterpret_cast<Number*>(dynamic_smem_base);
+    auto place = [&](const auto& a, const Cell& cell) {  // with 32-bit addresses
+        return memory + (static_cast<int>(a.data - memory) + cell.y * ROW + cell.x);
+    };
+#else
+    auto place = [&](const auto& a, const Cell& cell) { return a.data + cell.y * ROW + cell.x; };
+#endif
+"""
+_NUMBERS = """
     auto load = [&](const auto& a, const Cell& cell) { return *place(a, cell); };
     auto store = [&](const auto& a, const Cell& cell, const Vector v) { *place(a, cell) = v; };
 #if defined(__CUDA_ARCH__)

@@ -20,7 +20,6 @@ from tactemu.sensors.layer.convolution import Workspace, lane_width
 from tactemu.sensors.layer.friction import friction_kernel
 from tactemu.sensors.layer.friction_state import (
     FRICTION_WINDOWS,
-    GLOBAL_WINDOWS,
     friction_state_type,
     friction_windows_type,
 )
@@ -39,7 +38,7 @@ from tactemu.sensors.layer.pressure import NORMAL_WINDOWS, Windows, normal_kerne
 from tactemu.sensors.layer.reading import reading_kernel, skin_type
 from tactemu.sensors.layer.relaxation import SpectrumName, spectrum_of
 from tactemu.sensors.layer.relaxing_layer import RelaxingLayer
-from tactemu.sensors.layer.shared_memory import fits, shared_numbers
+from tactemu.sensors.layer.shared_memory import complex_numbers, fits, shared_numbers
 from tactemu.sensors.layer.surface import response_reach, surface_kernel, surface_type
 from tactemu.sensors.layer.tables import LayerMaterial, LayerTables, layer_type
 from tactemu.sensors.sensor_model import Site, TouchPoints
@@ -118,13 +117,12 @@ class CompiledLayer:
         self.kinetic = model.friction if model.kinetic_friction is None else float(model.kinetic_friction)
         self.weakens = self.kinetic < model.friction
         spectrum = spectrum_of(model.relaxation, self.name)
-        needs = [
-            pressure.SHARED_ARRAYS,
-            *([friction.SHARED_ARRAYS] * self.has_friction),
-            *([surface.SHARED_ARRAYS] * bool(model.displacement)),
-            *([recall.SHARED_ARRAYS] * (spectrum is not None)),
-        ]
-        numbers = max(shared_numbers(*each) for each in needs)
+        numbers = max(
+            complex_numbers(len(pressure.NORMAL_WINDOWS)),
+            complex_numbers(friction.SHARED_WINDOWS) * self.has_friction,
+            complex_numbers(surface.SHARED_WINDOWS) * bool(model.displacement),
+            shared_numbers(*recall.SHARED_ARRAYS) * (spectrum is not None),
+        )
         self.is_shared = fits(self.grid.shape, numbers, self.real, self.lanes, self.device)
         at_once = self.n_envs if self.is_shared else min(self.n_envs, MAX_BLOCKS)
         self.n_slots = context.threads if self.device.is_cpu else at_once
@@ -216,9 +214,8 @@ class CompiledLayer:
         for name in "uvw":
             setattr(surface, name, self._cells(real, self.model.displacement))
         if self.has_friction:
-            names = GLOBAL_WINDOWS if self.is_shared else FRICTION_WINDOWS
             struct = friction_windows_type(real)()
-            self.friction_windows = Windows(struct, names, workspace, self.n_slots, self.grid.shape)
+            self.friction_windows = Windows(struct, FRICTION_WINDOWS, workspace, slots, self.grid.shape)
 
     def _layer(self):
         """Return the layer and the options of its solvers, as kernels take them; the tables are those that contact

@@ -26,7 +26,7 @@ import warp as wp
 
 from tactemu.base.kernels import warp_kernel
 from tactemu.sensors.layer.block import BLOCK, Block, Window, block_sync
-from tactemu.sensors.layer.convolution import convolution_functions, workspace_type
+from tactemu.sensors.layer.convolution import convolution_functions
 from tactemu.sensors.layer.friction_cells import friction_cells
 from tactemu.sensors.layer.friction_state import (
     MAX_CLOSABLE_GAP,
@@ -35,17 +35,18 @@ from tactemu.sensors.layer.friction_state import (
     memory_functions,
 )
 from tactemu.sensors.layer.overlap import overlap_type
+from tactemu.sensors.layer.pair_convolution import pair_functions
 from tactemu.sensors.layer.pressure import pressure_state_type
-from tactemu.sensors.layer.shared_memory import shared_functions, shared_numbers
+from tactemu.sensors.layer.shared_memory import complex_memory, complex_numbers
 from tactemu.sensors.layer.tables import layer_type
 from tactemu.sensors.layer.tangential_compliance import tangential_functions
 from tactemu.sensors.layer.window import block_functions, open_window, publish_function
 
-SHARED_MEMORY_BLOCK = Block(256, 2)
-"""Block of threads for solving in shared memory: 64, 128 and 256 threads take 6.6, 4.5 and 4.1 ms for 4096 environments
-of 32 x 32 on an H200."""
-SHARED_ARRAYS = (2, 14)
-"""Numbers of spectra and of windows in shared memory: all but ``GLOBAL_WINDOWS``, some of which share one place."""
+SHARED_MEMORY_BLOCK = Block(128, 2)
+"""Block of threads for solving in shared memory: 128 and 160 threads take 1.54 and 1.95 ms for 4096 environments
+of 32 x 32 on an H100."""
+SHARED_WINDOWS = 18
+"""Number of windows in shared memory; some share one place."""
 
 
 @wp.func
@@ -60,19 +61,22 @@ def friction_kernel(real, lanes: int, coupled: bool, is_shared: bool, weakens: b
     ``is_shared``: a block of threads iterates in its shared memory; ``weakens``: the coefficient falls with slip."""
     layer_struct, overlap_struct, pressed_struct = layer_type(real), overlap_type(real), pressure_state_type(real)
     windows, state_struct = friction_windows_type(real), friction_state_type(real)
-    functions = convolution_functions(real, lanes, is_shared)
+    functions = convolution_functions(real, lanes, False)
     forward, inverse, convolve = functions.forward, functions.inverse, functions.convolve
-    tangential_compliance, publish = tangential_functions(real, lanes, is_shared), publish_function(real)
+    tangential_compliance, publish = tangential_functions(real, lanes, False), publish_function(real)
     settle, mark = memory_functions(real, weakens)
-    norm, free_gap, products, direct, curvature, advance = friction_cells(real, lanes)
+    norm, free_gap, products, direct, curvature, advance = friction_cells(real, lanes, is_shared)
     block_sum, _max = block_functions(lanes)
-    shared_workspace, window = shared_functions(real, workspace_type(real), *SHARED_ARRAYS)
-    by_pressure, by_traction = tangential_compliance.by_pressure, tangential_compliance.by_traction
-    vec2 = wp.types.vector(2, real)
+    complex_field, window = complex_memory(real, SHARED_WINDOWS)
+    pairs = pair_functions(real)
+    by_pressure = tangential_compliance.by_pressure
+    by_traction = tangential_compliance.by_traction
+    soften_pair, by_pressure_pair, by_traction_pair = pairs.soften, pairs.by_pressure, pairs.by_traction
+    vec2, grid = wp.types.vector(2, real), wp.array2d(dtype=real)
 
     @wp.func
-    def shared_windows(win: windows, memory: wp.tile(dtype=real, shape=(shared_numbers(*SHARED_ARRAYS),))):
-        """Return the windows with those of the iterations in shared memory; the others stay in global memory."""
+    def shared_windows(win: windows, memory: wp.tile(dtype=real, shape=(complex_numbers(SHARED_WINDOWS),))):
+        """Return the windows in shared memory."""
         near = win
         near.limit = window(memory, 0)
         near.stiffness = window(memory, 1)
@@ -88,10 +92,14 @@ def friction_kernel(real, lanes: int, coupled: bool, is_shared: bool, weakens: b
         near.along_y = window(memory, 11)
         near.answer_x = window(memory, 12)
         near.answer_y = window(memory, 13)
+        near.hold_x = window(memory, 14)
+        near.hold_y = window(memory, 15)
+        near.by_pressure_x = window(memory, 16)
+        near.by_pressure_y = window(memory, 17)
         near.pressure = near.along_x  # used at different times, like the next two
         near.softened_x = near.answer_x
         near.softened_y = near.answer_y
-        near.ws = shared_workspace(win.ws, memory)
+        near.ws.spectrum = complex_field(memory)
         return near
 
     @wp.func
@@ -165,30 +173,34 @@ def friction_kernel(real, lanes: int, coupled: bool, is_shared: bool, weakens: b
         """Compute the displacement by pressure alone."""
         moved_x = win.by_pressure_x[at.slot]
         moved_y = win.by_pressure_y[at.slot]
-        if wp.static(is_shared):
-            moved_x = win.answer_x[at.slot]
-            moved_y = win.answer_y[at.slot]
-        if wp.static(coupled):
+        if wp.static(coupled and is_shared):
+            by_pressure_pair(win.ws, at, layer.tables, win.pressure[at.slot], moved_x, moved_y, at.shape)
+        if wp.static(coupled and not is_shared):
             second = win.ws.second[at.slot]
             forward(win.ws, at, win.pressure[at.slot], win.ws.spectrum[at.slot])
             by_pressure(win.ws, at, layer.tables, 0)
             inverse(win.ws, at, second, moved_x)
             by_pressure(win.ws, at, layer.tables, 1)
             inverse(win.ws, at, second, moved_y)
-        if wp.static(is_shared or not coupled):
+        if wp.static(not coupled):
             for y in range(at.mine[0], at.shape[0], at.mine[1]):
                 for x in range(at.mine[2], at.shape[1], at.mine[3]):
-                    moved = vec2(real(0.0))
-                    if wp.static(coupled):
-                        moved = vec2(moved_x[y, x], moved_y[y, x])
-                    win.by_pressure_x[at.slot, y, x] = moved[0]
-                    win.by_pressure_y[at.slot, y, x] = moved[1]
+                    moved_x[y, x] = real(0.0)
+                    moved_y[y, x] = real(0.0)
             block_sync()
+
+    @wp.func
+    def pull(layer: layer_struct, win: windows, at: Window, x: grid, y: grid, out_x: grid, out_y: grid):
+        """Compute the displacement by tractions."""
+        if wp.static(is_shared):
+            by_traction_pair(win.ws, at, layer.tables, x, y, out_x, out_y, at.shape, False)
+        else:
+            by_traction(win.ws, at, layer.tables, x, y, out_x, out_y)
 
     @wp.func
     def find_gap(layer: layer_struct, win: windows, at: Window):
         """Compute the gap of the tractions anew; return the sum of squared displacements where cells touch."""
-        by_traction(win.ws, at, layer.tables, win.x[at.slot], win.y[at.slot], win.gap_x[at.slot], win.gap_y[at.slot])
+        pull(layer, win, at, win.x[at.slot], win.y[at.slot], win.gap_x[at.slot], win.gap_y[at.slot])
         return block_sum(norm(win, at))
 
     @wp.func
@@ -207,6 +219,19 @@ def friction_kernel(real, lanes: int, coupled: bool, is_shared: bool, weakens: b
         far = block_sum(far)
         block_sync()
         return far
+
+    @wp.func
+    def soften(layer: layer_struct, win: windows, at: Window):
+        """Apply the preconditioner to the gap that can close."""
+        free_x = win.free_x[at.slot]
+        free_y = win.free_y[at.slot]
+        softened_x = win.softened_x[at.slot]
+        softened_y = win.softened_y[at.slot]
+        if wp.static(is_shared):
+            soften_pair(win.ws, at, layer.tables, free_x, free_y, softened_x, softened_y)
+        else:
+            convolve(win.ws, at, free_x, layer.tables.soften_x, softened_x)
+            convolve(win.ws, at, free_y, layer.tables.soften_y, softened_y)
 
     @wp.func
     def turn(win: windows, at: Window, last: wp.float64, fresh: bool):
@@ -245,10 +270,9 @@ def friction_kernel(real, lanes: int, coupled: bool, is_shared: bool, weakens: b
             residual = wp.sqrt(block_sum(free_gap(win, at)) / reference)
             if not (residual > layer.tolerance) or iteration >= layer.cap:
                 break
-            convolve(win.ws, at, win.free_x[at.slot], layer.tables.soften_x, win.softened_x[at.slot])
-            convolve(win.ws, at, win.free_y[at.slot], layer.tables.soften_y, win.softened_y[at.slot])
+            soften(layer, win, at)
             slope, now = turn(win, at, last, fresh)
-            by_traction(win.ws, at, layer.tables, along_x, along_y, win.answer_x[at.slot], win.answer_y[at.slot])
+            pull(layer, win, at, along_x, along_y, win.answer_x[at.slot], win.answer_y[at.slot])
             curved = block_sum(curvature(win, at))
             if curved <= wp.float64(0.0):
                 break
@@ -258,7 +282,11 @@ def friction_kernel(real, lanes: int, coupled: bool, is_shared: bool, weakens: b
             iteration += 1
         return residual, iteration
 
-    @warp_kernel(launch_bounds=SHARED_MEMORY_BLOCK if is_shared else BLOCK)
+    # Approximate ratios and roots save a quarter of the time; they are as accurate as sums of float32.
+    @warp_kernel(
+        launch_bounds=SHARED_MEMORY_BLOCK if is_shared else BLOCK,
+        module_options={"fast_math": True} if is_shared else None,
+    )
     def solve_friction(
         turns: wp.vec4i,
         layer: layer_struct,
@@ -269,7 +297,7 @@ def friction_kernel(real, lanes: int, coupled: bool, is_shared: bool, weakens: b
     ):
         place, thread = wp.tid()
         if wp.static(is_shared):
-            memory = wp.tile_empty(shape=(wp.static(shared_numbers(*SHARED_ARRAYS)),), dtype=real, storage="shared")
+            memory = wp.tile_empty(shape=(wp.static(complex_numbers(SHARED_WINDOWS)),), dtype=real, storage="shared")
             win = shared_windows(win, memory)
         for env in range(turns[0] + place, turns[1], turns[3]):
             box = pressed.box[env]

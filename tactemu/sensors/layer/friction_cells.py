@@ -34,33 +34,35 @@ class FrictionCells(NamedTuple):
 
 
 @functools.cache
-def friction_cells(real, lanes: int) -> FrictionCells:
-    """Return the functions for one float type and lane width."""
+def friction_cells(real, lanes: int, is_shared: bool) -> FrictionCells:
+    """Return the functions for one float type and lane width; ``is_shared``: the windows are in shared memory."""
     windows = friction_windows_type(real)
 
-    @wp.func_native(_cells(real, lanes, _NORM))
+    @wp.func_native(_cells(real, lanes, is_shared, _NORM))
     def norm(win: windows, at: Window) -> wp.float64: ...
 
-    @wp.func_native(_cells(real, lanes, _FREE_GAP))
+    @wp.func_native(_cells(real, lanes, is_shared, _FREE_GAP))
     def free_gap(win: windows, at: Window) -> wp.float64: ...
 
-    @wp.func_native(_cells(real, lanes, _PRODUCTS))
+    @wp.func_native(_cells(real, lanes, is_shared, _PRODUCTS))
     def products(win: windows, at: Window) -> wp.vec2d: ...
 
-    @wp.func_native(_cells(real, lanes, _DIRECT))
+    @wp.func_native(_cells(real, lanes, is_shared, _DIRECT))
     def direct(win: windows, at: Window, beta: real, fresh: bool) -> wp.float64: ...
 
-    @wp.func_native(_cells(real, lanes, _CURVATURE))
+    @wp.func_native(_cells(real, lanes, is_shared, _CURVATURE))
     def curvature(win: windows, at: Window) -> wp.float64: ...
 
-    @wp.func_native(_cells(real, lanes, _ADVANCE))
+    @wp.func_native(_cells(real, lanes, is_shared, _ADVANCE))
     def advance(win: windows, at: Window, step: real) -> wp.float64: ...
 
     return FrictionCells(norm, free_gap, products, direct, curvature, advance)
 
 
-def _cells(real, lanes: int, each: str) -> str:
-    return over_cells(real, lanes, "limit", _PAIRS + each.replace("SLIP_FRACTION", f"Number({SLIP_FRACTION})"))
+def _cells(real, lanes: int, is_shared: bool, each: str) -> str:
+    return over_cells(
+        real, lanes, is_shared, "limit", _PAIRS + each.replace("SLIP_FRACTION", f"Number({SLIP_FRACTION})")
+    )
 
 
 _PAIRS = """

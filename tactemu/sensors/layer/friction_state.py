@@ -55,9 +55,6 @@ def friction_windows_type(real):
 
 
 _VECTORS = ("hold", "by_pressure", "gap", "free", "last", "softened", "along", "answer")
-GLOBAL_WINDOWS = ("hold_x", "hold_y", "by_pressure_x", "by_pressure_y")
-"""Windows that iterations rarely use: they stay in global memory even where the others are shared
-(:mod:`.shared_memory`)."""
 FRICTION_WINDOWS = ("limit", "pressure", "x", "y", "stiffness", *(f"{v}_{axis}" for v in _VECTORS for axis in "xy"))
 
 

@@ -26,7 +26,8 @@ from tactemu.sensors.layer.block import BLOCK, Block, Window, block_sync
 from tactemu.sensors.layer.convolution import Workspace, convolution_functions, padded_zeros, workspace_type
 from tactemu.sensors.layer.overlap import NO_SURFACE, overlap_type
 from tactemu.sensors.layer.pressure_cells import pressure_cells
-from tactemu.sensors.layer.shared_memory import shared_functions, shared_numbers
+from tactemu.sensors.layer.shared_memory import complex_memory, complex_numbers
+from tactemu.sensors.layer.single_convolution import single_convolution
 from tactemu.sensors.layer.tables import layer_type
 from tactemu.sensors.layer.window import (
     BOX_STEP,
@@ -40,8 +41,8 @@ from tactemu.sensors.layer.window import (
 )
 
 SHARED_MEMORY_BLOCK = Block(128, 3)
-"""Block of threads for solving in shared memory: 64, 128 and 256 threads take 1.16, 0.81 and 0.86 ms for 4096
-environments of 32 x 32 on an H200."""
+"""Block of threads for solving in shared memory: 64, 96 and 128 threads take 0.55, 0.52 and 0.44 ms for 4096
+environments of 32 x 32 on an H100."""
 
 
 @functools.cache
@@ -82,8 +83,6 @@ def pressure_state_type(real):
 
 
 NORMAL_WINDOWS = ("overlap", "pressure", "gap", "masked", "softened", "direction", "answer")
-SHARED_ARRAYS = (1, len(NORMAL_WINDOWS))
-"""Numbers of spectra and of windows of a block that works in shared memory (:mod:`.shared_memory`)."""
 
 
 class Windows:
@@ -113,15 +112,15 @@ def normal_kernel(real, lanes: int, is_shared: bool):
     block's shared memory."""
     layer_struct, overlap_struct, state_struct = layer_type(real), overlap_type(real), pressure_state_type(real)
     windows_struct = windows_type(real)
-    convolve = convolution_functions(real, lanes, is_shared).convolve
+    convolve_any, convolve_single = convolution_functions(real, lanes, False).convolve, single_convolution(real)
     survey, publish = survey_function(real, lanes), publish_function(real)
-    mask_gap, products, direct, curvature, advance = pressure_cells(real, windows_struct, lanes)
+    mask_gap, products, direct, curvature, advance = pressure_cells(real, windows_struct, lanes, is_shared)
     block_sum, _max = block_functions(lanes)
-    shared_workspace, window = shared_functions(real, workspace_type(real), *SHARED_ARRAYS)
+    complex_field, window = complex_memory(real, len(NORMAL_WINDOWS))
     grid = wp.array2d(dtype=real)
 
     @wp.func
-    def shared_windows(win: windows_struct, memory: wp.tile(dtype=real, shape=(shared_numbers(*SHARED_ARRAYS),))):
+    def shared_windows(win: windows_struct, memory: wp.tile(dtype=real, shape=(complex_numbers(len(NORMAL_WINDOWS)),))):
         near = win
         near.overlap = window(memory, 0)
         near.pressure = window(memory, 1)
@@ -130,8 +129,15 @@ def normal_kernel(real, lanes: int, is_shared: bool):
         near.softened = window(memory, 4)
         near.direction = window(memory, 5)
         near.answer = window(memory, 6)
-        near.ws = shared_workspace(win.ws, memory)
+        near.ws.spectrum = complex_field(memory)
         return near
+
+    @wp.func
+    def convolve(win: windows_struct, at: Window, field: grid, table: wp.array(dtype=real), out: grid):
+        if wp.static(is_shared):
+            convolve_single(win.ws, at, field, table, out, at.shape)
+        else:
+            convolve_any(win.ws, at, field, table, out)
 
     @wp.func
     def gather(win: windows_struct, at: Window, overlap: grid, pressure: grid, box: wp.vec4i):
@@ -206,7 +212,7 @@ def normal_kernel(real, lanes: int, is_shared: bool):
         loads = win.pressure[at.slot]
         masked = win.masked[at.slot]
         direction = win.direction[at.slot]
-        convolve(win.ws, at, loads, layer.tables.nn, win.gap[at.slot])
+        convolve(win, at, loads, layer.tables.nn, win.gap[at.slot])
         fit_load(win, at)
         fresh = bool(True)
         last = wp.float64(0.0)
@@ -214,16 +220,16 @@ def normal_kernel(real, lanes: int, is_shared: bool):
         iteration = int(0)
         residual = wp.sqrt(block_sum(mask_gap(win, at)) / reference)
         while residual > layer.tolerance and iteration < layer.cap:
-            convolve(win.ws, at, masked, layer.tables.soften, win.softened[at.slot])
+            convolve(win, at, masked, layer.tables.soften, win.softened[at.slot])
             slope, square = turn(win, at, last, step, fresh)
-            convolve(win.ws, at, direction, layer.tables.nn, win.answer[at.slot])
+            convolve(win, at, direction, layer.tables.nn, win.answer[at.slot])
             curved = block_sum(curvature(win, at))
             if curved <= wp.float64(0.0):
                 break
             step = -slope / curved
             fresh = block_sum(advance(win, at, real(step))) > wp.float64(0.0)
             if fresh:  # clipped pressures change the gap everywhere
-                convolve(win.ws, at, loads, layer.tables.nn, win.gap[at.slot])
+                convolve(win, at, loads, layer.tables.nn, win.gap[at.slot])
                 subtract_overlap(win, at)
             last = square
             iteration += 1
@@ -236,7 +242,9 @@ def normal_kernel(real, lanes: int, is_shared: bool):
     ):
         place, thread = wp.tid()
         if wp.static(is_shared):
-            memory = wp.tile_empty(shape=(wp.static(shared_numbers(*SHARED_ARRAYS)),), dtype=real, storage="shared")
+            memory = wp.tile_empty(
+                shape=(wp.static(complex_numbers(len(NORMAL_WINDOWS))),), dtype=real, storage="shared"
+            )
             win = shared_windows(win, memory)
         for env in range(turns[0] + place, turns[1], turns[3]):
             overlap = over.overlap[env]

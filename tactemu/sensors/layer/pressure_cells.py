@@ -28,22 +28,22 @@ class PressureCells(NamedTuple):
 
 
 @functools.cache
-def pressure_cells(real, windows, lanes: int) -> PressureCells:
+def pressure_cells(real, windows, lanes: int, is_shared: bool) -> PressureCells:
     """Return the functions for one float type and lane width, and the struct of the windows."""
 
-    @wp.func_native(over_cells(real, lanes, "pressure", _MASK_GAP))
+    @wp.func_native(over_cells(real, lanes, is_shared, "pressure", _MASK_GAP))
     def mask_gap(win: windows, at: Window) -> wp.float64: ...
 
-    @wp.func_native(over_cells(real, lanes, "pressure", _PRODUCTS))
+    @wp.func_native(over_cells(real, lanes, is_shared, "pressure", _PRODUCTS))
     def products(win: windows, at: Window, fresh: bool) -> wp.vec2d: ...
 
-    @wp.func_native(over_cells(real, lanes, "pressure", _DIRECT))
+    @wp.func_native(over_cells(real, lanes, is_shared, "pressure", _DIRECT))
     def direct(win: windows, at: Window, beta: real, fresh: bool) -> wp.float64: ...
 
-    @wp.func_native(over_cells(real, lanes, "pressure", _CURVATURE))
+    @wp.func_native(over_cells(real, lanes, is_shared, "pressure", _CURVATURE))
     def curvature(win: windows, at: Window) -> wp.float64: ...
 
-    @wp.func_native(over_cells(real, lanes, "pressure", _ADVANCE))
+    @wp.func_native(over_cells(real, lanes, is_shared, "pressure", _ADVANCE))
     def advance(win: windows, at: Window, step: real) -> wp.float64: ...
 
     return PressureCells(mask_gap, products, direct, curvature, advance)

@@ -1,8 +1,11 @@
 """The shared memory of a block: on a GPU, skins of up to 32 x 32 cells are solved without leaving the multiprocessor.
 
-The spectra, the scratch of the transforms and the vectors of the solvers lie in shared memory; solvers use them like
-any arrays. A transform of 32 or 64 points is one of 4 or 8 and one of 8, each in the registers of a thread; its input
-is copied to the scratch before it writes, so that a spectrum is transformed in place.
+The complex field of the transforms (:mod:`.complex_transform`) and the vectors of the solvers lie in shared memory;
+solvers use them like any arrays.
+
+The memory of a layer that relaxes (:mod:`.recall`) still takes real transforms: spectra and scratch lie there, too. A
+transform of 32 or 64 points is one of 4 or 8 and one of 8, each in the registers of a thread; its input is copied to
+the scratch before it writes, so that a spectrum is transformed in place.
 """
 
 # pyright: reportCallIssue=false, reportGeneralTypeIssues=false
@@ -19,22 +22,84 @@ _LONGEST = 2 * MAX_CELLS
 _RESERVED_BYTES = 2048
 """Maximum size of shared memory for other purposes [bytes]."""
 _SCRATCH = _LONGEST * MAX_CELLS
-_ROW = _LONGEST + 1
+ROW = _LONGEST + 1
 """Row stride of a spectrum: odd, so that the numbers of a column are in different banks of the memory."""
+WINDOW_ROW = MAX_CELLS + 1
+"""Row stride of a window, odd for the same reason."""
 
 
 def shared_numbers(spectra: int, windows: int) -> int:
     """Return the numbers of shared memory that a block needs for these spectra and windows."""
-    return 2 * _SCRATCH + spectra * _LONGEST * _ROW + windows * MAX_CELLS * MAX_CELLS
+    return 2 * _SCRATCH + spectra * _LONGEST * ROW + windows * MAX_CELLS * WINDOW_ROW
+
+
+def complex_numbers(windows: int) -> int:
+    """Return the numbers of shared memory that a block needs for the complex field of :mod:`.complex_transform` and
+    these windows."""
+    return 2 * _LONGEST * ROW + windows * MAX_CELLS * WINDOW_ROW
 
 
 def fits(cells: tuple[int, int], numbers: int, real, lanes: int, device: wp.Device) -> bool:
     """Return True if a skin is solved in shared memory by kernels that need at most ``numbers`` of it: 107 KiB with
-    friction, which a GPU for data centres has, 73 KiB with displacement, 62 KiB with neither."""
+    friction, which a GPU for data centres has, 73 KiB for a layer that relaxes, 61 KiB with neither."""
     if lanes > 1 or max(cells) > MAX_CELLS:
         return False
     room = device.max_shared_memory_per_block if device.is_cuda else 1 << 18
     return numbers * wp.types.type_size_in_bytes(real) + _RESERVED_BYTES <= room
+
+
+@functools.cache
+def _part_function(real, numbers: int):
+    """Return ``part(memory, first, rows, columns)``, an array in a tile of so many ``numbers``, the same for every
+    slot."""
+
+    @wp.func_native(f"""
+    wp::array_t<wp::{real.__name__}> found(memory.data.ptr + first, 0x7fffffff, rows, columns);
+    found.strides[0] = 0;
+    return found;
+    """)
+    def part(memory: wp.tile(dtype=real, shape=(numbers,)), first: int, rows: int, columns: int) -> wp.array3d(
+        dtype=real
+    ): ...
+
+    return part
+
+
+@functools.cache
+def complex_memory(real, windows: int):
+    """Return the functions ``(field, window)``: the complex field ``field(memory)``, a row of which holds pairs of real
+    and imaginary part, and the ``k``-th window ``window(memory, k)`` in the tile ``memory``."""
+    tile, part = wp.tile(dtype=real, shape=(complex_numbers(windows),)), _part_function(real, complex_numbers(windows))
+
+    @wp.func
+    def field(memory: tile):
+        return part(memory, 0, wp.static(_LONGEST), wp.static(2 * ROW))
+
+    @wp.func
+    def window(memory: tile, k: int):
+        first = wp.static(complex_numbers(0)) + k * wp.static(MAX_CELLS * WINDOW_ROW)
+        return part(memory, first, wp.static(MAX_CELLS), wp.static(WINDOW_ROW))
+
+    return field, window
+
+
+@functools.cache
+def address_functions(real):
+    """Return the functions ``(place, address, address_of_turns)``: the start of an array in the block's memory, counted
+    in numbers from there, so that a GPU uses 32-bit addresses, and the addresses of a table and of powers of the root
+    in global memory."""
+    field, table, turns = wp.array2d(dtype=real), wp.array(dtype=real), wp.array(dtype=wp.types.vector(2, real))
+
+    @wp.func_native(_PLACE.replace("NUMBER", real.__name__))
+    def place(a: field) -> wp.int64: ...
+
+    @wp.func_native("return reinterpret_cast<uint64_t>(a.data);")
+    def address(a: table) -> wp.uint64: ...
+
+    @wp.func_native("return reinterpret_cast<uint64_t>(a.data);")
+    def address_of_turns(a: turns) -> wp.uint64: ...
+
+    return place, address, address_of_turns
 
 
 @functools.cache
@@ -43,23 +108,17 @@ def shared_functions(real, workspace, spectra: int, windows: int):
     ``k``-th window ``window(memory, k)`` in the tile ``memory``, the same for every slot, since each block has its
     own."""
     tile = wp.tile(dtype=real, shape=(shared_numbers(spectra, windows),))
-
-    @wp.func_native(f"""
-    wp::array_t<wp::{real.__name__}> found(memory.data.ptr + first, 0x7fffffff, rows, columns);
-    found.strides[0] = 0;
-    return found;
-    """)
-    def part(memory: tile, first: int, rows: int, columns: int) -> wp.array3d(dtype=real): ...
+    part = _part_function(real, shared_numbers(spectra, windows))
 
     @wp.func
     def window(memory: tile, k: int):
-        first = wp.static(shared_numbers(spectra, 0)) + k * wp.static(MAX_CELLS * MAX_CELLS)
-        return part(memory, first, wp.static(MAX_CELLS), wp.static(MAX_CELLS))
+        first = wp.static(shared_numbers(spectra, 0)) + k * wp.static(MAX_CELLS * WINDOW_ROW)
+        return part(memory, first, wp.static(MAX_CELLS), wp.static(WINDOW_ROW))
 
     @wp.func
     def spectrum(memory: tile, k: int):
-        first = wp.static(2 * _SCRATCH) + k * wp.static(_LONGEST * _ROW)
-        return part(memory, first, wp.static(_LONGEST), wp.static(_ROW))
+        first = wp.static(2 * _SCRATCH) + k * wp.static(_LONGEST * ROW)
+        return part(memory, first, wp.static(_LONGEST), wp.static(ROW))
 
     @wp.func
     def shared_workspace(ws: workspace, memory: tile):
@@ -96,11 +155,7 @@ def shared_hartley(real):
     for lengths of 32 and 64, and columns that are a power of two, in the tile."""
     field_type, parts, turns = wp.array2d(dtype=real), wp.array3d(dtype=real), wp.array(dtype=wp.types.vector(2, real))
 
-    @wp.func_native(_PLACE.replace("NUMBER", real.__name__))
-    def place(a: field_type) -> wp.int64: ...
-
-    @wp.func_native("return reinterpret_cast<uint64_t>(a.data);")
-    def address(a: turns) -> wp.uint64: ...
+    place, _address, address = address_functions(real)
 
     @wp.func_native(_TRANSFORM.replace("NUMBER", real.__name__))
     def transform(places: Places, given: Pass, thread: int, threads: int): ...
@@ -129,8 +184,7 @@ _PLACE = """
     return reinterpret_cast<int64_t>(a.data);
 #endif
 """
-"""C++ that returns the start of an array, counted in numbers from the block's memory, so that a GPU uses 32-bit
-addresses."""
+"""C++ of ``place``."""
 
 _TRANSFORM = """
     using Number = wp::NUMBER;

@@ -8,20 +8,22 @@ import numpy as np
 import warp as wp
 
 from tactemu.base.kernels import warp_kernel
-from tactemu.sensors.layer.block import BLOCK, Block, block_sync, spread
+from tactemu.sensors.layer.block import BLOCK, Block, Window, block_sync, spread
 from tactemu.sensors.layer.compliance import Kernels
-from tactemu.sensors.layer.convolution import convolution_functions, workspace_type
+from tactemu.sensors.layer.convolution import convolution_functions
 from tactemu.sensors.layer.friction_state import friction_state_type
+from tactemu.sensors.layer.pair_convolution import pair_functions
 from tactemu.sensors.layer.pressure import pressure_state_type, windows_type
-from tactemu.sensors.layer.shared_memory import shared_functions, shared_numbers
+from tactemu.sensors.layer.shared_memory import complex_memory, complex_numbers
+from tactemu.sensors.layer.single_convolution import single_convolution
 from tactemu.sensors.layer.tables import layer_type
 from tactemu.sensors.layer.tangential_compliance import tangential_functions
 from tactemu.sensors.layer.window import BOX_STEP, around, open_window, wipe_function
 
-SHARED_MEMORY_BLOCK = Block(128, 2)
+SHARED_MEMORY_BLOCK = Block(128, 4)
 """Block of threads for solving in shared memory."""
-SHARED_ARRAYS = (3, 2)
-"""Numbers of spectra and of windows in shared memory."""
+SHARED_WINDOWS = 4
+"""Number of windows in shared memory."""
 NEGLIGIBLE = 1e-5
 """Fraction of the response at the load below which a response is left out."""
 
@@ -55,10 +57,12 @@ def surface_kernel(real, lanes: int, with_friction: bool, is_shared: bool):
     skin."""
     layer_struct, pressed_struct, surface_struct = layer_type(real), pressure_state_type(real), surface_type(real)
     windows, friction_state = windows_type(real), friction_state_type(real)
-    functions = convolution_functions(real, lanes, is_shared)
-    tangential_compliance = tangential_functions(real, lanes, is_shared)
+    functions = convolution_functions(real, lanes, False)
+    tangential_compliance = tangential_functions(real, lanes, False)
     forward, inverse, displace = functions.forward, functions.inverse, tangential_compliance.displace
-    shared_workspace, window = shared_functions(real, workspace_type(real), *SHARED_ARRAYS)
+    complex_field, window = complex_memory(real, SHARED_WINDOWS)
+    convolve, pairs = single_convolution(real), pair_functions(real)
+    by_pressure, by_traction = pairs.by_pressure, pairs.by_traction
     grid, wipe = wp.array2d(dtype=real), wipe_function(real)
 
     @wp.func
@@ -88,6 +92,73 @@ def surface_kernel(real, lanes: int, with_friction: bool, is_shared: bool):
         steps = (end - begin + wp.static(BOX_STEP - 1)) // wp.static(BOX_STEP)
         return wp.vec2i(begin, steps * wp.static(BOX_STEP))
 
+    @wp.func
+    def displace_global(
+        layer: layer_struct,
+        pressed: pressed_struct,
+        friction: friction_state,
+        win: windows,
+        at: Window,
+        env: int,
+        area: wp.vec4i,
+        first: wp.vec2i,
+        state: surface_struct,
+    ):
+        """Compute the displacement of an area, by the transforms of three fields."""
+        box = pressed.box[env]
+        answer = win.answer[at.slot]
+        direction = win.direction[at.slot]
+        first_numbers = win.ws.spectrum[at.slot]
+        second_numbers = win.ws.second[at.slot]
+        third_numbers = win.ws.third[at.slot]
+        fetch(pressed.pressure[env], box, direction, at.mine)
+        forward(win.ws, at, direction, first_numbers)
+        if wp.static(with_friction):
+            fetch(friction.x[env], box, direction, at.mine)
+            forward(win.ws, at, direction, second_numbers)
+            fetch(friction.y[env], box, direction, at.mine)
+            forward(win.ws, at, direction, third_numbers)
+        displace(win.ws, at, layer.tables, wp.static(with_friction))
+        at.shape = wp.vec2i(area[2], area[3])
+        at.first = first
+        inverse(win.ws, at, second_numbers, answer)
+        deposit(answer, area, state.u[env], at.thread)
+        inverse(win.ws, at, third_numbers, answer)
+        deposit(answer, area, state.v[env], at.thread)
+        inverse(win.ws, at, first_numbers, answer)
+        deposit(answer, area, state.w[env], at.thread)
+
+    @wp.func
+    def displace_shared(
+        layer: layer_struct,
+        pressed: pressed_struct,
+        friction: friction_state,
+        win: windows,
+        at: Window,
+        env: int,
+        area: wp.vec4i,
+        first: wp.vec2i,
+        state: surface_struct,
+    ):
+        """Compute the displacement of an area in the block's shared memory."""
+        box = pressed.box[env]
+        shape = wp.vec2i(area[2], area[3])
+        x = win.direction[at.slot]
+        y = win.answer[at.slot]
+        out_x = win.masked[at.slot]
+        out_y = win.softened[at.slot]
+        at.first = first
+        fetch(pressed.pressure[env], box, x, at.mine)
+        convolve(win.ws, at, x, layer.tables.nn, out_x, shape)
+        deposit(out_x, area, state.w[env], at.thread)
+        by_pressure(win.ws, at, layer.tables, x, out_x, out_y, shape)
+        if wp.static(with_friction):
+            fetch(friction.x[env], box, x, at.mine)
+            fetch(friction.y[env], box, y, at.mine)
+            by_traction(win.ws, at, layer.tables, x, y, out_x, out_y, shape, True)
+        deposit(out_x, area, state.u[env], at.thread)
+        deposit(out_y, area, state.v[env], at.thread)
+
     @warp_kernel(launch_bounds=SHARED_MEMORY_BLOCK if is_shared else BLOCK)
     def find_surface(
         turns: wp.vec4i,
@@ -100,10 +171,12 @@ def surface_kernel(real, lanes: int, with_friction: bool, is_shared: bool):
         place, thread = wp.tid()
         slot = turns[2] + place
         if wp.static(is_shared):
-            memory = wp.tile_empty(shape=(wp.static(shared_numbers(*SHARED_ARRAYS)),), dtype=real, storage="shared")
-            win.ws = shared_workspace(win.ws, memory)
+            memory = wp.tile_empty(shape=(wp.static(complex_numbers(SHARED_WINDOWS)),), dtype=real, storage="shared")
+            win.ws.spectrum = complex_field(memory)
             win.direction = window(memory, 0)
             win.answer = window(memory, 1)
+            win.masked = window(memory, 2)
+            win.softened = window(memory, 3)
         for env in range(turns[0] + place, turns[1], turns[3]):
             changed = pressed.changed[env]
             if wp.static(with_friction):
@@ -125,27 +198,10 @@ def surface_kernel(real, lanes: int, with_friction: bool, is_shared: bool):
                         wp.max(box[2] - first[0], first[0] + area[2]), wp.max(box[3] - first[1], first[1] + area[3])
                     )
                     at = open_window(wp.vec2i(box[2], box[3]), span, layer.tables.start, slot, thread)
-                    answer = win.answer[slot]
-                    direction = win.direction[slot]
-                    first_numbers = win.ws.spectrum[slot]
-                    second_numbers = win.ws.second[slot]
-                    third_numbers = win.ws.third[slot]
-                    fetch(pressed.pressure[env], box, direction, at.mine)
-                    forward(win.ws, at, direction, first_numbers)
-                    if wp.static(with_friction):
-                        fetch(friction.x[env], box, direction, at.mine)
-                        forward(win.ws, at, direction, second_numbers)
-                        fetch(friction.y[env], box, direction, at.mine)
-                        forward(win.ws, at, direction, third_numbers)
-                    displace(win.ws, at, layer.tables, wp.static(with_friction))
-                    at.shape = wp.vec2i(area[2], area[3])
-                    at.first = first
-                    inverse(win.ws, at, second_numbers, answer)
-                    deposit(answer, area, state.u[env], thread)
-                    inverse(win.ws, at, third_numbers, answer)
-                    deposit(answer, area, state.v[env], thread)
-                    inverse(win.ws, at, first_numbers, answer)
-                    deposit(answer, area, state.w[env], thread)
+                    if wp.static(is_shared):
+                        displace_shared(layer, pressed, friction, win, at, env, area, first, state)
+                    else:
+                        displace_global(layer, pressed, friction, win, at, env, area, first, state)
                 block_sync()
                 if thread == 0:
                     pressed.dirty[env] = around(pressed.dirty[env], around(area, old))
