@@ -24,8 +24,13 @@ def tune(
     target: Target,
     rate: Annotated[float, typer.Option("--rate", metavar="HZ", help="Samples per second that every skin must keep.")],
     error: Annotated[
-        str, typer.Option(metavar="METRIC", help="Measure of the error: taxels (RMS), total (of the sum) or worst.")
-    ] = "taxels",
+        str | None,
+        typer.Option(
+            metavar="METRIC",
+            help="Measure of the error: taxels (RMS), total (of the sum), worst, pressure, drag (tangential sum) or "
+            "edges (the contact's border).  [default: the largest that the scene shows]",
+        ),
+    ] = None,
     seconds: Annotated[
         float, typer.Option(metavar="S", min=0.01, max=1000, help="How much of the scene is simulated.")
     ] = 4.0,
@@ -42,6 +47,8 @@ def tune(
       tactemu tune anyskin --rate 100 --error total
 
     It measures the cost and the error of every setting on your scene, prints them, and writes the choice into the file.
+    The error is that of the pressures, of the drag if a body slides, and of the contact's border if it touches with an
+    edge: the largest of them. Devices that read sums of all taxels are judged by the total.
     """
     from tactemu.base.kernels import start_quietly
     from tactemu.cli.progress import show_progress

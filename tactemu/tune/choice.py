@@ -8,12 +8,8 @@ from typing import Any
 
 from tactemu.sensors.sensor_model import Setting
 from tactemu.tune.cost import MAX_CPU_SHARE, MAX_LOST_SHARE, Cost
+from tactemu.tune.errors import ERRORS, Criterion
 
-ERRORS = {
-    "taxels": "RMS over all taxels and moments, relative to the truth's",
-    "total": "of the sum over the skin, RMS over moments, relative to the truth's",
-    "worst": "largest of any taxel, relative to the largest of the truth",
-}
 ALIKE = 1.05
 """Errors within this factor count as equal: the cheaper setting is chosen."""
 
@@ -36,10 +32,10 @@ class Measured:
     cost: Cost
     pace: Pace
     error: float
-    """The error by the requested measure."""
+    """The error that decides."""
     gain: float
     errors: dict[str, float] = field(default_factory=dict)
-    """The error by every measure of :data:`ERRORS`."""
+    """The error by every measure of :data:`~tactemu.tune.errors.ERRORS` for which the truth has a value."""
 
     @property
     def cpu_share(self) -> float:
@@ -86,6 +82,8 @@ class Choice:
     finer: Measured | None
     """The fastest of the more accurate settings."""
     all: tuple[Measured, ...]
+    criterion: Criterion
+    """The measures of the errors by which it was chosen."""
 
     @property
     def keeps_rate(self) -> bool:
@@ -93,7 +91,9 @@ class Choice:
         return self.chosen.keeps_rate
 
 
-def pick(skin: str, truth: str, pace: Pace, line_hz: float | None, measured: list[Measured]) -> Choice:
+def pick(
+    skin: str, truth: str, pace: Pace, line_hz: float | None, measured: list[Measured], criterion: Criterion
+) -> Choice:
     """Return the most accurate setting that keeps the rate, the cheapest of equal ones; else the fastest setting."""
     fitting = [entry for entry in measured if entry.keeps_rate]
     if fitting:
@@ -112,27 +112,41 @@ def pick(skin: str, truth: str, pace: Pace, line_hz: float | None, measured: lis
         cheaper=min(faster, key=lambda e: e.error, default=None),
         finer=min(better, key=lambda e: e.cpu_share, default=None),
         all=tuple(sorted(measured, key=lambda e: e.cpu_share)),
+        criterion=criterion,
     )
 
 
-def report_choice(choice: Choice, error: str, report: Callable[[str], None]) -> None:
+def report_choice(choice: Choice, report: Callable[[str], None]) -> None:
     """Report the choice in lines of text."""
     rate, steps = choice.pace.rate_hz, 1 / choice.pace.dt
     required = f"{rate:g} samples and {steps:g} steps a second, at most {MAX_CPU_SHARE:g} of a core"
     report(f"skin {choice.skin}: {required}")
-    report(f"  error: {ERRORS[error]}; truth: {choice.truth}")
+    _report_criterion(choice, report)
     for entry in choice.all:
         report(f"  {'>' if entry is choice.chosen else ' '} {entry}")
     if choice.keeps_rate:
         report(f"chosen: {choice.chosen}")
     else:
         report(f"no setting keeps {rate:g} Hz here; the fastest is {choice.chosen}. Lower the rate, or raise dt")
+    report("  its errors: " + ", ".join(f"{name} {100 * error:.2g} %" for name, error in choice.chosen.errors.items()))
     if choice.line_hz is not None:
         report(f"the line carries {choice.line_hz:.0f} Hz of it at its speed, and drops the rest, whatever the model")
     if choice.cheaper is not None:
         report(f"if that is too slow: {choice.cheaper}")
     if choice.finer is not None:
         report(f"more accurate{'' if choice.finer.keeps_rate else ', too slow here'}: {choice.finer}")
+
+
+def _report_criterion(choice: Choice, report: Callable[[str], None]) -> None:
+    """Report the measures of the error and, if they follow the scene, the reasons."""
+    measures, reasons = choice.criterion.measures, choice.criterion.reasons
+    if not reasons:
+        report(f"  error: {'; '.join(ERRORS[name] for name in measures)}; truth: {choice.truth}")
+        return
+    largest = "the largest of " if len(measures) > 1 else ""
+    report(f"  error: {largest}{', '.join(measures)}, as the scene shows (--error chooses one); truth: {choice.truth}")
+    for name, reason in reasons.items():
+        report(f"    {name}: {ERRORS[name]}; {'judged' if name in measures else 'not judged'}, {reason}")
 
 
 def as_dict(choice: Choice) -> dict[str, Any]:
@@ -152,6 +166,7 @@ def as_dict(choice: Choice) -> dict[str, Any]:
     return {
         "skin": choice.skin, "truth": choice.truth, "rate_hz": choice.pace.rate_hz, "dt": choice.pace.dt,
         "line_hz": choice.line_hz, "keeps_rate": choice.keeps_rate,
+        "judged_by": list(choice.criterion.measures), "reasons": dict(choice.criterion.reasons),
         "chosen": entry(choice.chosen), "cheaper": entry(choice.cheaper), "finer": entry(choice.finer),
         "all": [entry(measured) for measured in choice.all],
     }  # fmt: skip

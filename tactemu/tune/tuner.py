@@ -1,8 +1,9 @@
 """The search for the most accurate setting that keeps a rate on this machine: `tactemu tune`.
 
 Every setting for what the device senses is run on the user's own scene: its readings are compared with the finest
-layer solution of the same contacts, and its steps and samples are timed (:mod:`tactemu.tune.cost`). Models with a
-free strength get one gain, fitted on the first half of the contacts and evaluated on the second.
+layer solution of the same contacts (:mod:`tactemu.tune.errors`), and its steps and samples are timed
+(:mod:`tactemu.tune.cost`). Models with a free strength get one gain, fitted on the first half of the contacts and
+evaluated on the second.
 """
 
 from __future__ import annotations
@@ -19,8 +20,9 @@ from tactemu.scene.schema import SkinTable
 from tactemu.sensors.models import model_class
 from tactemu.sensors.sensor_model import Setting
 from tactemu.sensors.signs import require_on_skin
-from tactemu.tune.choice import ERRORS, Choice, Measured, Pace, pick, report_choice
+from tactemu.tune.choice import Choice, Measured, Pace, pick, report_choice
 from tactemu.tune.cost import measure_cost, measure_loop
+from tactemu.tune.errors import ERRORS, Comparison, Criterion
 from tactemu.tune.settings import scene_with, settings_for, skin_with, truth_settings
 from tactemu.tune.writing import write_skin
 
@@ -32,7 +34,7 @@ def run_tune(
     target: str,
     rate_hz: float,
     *,
-    error: str = "taxels",
+    error: str | None = None,
     report: Callable[[str], None] = print,
     seconds: float = 4.0,
     write: bool = True,
@@ -44,7 +46,7 @@ def run_tune(
     Args:
         target: a scene file, or a device's name (then nothing is written).
         rate_hz: samples per second that each skin must keep.
-        error: the measure of errors: a key of :data:`ERRORS`.
+        error: the measure of errors: a key of :data:`ERRORS`; default: the largest of those that the scene shows.
         report: receives lines of text.
         seconds: how much of the scene is simulated [s]; a body must touch each skin in it.
         write: change the scene file.
@@ -52,9 +54,9 @@ def run_tune(
         progress: ``progress(items, title, total)`` iterates over the items and shows progress.
 
     Raises:
-        SceneError: the scene is invalid, or nothing touches a skin.
+        SceneError: the scene is invalid, nothing touches a skin, or it does not show the error that is asked for.
     """
-    if error not in ERRORS:
+    if error is not None and error not in ERRORS:
         raise SceneError(f"--error: expected one of {', '.join(ERRORS)}, got {error!r}")
     if not rate_hz > 0:
         raise SceneError(f"--rate: expected a rate in Hz, more than 0, got {rate_hz!r}")
@@ -64,7 +66,7 @@ def run_tune(
     for index, skin in enumerate(loaded.tables.skin):
         tuner = Tuner(loaded, skin, rate_hz, error, seconds, device)
         choice = tuner.choose(progress)
-        report_choice(choice, error, report)
+        report_choice(choice, report)
         if write and target.endswith(".toml"):
             changed = skin_with(choice.chosen.setting, skin, choice.chosen.gain)
             dtype = choice.chosen.setting.dtype
@@ -82,13 +84,19 @@ class Tuner:
         loaded: the scene.
         skin: the skin of the scene.
         rate_hz: samples per second of every skin.
-        error: the measure of errors: a key of :data:`ERRORS`.
+        error: the measure of errors: a key of :data:`ERRORS`; None: the largest of those that the scene shows.
         seconds: how much of the scene is simulated [s].
         device: the device that runs the kernels, ``cpu`` or ``cuda:0``; default: the scene's.
     """
 
     def __init__(
-        self, loaded: LoadedScene, skin: SkinTable, rate_hz: float, error: str, seconds: float, device: str | None
+        self,
+        loaded: LoadedScene,
+        skin: SkinTable,
+        rate_hz: float,
+        error: str | None,
+        seconds: float,
+        device: str | None,
     ):
         self.loaded, self.skin, self.error, self.seconds = loaded, skin, error, seconds
         self.pace = Pace(rate_hz, loaded.tables.scene.dt)
@@ -107,6 +115,10 @@ class Tuner:
                 f"skin {self.skin.title!r}: nothing touches it in the first {self.seconds:g} s of the scene; give a "
                 "body a motion that presses it, or simulate longer with --seconds"
             )
+        half = in_contact[: max(len(in_contact) // 2, 1)]
+        judged = in_contact[len(half) :] if len(in_contact) > 1 else in_contact
+        comparison = Comparison(truth[judged], self.device)
+        criterion = self._criterion(comparison)
         # Costs are measured while the contact changes, because a constant one is not solved again.
         pace = np.linalg.norm(np.diff(truth, axis=0).reshape(MOMENTS - 1, -1), axis=1)
         moment = self.seconds * (int(pace.argmax()) + 1.5) / MOMENTS
@@ -119,10 +131,22 @@ class Tuner:
                 readings = self._readings(setting)
             except SceneError:
                 continue  # a layer model refuses a skin that is no flat grid
-            gain, wrong = self._judge(setting, readings, truth, in_contact)
+            gain = _gain(setting, readings[half], truth[half])
+            wrong = comparison.errors(gain * readings[judged])
             cost = measure_cost(*self._build(setting), self.device.contact[0], moment, loop)
-            measured.append(Measured(setting, cost, self.pace, wrong[self.error], gain, wrong))
-        return pick(self.skin.title, name, self.pace, loop.line_hz, measured)
+            measured.append(Measured(setting, cost, self.pace, criterion.error(wrong), gain, wrong))
+        return pick(self.skin.title, name, self.pace, loop.line_hz, measured, criterion)
+
+    def _criterion(self, comparison: Comparison) -> Criterion:
+        """Return the measures that decide: the one that was asked for, else those that the scene shows."""
+        if self.error is None:
+            return comparison.criterion()
+        if self.error not in comparison.measures:
+            raise SceneError(
+                f"--error {self.error}: skin {self.skin.title!r} has none in the second half of its contacts in the "
+                f"first {self.seconds:g} s of the scene; it has {', '.join(comparison.measures)}"
+            )
+        return Criterion((self.error,))
 
     def _truth(self, side: int) -> tuple[np.ndarray, str]:
         """Return the readings of the first possible truth and its name: the finest layer; for a skin that is no flat
@@ -153,23 +177,10 @@ class Tuner:
             frames.append(np.asarray(sensor.quantity(self.device.contact[0], ground_truth=True), float))
         return np.stack(frames)
 
-    def _judge(
-        self, setting: Setting, got: np.ndarray, truth: np.ndarray, in_contact: np.ndarray
-    ) -> tuple[float, dict]:
-        """Return the gain and the errors by every measure."""
-        half = in_contact[: max(len(in_contact) // 2, 1)]
-        judged = in_contact[len(half) :] if len(in_contact) > 1 else in_contact
-        gain = 1.0
-        if model_class(setting.model).strengths and np.any(got[half]):
-            gain = float(np.vdot(got[half], truth[half]) / np.vdot(got[half], got[half]))
-            gain = gain if np.isfinite(gain) and gain > 0 else 1.0
-        return gain, {kind: _error(kind, gain * got[judged], truth[judged]) for kind in ERRORS}
 
-
-def _error(kind: str, got: np.ndarray, truth: np.ndarray) -> float:
-    if kind == "worst":
-        return float(np.abs(got - truth).max() / np.abs(truth).max())
-    if kind == "total":
-        got, truth = got.sum(axis=1), truth.sum(axis=1)
-    size = float(np.linalg.norm(truth))
-    return float(np.linalg.norm(got - truth)) / size if size > 0 else 0.0
+def _gain(setting: Setting, got: np.ndarray, truth: np.ndarray) -> float:
+    """Return the gain that fits readings of a model with a free strength to the truth; 1 for other models."""
+    if not model_class(setting.model).strengths or not np.any(got):
+        return 1.0
+    gain = float(np.vdot(got, truth) / np.vdot(got, got))
+    return gain if np.isfinite(gain) and gain > 0 else 1.0

@@ -126,7 +126,9 @@ def test_a_scene_of_the_user_is_measured_with_every_setting(tmp_path, monkeypatc
     found = trade.run_trade(lines.append, "anyskin", out=tmp_path)
     (skin,) = found["skins"]
     assert len(skin["all"]) >= 4 and all(entry["cost_us"] > 0 for entry in skin["all"])
-    assert all(set(entry["errors"]) == set(tune.ERRORS) for entry in skin["all"])
+    assert all(
+        {"taxels", "total", "worst", "pressure"} <= set(entry["errors"]) <= set(tune.ERRORS) for entry in skin["all"]
+    )
     assert "| µs a sample |" in (tmp_path / "trade.md").read_text()
 
 

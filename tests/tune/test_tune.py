@@ -10,10 +10,11 @@ from tactemu.emulator.assembly import assemble
 from tactemu.emulator.options import AssemblyOptions
 from tactemu.scene.file import load, parse
 from tactemu.sensors.sensor_model import Setting
-from tactemu.tune.choice import ALIKE, Measured, Pace, pick
+from tactemu.tune.choice import ALIKE, Measured, Pace, as_dict, pick
 from tactemu.tune.cost import MAX_CPU_SHARE, Cost, measure_loop
+from tactemu.tune.errors import ERRORS, Comparison, Criterion
 from tactemu.tune.settings import settings_for, skin_with
-from tactemu.tune.tuner import run_tune
+from tactemu.tune.tuner import Tuner, run_tune
 from tactemu.tune.writing import set_skin
 
 LAYER = "elastic_layer_taxel"
@@ -94,6 +95,9 @@ def test_a_setting_keeps_imperfections_and_drops_what_the_model_lacks():
     assert springs.options["normal_damping"] == 2.0 and springs.options["noise"] == 0.01
 
 
+TAXELS = Criterion(("taxels",))
+
+
 def measured(name, step_us, error, rate_hz=100.0, *, late_us=None, sample_us=10.0):
     cost = Cost(step_us, late_us or 1.2 * step_us, sample_us)
     return Measured(Setting(name, model=LAYER), cost, Pace(rate_hz, 1e-3), error, 1.0)
@@ -102,15 +106,16 @@ def measured(name, step_us, error, rate_hz=100.0, *, late_us=None, sample_us=10.
 def picked(rate_hz):
     """Of settings from 10 µs to 11 ms a step, each better than the one before."""
     entries = [measured(f"{step_us}", step_us, 1 / step_us, rate_hz) for step_us in (10, 50, 200, 500, 11_000)]
-    return pick("skin", "truth", Pace(rate_hz, 1e-3), None, entries)
+    return pick("skin", "truth", Pace(rate_hz, 1e-3), None, entries, TAXELS)
 
 
 def test_the_most_accurate_that_fits_is_picked_with_both_neighbours():
     entries = [measured("a", 10, 0.5), measured("b", 50, 0.1), measured("c", 60, 0.098), measured("d", 900, 0.01)]
-    choice = pick("skin", "truth", Pace(100.0, 1e-3), None, entries)
+    choice = pick("skin", "truth", Pace(100.0, 1e-3), None, entries, TAXELS)
     assert choice.keeps_rate and choice.chosen.setting.name == "b"  # as good as c, and cheaper
     assert choice.cheaper.setting.name == "a" and choice.finer.setting.name == "d"
-    late = pick("skin", "truth", Pace(1e5, 1e-3), None, [measured(e.setting.name, 800, e.error, 1e5) for e in entries])
+    slow = [measured(e.setting.name, 800, e.error, 1e5) for e in entries]
+    late = pick("skin", "truth", Pace(1e5, 1e-3), None, slow, TAXELS)
     assert not late.keeps_rate and late.chosen.setting.name == "a"
 
 
@@ -164,6 +169,37 @@ def test_a_scene_is_tuned_and_written(tmp_path):
     skin = load(str(file)).tables.skin[0]
     assert skin.model_ == LAYER and skin.options["noise"] == 0.01
     assert any("chosen" in line for line in lines)
+    assert choice.criterion.measures == ("pressure", "edges"), "a ball that few of the 16 taxels touch"
+    assert choice.chosen.error == max(choice.chosen.errors[name] for name in choice.criterion.measures)
+    assert any("its errors: taxels" in line and "edges" in line for line in lines)
+    assert any("    drag: " in line and "not judged, no body slides" in line for line in lines)
+    told = as_dict(choice)
+    assert told["judged_by"] == ["pressure", "edges"] and set(told["chosen"]["errors"]) < set(ERRORS)
+
+
+SLIDE = """motion = [
+  { kind = "press", approach = 0.0005, depth = 0.0005, speed = 0.01, dwell = 0.1, release = false },
+  { kind = "slide", distance = 0.004, speed = 0.005, repeat = 0 },
+]"""
+
+
+def test_a_body_that_slides_is_judged_by_its_drag_too(tmp_path):
+    file = Path(tmp_path) / "hand.toml"
+    first = SCENE.split('[[skin]]\ndevice = "xela_uskin"\nname')[0]
+    press = next(line for line in first.splitlines() if line.startswith("motion"))
+    file.write_text(first.replace(press, SLIDE))
+    loaded = load(str(file))
+    tuner = Tuner(loaded, loaded.tables.skin[0], 20.0, None, 1.0, None)
+    truth, _name = tuner._truth(4)
+    criterion = Comparison(truth[30:], tuner.device).criterion()
+    assert "drag" in criterion.measures and "a body slides" in criterion.reasons["drag"]
+
+
+def test_an_error_that_the_scene_does_not_show_is_refused(tmp_path):
+    file = Path(tmp_path) / "hand.toml"
+    file.write_text(SCENE.split('[[skin]]\ndevice = "xela_uskin"\nname')[0])
+    with pytest.raises(SceneError, match=r"--error drag: skin 'xela_uskin' has none .* it has taxels, total, worst"):
+        run_tune(str(file), 20.0, error="drag", report=lambda _text: None, seconds=1.0)
 
 
 def test_a_scene_without_contact_is_refused(tmp_path):

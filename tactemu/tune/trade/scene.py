@@ -7,7 +7,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 from tactemu.scene.file import load
-from tactemu.tune.choice import ERRORS, Choice, as_dict
+from tactemu.tune.choice import Choice, as_dict
+from tactemu.tune.errors import ERRORS
 from tactemu.tune.tuner import Tuner
 
 RATE_HZ = 100.0
@@ -19,7 +20,7 @@ def trade_of_scene(report: Callable[[str], None], scene: str, folder: Path, devi
     loaded = load(scene)
     choices = []
     for skin in loaded.tables.skin:
-        tuner = Tuner(loaded, skin, RATE_HZ, "taxels", 4.0, device)
+        tuner = Tuner(loaded, skin, RATE_HZ, None, 4.0, device)
         choices.append(tuner.choose(progress))
     text = "\n".join(_table(choice) for choice in choices)
     report(text)
@@ -34,6 +35,7 @@ def _table(choice: Choice) -> str:
     lines += [f"- error of {name}: {about}" for name, about in ERRORS.items()]
     lines += ["", "| setting | µs a sample | " + " | ".join(ERRORS) + " |", "|---|---|" + "---|" * len(ERRORS)]
     for entry in choice.all:
-        errors = " | ".join(f"{100 * entry.errors[name]:.2g} %" for name in ERRORS)
+        shown = {name: f"{100 * error:.2g} %" for name, error in entry.errors.items()}
+        errors = " | ".join(shown.get(name, "") for name in ERRORS)
         lines.append(f"| {entry.setting.name} | {entry.cost_us:.0f} | {errors} |")
     return "\n".join(lines) + "\n"
