@@ -172,7 +172,7 @@ class Pad:
             self._friction = float(getattr(sensor.model, "friction", 0.0))
             self._reach = REACH_RADII * float(np.max(sensor.radii))
             if sensor.model.load_fields and reason is not None:
-                self._load = sensor.load = LoadMatch(reason)
+                self._load = sensor._load = LoadMatch(reason)
 
     def clear(self) -> None:
         """Reset the pad: nothing touches the skin."""

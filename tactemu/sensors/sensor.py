@@ -83,7 +83,7 @@ class Sensor(Adjustments, Generic[R]):
     """The signs of its forces and torques: the model's own, else the scene's."""
     imperfections: Imperfections | None = field(default=None, repr=False)
     """The imperfections of a built scene; their setters change them at run time. ``None`` before the scene is built."""
-    load: LoadMatch | None = field(default=None, repr=False)
+    _load: LoadMatch | None = field(default=None, repr=False)
     """The load that an engine sets, which the forces of its readings then sum up to; set before the scene is built."""
     _sim: Built | None = field(default=None, repr=False)
     _outputs: Outputs | None = field(default=None, repr=False)

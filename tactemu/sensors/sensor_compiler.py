@@ -97,8 +97,8 @@ class SensorCompiler:
         radius, radius_stages = imperfections.compile_radius_noise()
         site = self._site(sensor, gain if model.gain_inside else None, radius)
         compiled = model.compile(site)
-        if sensor.load is not None:
-            compiled.stages.append(sensor.load.stage(site, compiled.truth, compiled.raw))
+        if sensor._load is not None:
+            compiled.stages.append(sensor._load.stage(site, compiled.truth, compiled.raw))
         finish = compiled.finish or (lambda array, _branch: (array, []))
         transduce: Transduce | None = None
         if sensor._chain is None:

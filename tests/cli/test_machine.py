@@ -26,7 +26,7 @@ def test_a_reader_that_goes_is_no_traceback(command):
 @pytest.mark.parametrize("command", ["devices", "run anyskin --port memory: --seconds 0.2 --plain", "devices anyskin"])
 def test_an_output_that_is_full_is_one_sentence(command):
     done = shell(f"tactemu {command} > /dev/full")
-    assert (done.returncode, done.stderr) == (2, "tactemu: No space left on device\n")
+    assert (done.returncode, done.stderr) == (2, "tactemu: cannot write the output: No space left on device\n")
 
 
 @pytest.mark.parametrize(

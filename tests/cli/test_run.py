@@ -130,7 +130,7 @@ WRONG = {
     "virtual without an end": (["anyskin", "--clock=virtual"], "--seconds"),
     "truth file": (["anyskin", "--truth", "/nonexistent/t.jsonl"], "cannot write the truth log"),
     "NaN in a motion": (["nan.toml"], "must be >= -100 and <= 100 m (6 mm is 0.006), got nan"),
-    "device file without a class": (["empty.py"], "named with its class: empty.py:CLASS"),
+    "device file without a class": (["empty.py"], "name the class in it, as empty.py:Class"),
     "device file without the class": (["empty.py:Skin"], "has no class 'Skin'"),
 }
 

@@ -113,7 +113,10 @@ def test_every_toml_block_of_the_documentation_is_right():
         file.parse(block)
     for block in set(blocks) - set(whole):
         for body in tomllib.loads(block).get("body", []):
-            file.make_motion(body["motion"])
+            if "motion" in body:
+                file.make_motion(body["motion"])
+            else:
+                schema.SHAPES[body["shape"]].model_validate(body)
 
 
 @pytest.mark.parametrize(

@@ -46,7 +46,7 @@ def test_what_is_made_is_removed_in_reverse(tmp_path):
         (tmp_path / program).write_text("#!/bin/sh\n")
         (tmp_path / program).chmod(0o755)
     text = text.replace("/sys/kernel/config/usb_gadget", str(tmp_path)).replace("/dev/ffs-test", str(tmp_path / "ffs"))
-    text = text.replace(f"{sys.executable} -m tactemu run seed_fts3", "sleep 60 #")
+    text = text.replace(f'{sys.executable} -m tactemu run seed_fts3 --port "$port"', "sleep 60")
     text = text.replace(
         'mkdir "$gadget"\n', 'mkdir "$gadget" && mkdir "$gadget/strings" "$gadget/configs" "$gadget/functions"\n'
     )
