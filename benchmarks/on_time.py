@@ -6,7 +6,8 @@
 * The closed loop at 500 steps a second, without and with a live page.
 * 100 devices served and closed, one after the other, and `tactemu check-host`.
 
-Limits are for two cores with nothing else to do; the first line says what they do at the moment.
+Limits are for two cores with nothing else to do; the first lines say what they do at the moment, and how late a loop
+is there that only waits.
 """
 
 from __future__ import annotations
@@ -21,11 +22,15 @@ from dataclasses import dataclass
 
 from benchmarks import answers, closed_loop, control
 from benchmarks.loop import lateness
+from tactemu.base.clock import RealClock
+from tactemu.base.low_latency import low_latency
+from tactemu.base.statistics import Lateness
 from tactemu.tune.timing import Report
 
 DEVICES = 100
 QUESTIONS_PER_S = 50
 """Questions for a second of the run at 1 kHz: 3,000 on each port."""
+PERIOD_NS = 1_000_000
 FAST_STEP_S = 0.002
 """The step of the closed loop: 500 steps a second."""
 BUSY_PROCESSES = 3
@@ -59,6 +64,7 @@ def run(report: Report, *, seconds: float = 60.0) -> tuple[dict[str, float], boo
     all keep their limits."""
     load, cpus = os.getloadavg()[0], os.cpu_count() or 1
     report(f"load {load:.1f} on {cpus} CPUs" + (": NOT QUIET, the limits do not hold" if load > cpus / 2 else ""))
+    report(_idle_loop(seconds / 5))
     found: list[Figure] = []
     for part in (_samples, _answers, _commands, _closed_loop, _life):
         for figure in part(seconds):
@@ -68,6 +74,23 @@ def run(report: Report, *, seconds: float = 60.0) -> tuple[dict[str, float], boo
     others = f"; not: {', '.join(missed)}" if missed else ""
     report(f"{len(found) - len(missed)} of {len(found)} limits are met{others}")
     return {figure.name: figure.value for figure in found}, not missed
+
+
+def _idle_loop(seconds: float) -> str:
+    """Return how late a loop at 1 kHz is that only waits: what the machine itself adds to the figures below."""
+    clock, late, missed, k = RealClock(), Lateness(), 0, 0
+    with low_latency():
+        while k < 1000 * seconds:
+            k += 1
+            clock.wait(k * PERIOD_NS, [])
+            behind_ns = max(0, clock.now_ns() - k * PERIOD_NS)
+            late.add(behind_ns)
+            missed += behind_ns // PERIOD_NS
+            k += behind_ns // PERIOD_NS
+    p50, p99 = (late.percentile_ns(q) / 1e3 for q in (50, 99))
+    return (
+        f"a loop at 1 kHz that only waits: late {p50:.0f} us (median), {p99:.0f} us (99 of 100), {missed} of {k} missed"
+    )
 
 
 def _samples(seconds: float) -> list[Figure]:
@@ -85,7 +108,6 @@ def _served(seconds: float) -> list[Figure]:
     import serial
 
     import tactemu
-    from tactemu.base.statistics import Lateness
 
     with tactemu.serve("anyskin", rate_hz=1000.0) as dev, serial.Serial(dev.port, 115_200, timeout=0.1) as port:
         statistics = dev.emulator.channels[0].statistics
