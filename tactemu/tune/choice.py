@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from math import ceil
 from typing import Any
 
 from tactemu.sensors.sensor_model import Setting
@@ -12,6 +13,8 @@ from tactemu.tune.errors import ERRORS, Criterion
 
 ALIKE = 1.05
 """Errors within this factor count as equal: the cheaper setting is chosen."""
+AS_FAST = 1.15
+"""Costs within this factor count as equal: one setting measured twice on a busy machine differs by as much."""
 
 
 @dataclass(frozen=True)
@@ -94,14 +97,11 @@ class Choice:
 def pick(
     skin: str, truth: str, pace: Pace, line_hz: float | None, measured: list[Measured], criterion: Criterion
 ) -> Choice:
-    """Return the most accurate setting that keeps the rate, the cheapest of equal ones; else the fastest setting."""
-    fitting = [entry for entry in measured if entry.keeps_rate]
-    if fitting:
-        least = min(entry.error for entry in fitting)
-        chosen = min((e for e in fitting if e.error <= ALIKE * least), key=lambda e: e.cpu_share)
-    else:
-        chosen = min(measured, key=lambda e: e.cpu_share)
-    faster = [e for e in measured if e.cpu_share < chosen.cpu_share and e is not chosen]
+    """Return the most accurate setting that keeps the rate, else of the fastest; the cheapest of equal ones."""
+    among = [entry for entry in measured if entry.keeps_rate] or _fastest(measured)
+    least = min(entry.error for entry in among)
+    chosen = min((e for e in among if e.error <= ALIKE * least), key=lambda e: e.cpu_share)
+    faster = [e for e in measured if AS_FAST * e.cpu_share < chosen.cpu_share]
     better = [e for e in measured if e.error * ALIKE < chosen.error]
     return Choice(
         skin=skin,
@@ -116,6 +116,13 @@ def pick(
     )
 
 
+def _fastest(measured: Sequence[Measured]) -> list[Measured]:
+    """Return the settings that cost the least or as little, without those that lose many more samples."""
+    alike = [entry for entry in measured if entry.cpu_share <= AS_FAST * min(each.cpu_share for each in measured)]
+    kept = 1 - min(entry.lost_share for entry in alike)
+    return [entry for entry in alike if AS_FAST * (1 - entry.lost_share) >= kept]
+
+
 def report_choice(choice: Choice, report: Callable[[str], None]) -> None:
     """Report the choice in lines of text."""
     rate, steps = choice.pace.rate_hz, 1 / choice.pace.dt
@@ -127,7 +134,8 @@ def report_choice(choice: Choice, report: Callable[[str], None]) -> None:
     if choice.keeps_rate:
         report(f"chosen: {choice.chosen}")
     else:
-        report(f"no setting keeps {rate:g} Hz here; the fastest is {choice.chosen}. Lower the rate, or raise dt")
+        report(f"no setting keeps {rate:g} Hz here. {_next_step(choice)}")
+        report(f"chosen, as the most accurate of the {len(_fastest(choice.all))} fastest: {choice.chosen}")
     report("  its errors: " + ", ".join(f"{name} {100 * error:.2g} %" for name, error in choice.chosen.errors.items()))
     if choice.line_hz is not None:
         report(f"the line carries {choice.line_hz:.0f} Hz of it at its speed, and drops the rest, whatever the model")
@@ -135,6 +143,15 @@ def report_choice(choice: Choice, report: Callable[[str], None]) -> None:
         report(f"if that is too slow: {choice.cheaper}")
     if choice.finer is not None:
         report(f"more accurate{'' if choice.finer.keeps_rate else ', too slow here'}: {choice.finer}")
+
+
+def _next_step(choice: Choice) -> str:
+    """Return what a user may do if no setting keeps the rate."""
+    cost, dt = choice.chosen.cost, choice.pace.dt
+    if highest := cost.highest_rate_hz(dt):
+        return f"The chosen one keeps {highest:g} Hz: ask for that (--rate {highest:g}), or use a faster machine"
+    longer = 1e-3 * ceil(1e-3 * cost.step_us / MAX_CPU_SHARE)
+    return f"The steps alone are too much for it: raise dt to {longer:g} s, and ask again"
 
 
 def _report_criterion(choice: Choice, report: Callable[[str], None]) -> None:
@@ -166,6 +183,7 @@ def as_dict(choice: Choice) -> dict[str, Any]:
     return {
         "skin": choice.skin, "truth": choice.truth, "rate_hz": choice.pace.rate_hz, "dt": choice.pace.dt,
         "line_hz": choice.line_hz, "keeps_rate": choice.keeps_rate,
+        "highest_rate_hz": choice.chosen.cost.highest_rate_hz(choice.pace.dt),
         "judged_by": list(choice.criterion.measures), "reasons": dict(choice.criterion.reasons),
         "chosen": entry(choice.chosen), "cheaper": entry(choice.cheaper), "finer": entry(choice.finer),
         "all": [entry(measured) for measured in choice.all],

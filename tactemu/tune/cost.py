@@ -13,6 +13,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from math import floor, log10
 from statistics import median
 
 import numpy as np
@@ -72,6 +73,16 @@ class Cost:
     def keeps_rate(self, rate_hz: float, dt: float) -> bool:
         """Return True if the loop keeps the rate."""
         return self.cpu_share(rate_hz, dt) <= MAX_CPU_SHARE and self.lost_share(rate_hz, dt) <= MAX_LOST_SHARE
+
+    def highest_rate_hz(self, dt: float) -> float:
+        """Return nearly the highest rate that the loop keeps, in two digits [Hz]; 0: its steps alone are too much."""
+        rate = (1e6 * MAX_CPU_SHARE - self.step_us / dt) / self.sample_us
+        while rate >= 1:
+            digit = 10.0 ** (floor(log10(rate)) - 1)
+            if self.keeps_rate(rounded := digit * floor(rate / digit), dt):
+                return rounded
+            rate *= 0.95
+        return 0.0
 
 
 class ConstantSource:

@@ -10,7 +10,7 @@ from tactemu.emulator.assembly import assemble
 from tactemu.emulator.options import AssemblyOptions
 from tactemu.scene.file import load, parse
 from tactemu.sensors.sensor_model import Setting
-from tactemu.tune.choice import ALIKE, Measured, Pace, as_dict, pick
+from tactemu.tune.choice import ALIKE, Measured, Pace, as_dict, pick, report_choice
 from tactemu.tune.cost import MAX_CPU_SHARE, Cost, measure_loop
 from tactemu.tune.errors import ERRORS, Comparison, Criterion
 from tactemu.tune.settings import settings_for, skin_with
@@ -116,7 +116,42 @@ def test_the_most_accurate_that_fits_is_picked_with_both_neighbours():
     assert choice.cheaper.setting.name == "a" and choice.finer.setting.name == "d"
     slow = [measured(e.setting.name, 800, e.error, 1e5) for e in entries]
     late = pick("skin", "truth", Pace(1e5, 1e-3), None, slow, TAXELS)
-    assert not late.keeps_rate and late.chosen.setting.name == "a"
+    assert not late.keeps_rate and late.chosen.setting.name == "d"  # all are as fast
+
+
+def test_if_no_setting_keeps_the_rate_accuracy_decides_among_those_that_are_as_fast():
+    """FlexiTac at 11 kHz: springs cost 6 % less than a layer, whose error is a tenth of theirs."""
+    rate = 11_000.0
+    costs = {
+        "points": (40, 0.87, 83.9),
+        "springs": (13, 0.39, 84.0),
+        "layer": (40, 0.031, 87.0),
+        "x4": (229, 0.01, 120),
+    }
+    entries = [measured(name, step, error, rate, sample_us=sample) for name, (step, error, sample) in costs.items()]
+    entries.append(measured("late", 41, 0.01, rate, late_us=600, sample_us=87.0))  # loses 45 % to slow steps
+    choice = pick("skin", "truth", Pace(rate, 1e-3), None, entries, TAXELS)
+    assert not choice.keeps_rate and choice.chosen.setting.name == "layer"
+    assert choice.cheaper is None and choice.finer.setting.name == "late"
+    lines: list[str] = []
+    report_choice(choice, lines.append)
+    assert any("no setting keeps 11000 Hz here" in line and "--rate 7500" in line for line in lines)
+    assert any("most accurate of the 3 fastest: layer" in line for line in lines)
+
+
+def test_if_the_steps_alone_are_too_much_a_longer_one_is_proposed():
+    lines: list[str] = []
+    choice = pick("skin", "truth", Pace(10.0, 1e-3), None, [measured("dear", 2_000, 0.1, 10.0)], TAXELS)
+    report_choice(choice, lines.append)
+    assert any("raise dt to 0.003 s" in line for line in lines)
+
+
+@pytest.mark.parametrize("step_us", [1.0, 300.0, 690.0])
+def test_the_highest_rate_is_kept_and_one_a_quarter_higher_is_not(step_us):
+    cost = Cost(step_us, 1.2 * step_us, 10.0)
+    highest = cost.highest_rate_hz(1e-3)
+    assert cost.keeps_rate(highest, 1e-3) and not cost.keeps_rate(1.25 * highest, 1e-3)
+    assert Cost(800.0, 900.0, 10.0).highest_rate_hz(1e-3) == 0
 
 
 def test_steps_are_paid_by_their_own_rate_however_many_samples_there_are():
