@@ -50,7 +50,7 @@ def test_what_is_written_from_the_code():
     shown = hooks.on_page_markdown((DOCS / "tutorial.md").read_text(), page, None, None)
     assert '```python title="driver.py"' in shown and "```sh\n" in shown, "a fence with a bare name is none there"
     assert "<svg" not in hooks._device("sensel_morph") and len(hooks._device("sensel_morph")) < 30_000
-    assert "<svg" in hooks._device("anyskin") and hooks._chart().count('"mode":"markers"') == 5
+    assert "<svg" in hooks._device("anyskin") and hooks._chart().count('"mode":"markers"') == 9
 
 
 def test_what_a_page_brings_along_has_its_licence():
