@@ -66,7 +66,7 @@ class CanFrames(Frames):
         if isinstance(index, slice):
             return CanFrames(np.ascontiguousarray(self.array[index]))
         try:
-            ident, size, data = _CAN_FRAME.unpack_from(self.array, index * _FRAME_BYTES)  # type: ignore[arg-type]
+            ident, size, data = _CAN_FRAME.unpack_from(self.array, index * _FRAME_BYTES)  # type: ignore[arg-type]  # a buffer
         except struct.error:
             raise IndexError(f"expected an index below {len(self.array)}, got {index}") from None
         return CanFrame(arbitration_id=ident, data=data[:size])

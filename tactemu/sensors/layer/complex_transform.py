@@ -131,6 +131,42 @@ _PRELUDE = """
 #endif
         }
     };
+    // The steps that both convolutions have; ``j``: the first of the points, eight apart, that a thread takes
+    auto put_row = [&](auto kind, Complex* v, const int r, const int j, const int step) {  // along rows, forward
+        constexpr int parts = decltype(kind)::parts;
+        wide(kind, false, v);
+        turn(false, v, parts, j * step);
+        for (int i = 0; i < parts; ++i)
+            z[r * ROW + 8 * i + j] = v[i];
+    };
+    auto ahead_in_column = [&](auto kind, Complex* const column, const int j, const int step) {
+        constexpr int parts = decltype(kind)::parts;
+        Complex* const from = column + j * ROW;
+        Complex v[parts];
+        for (int i = 0; i < parts; ++i)
+            v[i] = i < parts / 2 && 8 * i + j < rows ? from[8 * i * ROW] : Complex{0, 0};
+        wide(kind, false, v);
+        turn(false, v, parts, j * step);
+        for (int i = 0; i < parts; ++i)
+            from[8 * i * ROW] = v[i];
+    };
+    auto back_in_column = [&](auto kind, Complex* const column, const int j) {
+        constexpr int parts = decltype(kind)::parts;
+        Complex* const from = column + j * ROW;
+        Complex v[parts];
+        for (int i = 0; i < parts; ++i)
+            v[i] = from[8 * i * ROW];
+        wide(kind, true, v);
+        for (int i = 0; i < parts; ++i)
+            if ((8 * i + j - at.first[0] & n_rows - 1) < rows_out)
+                from[8 * i * ROW] = v[i];
+    };
+    auto take_row = [&](auto kind, Complex* v, const int r, const int j) {  // along rows, back
+        constexpr int parts = decltype(kind)::parts;
+        for (int i = 0; i < parts; ++i)
+            v[i] = z[row_out(r) + 8 * i + j];
+        wide(kind, true, v);
+    };
     // By value: an address that depends on the condition would keep arrays out of the registers
     auto choose = [](const bool first, const Complex a, const Complex b) {
         return Complex{first ? a.re : b.re, first ? a.im : b.im};

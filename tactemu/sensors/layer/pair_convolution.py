@@ -101,10 +101,7 @@ _STEPS = """
                 const bool there = i < parts / 2 && c < columns;
                 v[i] = Complex{there ? x[r * row + c] : Number(0), there && !pressed ? y[r * row + c] : Number(0)};
             }
-            wide(kind, false, v);
-            turn(false, v, parts, j * step);
-            for (int i = 0; i < parts; ++i)
-                z[r * ROW + 8 * i + j] = v[i];
+            put_row(kind, v, r, j, step);
         });
         each(parts * rows, [&](const int item) {
             Complex* const from = z + (item & (rows - 1)) * ROW + 8 * (item >> bits);
@@ -120,16 +117,8 @@ _STEPS = """
     by_length(n_rows, [&](auto kind) {
         constexpr int parts = decltype(kind)::parts;
         const int bits = bits_of(n_columns), step = places.n_turns / n_rows, across = n_columns / 8;
-        each(8 * n_columns, [&](const int item) {
-            Complex* const from = z + (item & (n_columns - 1)) + (item >> bits) * ROW;
-            Complex v[parts];
-            for (int i = 0; i < parts; ++i)
-                v[i] = i < parts / 2 && 8 * i + (item >> bits) < rows ? from[8 * i * ROW] : Complex{0, 0};
-            wide(kind, false, v);
-            turn(false, v, parts, (item >> bits) * step);
-            for (int i = 0; i < parts; ++i)
-                from[8 * i * ROW] = v[i];
-        });
+        auto column = [&](const int item) { return z + (item & (n_columns - 1)); };
+        each(8 * n_columns, [&](const int item) { ahead_in_column(kind, column(item), item >> bits, step); });
         each(parts / 2 * n_columns, [&](const int item) {
             // Two groups of eight wave numbers that are each other's opposites, or each its own
             const int lane = item & (n_columns - 1), half = n_columns / 2;
@@ -175,16 +164,7 @@ _STEPS = """
             for (int i = 0; i < 8; ++i)
                 here[i * ROW] = c[i], there[i * ROW] = d[i];
         });
-        each(8 * n_columns, [&](const int item) {
-            Complex* const from = z + (item & (n_columns - 1)) + (item >> bits) * ROW;
-            Complex v[parts];
-            for (int i = 0; i < parts; ++i)
-                v[i] = from[8 * i * ROW];
-            wide(kind, true, v);
-            for (int i = 0; i < parts; ++i)
-                if ((8 * i + (item >> bits) - at.first[0] & n_rows - 1) < rows_out)
-                    from[8 * i * ROW] = v[i];
-        });
+        each(8 * n_columns, [&](const int item) { back_in_column(kind, column(item), item >> bits); });
     });
     // Back along rows of cells
     by_length(n_columns, [&](auto kind) {
@@ -204,9 +184,7 @@ _STEPS = """
         each(8 * rows_out, [&](const int item) {
             const int r = item & (rows_out - 1), j = item >> bits;
             Complex v[parts];
-            for (int i = 0; i < parts; ++i)
-                v[i] = z[row_out(r) + 8 * i + j];
-            wide(kind, true, v);
+            take_row(kind, v, r, j);
             for (int i = 0; i < parts; ++i) {
                 const int c = 8 * i + j - at.first[1] & n_columns - 1;
                 if (c < columns_out) {

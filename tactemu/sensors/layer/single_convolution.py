@@ -65,10 +65,7 @@ _STEPS = """
                 const Number upper = there ? x[r * row + c] : Number(0);
                 v[i] = Complex{upper, there ? x[(r + half_rows) * row + c] : Number(0)};
             }
-            wide(kind, false, v);
-            turn(false, v, parts, j * step);
-            for (int i = 0; i < parts; ++i)
-                z[r * ROW + 8 * i + j] = v[i];
+            put_row(kind, v, r, j, step);
         });
         each(parts / 2 * half_rows, [&](const int item) {  // and apart: wave numbers up to half of all
             const int r = item & (half_rows - 1), m = item >> bits, n = partner(m, parts);
@@ -104,16 +101,7 @@ _STEPS = """
             const int h = item & (half - 1);
             return z + 8 * (h >> 2) + (h & 3);
         };
-        each(8 * half, [&](const int item) {
-            Complex* const from = column(item) + (item >> bits) * ROW;
-            Complex v[parts];
-            for (int i = 0; i < parts; ++i)
-                v[i] = i < parts / 2 && 8 * i + (item >> bits) < rows ? from[8 * i * ROW] : Complex{0, 0};
-            wide(kind, false, v);
-            turn(false, v, parts, (item >> bits) * step);
-            for (int i = 0; i < parts; ++i)
-                from[8 * i * ROW] = v[i];
-        });
+        each(8 * half, [&](const int item) { ahead_in_column(kind, column(item), item >> bits, step); });
         each(parts / 2 * half, [&](const int item) {
             const int h = item & (half - 1), m = item >> bits, n = partner(m, parts), k = (h >> 2) + across * (h & 3);
             const bool own = m == 0, is_packed = h == 0;
@@ -141,16 +129,7 @@ _STEPS = """
             for (int i = 0; i < 8; ++i)
                 here[i * ROW] = c[i], there[i * ROW] = d[i];
         });
-        each(8 * half, [&](const int item) {
-            Complex* const from = column(item) + (item >> bits) * ROW;
-            Complex v[parts];
-            for (int i = 0; i < parts; ++i)
-                v[i] = from[8 * i * ROW];
-            wide(kind, true, v);
-            for (int i = 0; i < parts; ++i)
-                if ((8 * i + (item >> bits) - at.first[0] & n_rows - 1) < rows_out)
-                    from[8 * i * ROW] = v[i];
-        });
+        each(8 * half, [&](const int item) { back_in_column(kind, column(item), item >> bits); });
     });
     // Together again, and back along rows of cells
     by_length(n_columns, [&](auto kind) {
@@ -187,9 +166,7 @@ _STEPS = """
         each(8 * half_out, [&](const int item) {
             const int r = item & (half_out - 1), j = item >> bits;
             Complex v[parts];
-            for (int i = 0; i < parts; ++i)
-                v[i] = z[row_out(r) + 8 * i + j];
-            wide(kind, true, v);
+            take_row(kind, v, r, j);
             for (int i = 0; i < parts; ++i) {
                 const int c = 8 * i + j - at.first[1] & n_columns - 1;
                 if (c < columns_out)
