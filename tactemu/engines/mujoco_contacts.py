@@ -341,3 +341,5 @@ class Pad:
         self.along, self._give = np.array(state["along"]), float(state["give"])
         moved, had = np.array(state["pulled"])
         self._pulled = moved, had
+        if self._load is not None:
+            self._load.restore(self.force, self._measured)

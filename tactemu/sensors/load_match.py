@@ -43,6 +43,12 @@ class LoadMatch:
         elif self._load is not None:
             self._load.fill_(newtons)
 
+    def restore(self, newtons: float, modelled: float) -> None:
+        """Restore the load and the modelled force of a last step that was not computed here [N]."""
+        self.set(newtons)
+        if self._modelled is not None:
+            self._modelled.fill_(modelled)
+
     @property
     def modelled(self) -> float:
         """The total normal force of the last step as the model has it [N], before it was scaled."""

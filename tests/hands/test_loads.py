@@ -133,3 +133,28 @@ def test_a_skin_that_others_press_too_is_not_scaled(tmp_path):
     with emulator:
         emulator.run(0.01)
         assert pad.skin_force() > 0 and "MuJoCo" not in str(simulation.plan)
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_a_body_that_slides_goes_on_from_a_saved_state(model, tmp_path):
+    """Also the factor on its taxels is that of the step before, which the restored simulation has not computed."""
+
+    def forces(emulator, pad):
+        told = []
+        for _ in range(20):
+            emulator.run(1e-3)
+            told.append(pad.sensor.quantity("force", ground_truth=True).copy())
+        return np.array(told)
+
+    emulator, _, engine, pad = lying(tmp_path, 0.05, model=model)
+    with emulator:
+        emulator.run(0.1)
+        engine.data.qvel[0] = 0.02
+        emulator.run(0.01)
+        state = emulator.snapshot()
+        whole = forces(emulator, pad)
+    other, _, _, pad = lying(tmp_path, 0.05, model=model)
+    other.restore(state)
+    with other:
+        np.testing.assert_array_equal(forces(other, pad), whole)
+    assert np.abs(whole.sum(axis=1)[:, 0]).max() > 0.01 or model == "springs"
