@@ -196,3 +196,18 @@ def test_pictures_are_heights(tmp_path):
 def test_wrong_textures_are_refused(make, message):
     with pytest.raises(tt.SceneError, match=message):
         make()
+
+
+def test_files_that_are_no_heights_or_too_many_are_refused_before_they_are_read(tmp_path):
+    np.lib.format.open_memmap(tmp_path / "large.npy", mode="w+", dtype=np.float32, shape=(100_000, 20_000))
+    np.savez(tmp_path / "several.npz", a=np.zeros(3))
+    (tmp_path / "text.npy").write_text("no array")
+    for name, says in (
+        ("large", "16777216 samples"),
+        ("several", "no array"),
+        ("text", "no array"),
+        ("none", "No such"),
+    ):
+        path = next(tmp_path.glob(f"{name}.*"), tmp_path / "none.npy")
+        with pytest.raises(tt.SceneError, match=says):
+            tt.HeightMap(heights=path, cell=1e-4)

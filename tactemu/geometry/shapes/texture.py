@@ -153,12 +153,26 @@ def _picture(path: Path) -> np.ndarray:
     """
     try:
         if path.suffix.lower() not in PICTURES:
-            return np.load(path, allow_pickle=False)
+            try:
+                heights = np.load(
+                    path, allow_pickle=False, mmap_mode="r"
+                )  # so that its size is known before it is read
+            except ValueError:
+                heights = None
+            if not isinstance(heights, np.ndarray):
+                raise ValueError("it is no array of numbers")
+            if heights.size > MAX_SAMPLES:
+                raise SceneError(f"texture {path}: heights have at most {MAX_SAMPLES} samples, got {heights.shape}")
+            return np.array(heights)
         try:
             from PIL import Image  # an optional library, which plots need as well
         except ImportError:
             raise SceneError(f"texture {path}: pictures need Pillow: pip install 'tactemu[plots]'") from None
-        with Image.open(path) as picture:
+        try:
+            picture = Image.open(path)
+        except Image.DecompressionBombError:
+            raise SceneError(f"texture {path}: a picture has at most {MAX_SAMPLES} pixels") from None
+        with picture:
             if picture.width * picture.height > MAX_SAMPLES:
                 raise SceneError(f"texture {path}: a picture has at most {MAX_SAMPLES} pixels, got {picture.size}")
             brightest = 65535.0 if picture.mode.startswith("I") else 255.0
