@@ -89,6 +89,7 @@ def main() -> int:
             time.sleep(_RETRY_S)
             page.close()
     except TactemuError as error:
+        time.sleep(_RETRY_S)  # a run that ends closes its connections before it gives up its name
         if not _runs(name):  # it ended while the page started
             return 0
         print(f"tactemu: the page: {error}", file=sys.stderr)
