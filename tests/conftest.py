@@ -49,13 +49,9 @@ def pytest_collection():
         gc.enable()
 
 
-GC_THRESHOLDS = gc.get_threshold()
-
-
 @pytest.fixture(scope="module", autouse=True)
 def frozen_imports():
     """Leave all that exists out of the garbage collections to come: each would take half a second to visit it."""
-    gc.set_threshold(*GC_THRESHOLDS)  # `tactemu run` in this process has switched full collections off
     if not gc.get_freeze_count():  # a run of the command line in this process has unfrozen it
         gc.collect()
         gc.freeze()

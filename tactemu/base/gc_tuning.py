@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import atexit
 import gc
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 from tactemu.base.shared_setting import SharedSetting
 
@@ -28,20 +30,28 @@ no_full_collections = SharedSetting(gc.get_threshold, lambda threshold: gc.set_t
 """A context in which no thread of this process collects all garbage, unless it has made very much."""
 
 
-def disable_collections() -> None:
-    """Collect no garbage until :func:`enable_collections`, while a command starts: nearly all objects that imports make
-    last, and collections, which visit them again and again, take 50 ms of a start."""
+@contextmanager
+def command_collections() -> Iterator[None]:
+    """Collect no garbage inside the block until :func:`enable_collections`, and then only young objects.
+
+    It is for a process that only runs a loop. Nearly all objects that imports make last, and collections, which visit
+    them again and again, take 50 ms of a start. A full collection at the end of the process takes 0.4 s, and several
+    seconds on a busy machine. A program that runs a command in its own process has its collections back afterwards:
+    else what it makes until its next loop is garbage that this loop collects in one go.
+    """
+    was_enabled, threshold = gc.isenabled(), gc.get_threshold()
     gc.disable()
+    gc.set_threshold(*threshold[:2], _NO_FULL_COLLECTION_THRESHOLD)
+    atexit.register(gc.freeze)
+    try:
+        yield
+    finally:
+        gc.set_threshold(*threshold)
+        if was_enabled:
+            gc.enable()
 
 
 def enable_collections() -> None:
     """Collect garbage from now on, but none of the objects that exist already."""
     gc.freeze()
     gc.enable()
-
-
-def disable_full_collections() -> None:
-    """Collect only young objects from now on, also at the end of the process (0.4 s, and several seconds on a busy
-    machine); for a process that only runs a loop."""
-    gc.set_threshold(*gc.get_threshold()[:2], _NO_FULL_COLLECTION_THRESHOLD)
-    atexit.register(gc.freeze)

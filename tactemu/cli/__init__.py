@@ -33,13 +33,11 @@ def main() -> None:
             if _answer_without_parser(sys.argv[1:]):
                 return
             if sys.argv[1:2] in (["run"], ["exec"]):
-                from tactemu.base.gc_tuning import disable_collections, disable_full_collections
+                from tactemu.base.gc_tuning import command_collections
                 from tactemu.cli.forwarding import forwarded_signals
                 from tactemu.cli.signals import starting
 
-                disable_collections()
-                disable_full_collections()
-                with starting(), forwarded_signals() if sys.argv[1] == "exec" else nullcontext():
+                with command_collections(), starting(), forwarded_signals() if sys.argv[1] == "exec" else nullcontext():
                     _run()
             else:
                 _run()

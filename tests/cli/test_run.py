@@ -1,5 +1,6 @@
 """``tactemu run``: a line when ready, a clean end, and every mistake a message, exit code 2, nothing left behind."""
 
+import gc
 import json
 import os
 import re
@@ -220,3 +221,13 @@ def test_rates_are_read_as_numbers_or_by_stream(words, rate):
 def test_what_is_no_rate_is_said(words):
     with pytest.raises(SceneError, match="--rate"):
         rate_of(words)
+
+
+@pytest.mark.parametrize(
+    "arguments", [("anyskin", "--port=memory:", "--clock=virtual", "--seconds=0.01"), ("nothing",)]
+)
+def test_the_program_that_runs_it_has_its_garbage_collections_back(arguments):
+    """Also where it was refused before a loop began: garbage of minutes would wait for the next loop."""
+    before = gc.isenabled(), gc.get_threshold()
+    assert here("run", *arguments).returncode == (0 if len(arguments) > 1 else 2)
+    assert (gc.isenabled(), gc.get_threshold()) == before
