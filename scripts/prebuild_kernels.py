@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Compile the kernels of every device's default scene ahead of time, for processors of one level of x86-64.
+"""Compile the kernels of every device's default scene, and of the demo, ahead of time, for one level of x86-64.
 
     scripts/prebuild_kernels.py [FOLDER]
 
@@ -46,13 +46,14 @@ def main(folder: Path) -> None:
 
 
 def build_all() -> None:
-    """Build the default scene of every device, which loads its kernels."""
+    """Build the default scene of every device and the scene of ``tactemu see --demo``, which loads their kernels."""
     from tactemu.emulator.assembly import assemble
     from tactemu.emulator.options import AssemblyOptions
     from tactemu.scene import file
 
-    for device in json.loads((ROOT / "tactemu/cli/devices.json").read_text()):
-        assemble(file.load(device["name"]), AssemblyOptions(port="memory:"))
+    devices = json.loads((ROOT / "tactemu/cli/devices.json").read_text())
+    for scene in [*(device["name"] for device in devices), ROOT / "tactemu/scene/demo.toml"]:
+        assemble(file.load(scene), AssemblyOptions(port="memory:"))
 
 
 if __name__ == "__main__":

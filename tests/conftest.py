@@ -49,12 +49,21 @@ def pytest_collection():
         gc.enable()
 
 
+MANY_OBJECTS = 200_000
+"""So many that outlive two collections are mostly garbage of earlier tests, such as the truth of their emulators."""
+
+
 @pytest.fixture(scope="module", autouse=True)
-def frozen_imports():
-    """Leave all that exists out of the garbage collections to come: each would take half a second to visit it."""
-    if not gc.get_freeze_count():  # a run of the command line in this process has unfrozen it
+def little_garbage():
+    """Leave all that exists out of the garbage collections to come: each would take half a second to visit it.
+
+    And free the garbage of earlier modules now: a loop in real time would stand still for seconds while it is freed.
+    """
+    if not gc.get_freeze_count():
         gc.collect()
         gc.freeze()
+    elif len(gc.get_objects(generation=2)) > MANY_OBJECTS:
+        gc.collect()
 
 
 def pytest_collection_modifyitems(config, items):

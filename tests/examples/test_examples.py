@@ -29,10 +29,10 @@ NEEDS = {
     "hand_env.py": ("gymnasium", "newton"),
     "press_env.py": ("gymnasium",),
 }
+ELSEWHERE = ("two_drivers.py", "hand_env.py")
+"""What other tests run daily: `scripts/try`, and tests/envs and tests/scene with these engines."""
 RUNS = [
-    pytest.param(
-        name, arguments, marks=[pytest.mark.nightly] * (name == "two_drivers.py"), id=" ".join([name, *arguments])
-    )
+    pytest.param(name, arguments, marks=[pytest.mark.nightly] * (name in ELSEWHERE), id=" ".join([name, *arguments]))
     for name in EXPECTED
     for arguments in ARGUMENTS.get(name, [[]])
 ]
@@ -47,7 +47,6 @@ def test_every_example_is_tested():
 @pytest.mark.timeout(150)
 @pytest.mark.parametrize(("name", "arguments"), RUNS)
 def test_an_example_runs(name, arguments):
-    """`two_drivers.py` is what `scripts/try` runs, before all tests."""
     for package in NEEDS.get(name, ()):
         pytest.importorskip(package, reason="the example says what to install")
     done = subprocess.run(

@@ -51,11 +51,12 @@ def test_goes_on_as_if_never_interrupted(name, folder, ends):
         assert story.told_on(other, story.SAVES_S[k]) == rests[k], f"from {story.SAVES_S[k]} s on"
 
 
+@pytest.mark.timeout(400)
 def test_all_go_on_in_another_process(folder, ends):
     if len(ends) < len(fp.names()):
         pytest.skip("looks at what the tests of all devices left")
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
     command = [sys.executable, "-m", "tests.emulator.saving.story", str(folder)]
-    done = subprocess.run(command, check=False, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=100)
+    done = subprocess.run(command, check=False, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=380)
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout.splitlines()[-1]) == ends
