@@ -16,6 +16,7 @@ import numpy as np
 
 from benchmarks.infer_corpus import make, wire_devices
 from benchmarks.infer_judge import Verdict, judge
+from benchmarks.infer_misses import MISSES_INTRODUCTION, MissedField, misses_table
 from benchmarks.infer_truths import NOT_COUNTED
 
 LEAST_ASKED = 40
@@ -47,7 +48,7 @@ BEGIN, END = "<!-- begin: python -m benchmarks infer -->", "<!-- end -->"
 
 
 def tables(timed: list[Verdict], untimed: list[Verdict]) -> str:
-    """Return the tables of the page: the summary, a line for each device, and every miss."""
+    """Return the tables of the page: the summary, a line for each device, and the missed fields by kind of mistake."""
     lines = ["| captures | framing and sum | fields right | devices with 90 % | certain | certain and wrong | paired |"]
     lines.append("| --- | --- | --- | --- | --- | --- | --- |")
     for words, some in (
@@ -70,14 +71,20 @@ def tables(timed: list[Verdict], untimed: list[Verdict]) -> str:
         "",
         "## Every miss",
         "",
-        "| device | message | truth | what is wrong | found |",
-        "| --- | --- | --- | --- | --- |",
+        MISSES_INTRODUCTION,
+        "",
+        *misses_table(
+            MissedField(
+                each.name,
+                miss.group.replace("|", "/"),
+                f"{miss.place[3]} at {miss.place[0]}",
+                miss.what,
+                ", ".join(miss.found) or "nothing",
+            )
+            for each in timed
+            for miss in each.misses
+        ),
     ]
-    for each in timed:
-        for miss in each.misses:
-            found = ", ".join(miss.found) or "nothing"
-            place = f"{miss.place[3]} at {miss.place[0]}"
-            lines.append(f"| `{each.name}` | {miss.group.replace('|', '/')} | {place} | {miss.what} | {found} |")
     return "\n".join(lines)
 
 
