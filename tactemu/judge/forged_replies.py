@@ -97,7 +97,7 @@ def _all(data: bytes, unit: int, faults: Callable[[bytes, bytes, Ranges], list[F
     short = data[: unit + 2] + bytes([half]) + body[:half]
     return [
         ForgedReply("exception", "the device reports a failure", lambda n: faults(data, exception, n)),
-        ForgedReply("another unit", "an answer of another unit on the line", lambda n: faults(data, other, n)),
+        ForgedReply("another unit", "an answer from another unit on the line", lambda n: faults(data, other, n)),
         ForgedReply(
             "short answer", "a well-formed answer with fewer registers than requested", lambda n: faults(data, short, n)
         ),

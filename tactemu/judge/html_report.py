@@ -123,8 +123,8 @@ def _beside(bad: dict[str, Any]) -> str:
         f"<td class=n>{bad['truth'].get(name, float('nan')):g}</td></tr>"
         for name in names[:12]
     )
-    what = "An old reading, handed out again" if bad["old"] else "A wrong reading"
-    head = "<tr><th>column</th><th class=n>handed out</th><th class=n>true value</th></tr>"
+    what = "An old reading, reported again" if bad["old"] else "A wrong reading"
+    head = "<tr><th>column</th><th class=n>reported</th><th class=n>true value</th></tr>"
     return f"<p>{what}, beside its nearest sample:</p><table class=narrow>{head}{rows}</table>"
 
 

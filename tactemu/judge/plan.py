@@ -179,7 +179,13 @@ class Plan:
     @property
     def _own_checksum(self) -> str:
         """The reason why flipped bits are not tried."""
-        return f"{self.facts.line.kind} has a checksum of its own: damaged frames do not arrive"
+        return f"{self._kind} has a checksum of its own: damaged frames do not arrive"
+
+    @property
+    def _kind(self) -> str:
+        """The kind of line as it is written in a sentence."""
+        kind = self.facts.line.kind
+        return kind if kind in ("serial", "websocket", "bulk") else kind.upper()
 
     def _frames(self) -> Iterator[Trial]:
         """Yield the trials with single frames on any line."""
@@ -296,16 +302,16 @@ class Plan:
     # -- the port and the device ---------------------------------------------------------------------------------------
 
     def _outages(self) -> Iterator[Trial]:
-        kind, connector = self.facts.line.kind, self.facts.line.connector
+        kind, connector = self._kind, self.facts.line.connector
         yield Trial("slow reader", "the driver's process is stopped", action="stop", seconds=STOP_S)
         if self._meets(frames.Silence):
-            yield Trial("silence", "no data pass, and the port stays", [frames.Silence()], "hang", HANG_S)
+            yield Trial("silence", "no data pass, but the port stays open", [frames.Silence()], "hang", HANG_S)
         yield Trial("hang", "the device neither samples nor answers", action="hang", seconds=HANG_S)
         if self._meets(link.Unplug):
             about = "the port disappears and comes back, and again once the driver has recovered"
             yield Trial("unplug", about, [link.Unplug()], "unplug", UNPLUG_S, times=2, takes_s=3.6)
         else:
-            has = "a bus does not go away" if self.facts.line.has_identifiers else f"{kind} has no plug"
+            has = "a bus cannot be unplugged" if self.facts.line.has_identifiers else f"{kind} has no plug"
             about = self.facts.line.only_modelled.get("unplug", has)
             yield Trial("unplug", "the port disappears and comes back", skipped=about)
         if self._meets(link.HalfOpen):

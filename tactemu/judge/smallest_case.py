@@ -182,7 +182,7 @@ def in_words(case: dict[str, Any]) -> str:
     if case["row"]:
         names = case["odd"] or list(case["row"])
         shown = [name for name in names if name in case["row"]][:4]
-        lines += ["  it hands out  " + ", ".join(f"{name} = {case['row'][name]:g}" for name in shown)]
+        lines += ["  it reports    " + ", ".join(f"{name} = {case['row'][name]:g}" for name in shown)]
         if case["truth"]:
             lines += ["  it should be  " + ", ".join(f"{n} = {case['truth'].get(n, float('nan')):g}" for n in shown)]
     return "\n".join(lines)

@@ -94,7 +94,11 @@ def _otherwise(out: Outcome, known: CleanRun) -> str:
         return "noticed"
     if out.name == "clean" and known.keeps and not known.asks and out.sent < MIN_IN_TIME_SHARE * out.right:
         return "right; this machine was too busy to tell whether readings were lost"
-    return "right" if not out.lost else f"right; {out.lost} readings besides those hit were lost"
+    return "right" if not out.lost else f"right; {_readings(out.lost)} lost besides those that were hit"
+
+
+def _readings(count: int, which: str = "") -> str:
+    return f"{count} {which}reading{'s' * (count != 1)}"
 
 
 class _FindingRules:
@@ -133,7 +137,8 @@ class _FindingRules:
         out = self.out
         if out.wrong:
             odd = Counter(name for bad in out.bad if not bad["old"] for name in bad["odd"])
-            which = f", such as {', '.join(name for name, _ in odd.most_common(3))}" if odd else ""
+            names = [name for name, _ in odd.most_common(3)]
+            which = f", such as in column{'s' * (len(names) > 1)} {', '.join(names)}" if names else ""
             yield Finding("wrong", f"{out.wrong} of {out.rows} rows match no sample that was sent{which}")
 
     def _stale(self):
@@ -141,8 +146,8 @@ class _FindingRules:
         asks = self.known.asks and not self._outage
         again = out.injected if asks and self.record.name in OLD_ANSWER_TRIALS else 0
         if out.stale >= 2 + again:
-            what = "was handed out before, and asked for since" if asks else "repeats an old one while nothing is sent"
-            yield Finding("stale", f"{out.stale} rows: each {what}")
+            since = "although the driver has asked since" if asks else "while nothing is sent"
+            yield Finding("stale", f"{out.stale} rows: each repeats an earlier reading, {since}")
         if asks and out.behind > 5 + 2 * again and out.behind > 0.3 * out.rows:
             yield Finding("stale", f"{out.behind} rows: each is the answer to an earlier question")
 
@@ -162,8 +167,8 @@ class _FindingRules:
             return
         if out.quiet_s > BLOCKING_SHARE * lasted:
             spins = out.cpu > SPINNING_CPU_SHARE
-            words = f"takes {out.cpu:.0%} of a core" if spins else "waits"
-            yield Finding("spins" if spins else "blocks", f"{words} during the outage without any message")
+            words = f"uses {out.cpu:.0%} of a core" if spins else "waits"
+            yield Finding("spins" if spins else "blocks", f"{words} during the outage and prints no message")
 
     @cached_property
     def _behind(self) -> tuple[int, int] | None:
@@ -202,12 +207,8 @@ class _FindingRules:
         is_numbered = known.numbered and self.record.name in OUT_OF_ORDER_TRIALS
         allowed = out.injected if self.record.name in ("doubled", *OUT_OF_ORDER_TRIALS) and not is_numbered else 0
         if odd > allowed + 1 and not self._outage and self.action not in ("reset", "wrap", "saturate"):
-            words = (
-                "older than those before them, by their numbers"
-                if is_numbered
-                else "readings that were handed out before"
-            )
-            yield Finding("again", f"{odd} rows are {words}")
+            words = "are older than those before them, by their numbers" if is_numbered else "repeat earlier readings"
+            yield Finding("again", f"{odd} rows {words}")
 
     def _collateral(self):
         out = self.out
@@ -215,7 +216,7 @@ class _FindingRules:
         if not (self.known.keeps and plain) or self.known.asks or out.recovered_s is None:
             return
         if out.lost > 1 + COLLATERAL_PER_HIT * out.injected and out.lost > COLLATERAL_SHARE * max(1, out.sent):
-            yield Finding("collateral", f"{out.lost} good readings lost besides the {out.injected} that were hit")
+            yield Finding("collateral", f"{_readings(out.lost, 'good ')} lost besides the {out.injected} that were hit")
 
     def _keeps_up(self):
         out = self.out

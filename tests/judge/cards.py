@@ -43,12 +43,15 @@ class Card:
 
 
 MODBUS = (
-    "An RTU answer has no number: one that arrives late or unrequested is taken for the answer to the next request."
+    "A Modbus RTU answer carries no transaction number: the driver takes one that arrives late, or that it never "
+    "requested, for the answer to its next request."
 )
 MAGNETIC = (
-    "No checksum: 82 bytes are a frame if they end in `0D 0A`. A flipped bit gives a wrong field, and one in an "
-    "exponent an absurd one; a frame that is too short or too long is lost and, as a rule, so is the next.",
-    "No timeout: it waits forever, in a loop that takes a whole core. Unplugging raises an exception at once.",
+    "The frame has no checksum: 82 bytes are a frame if they end in `0D 0A`. A flipped bit gives a wrong value of the "
+    "magnetic field, and an absurd one if it is in an exponent. A frame that is too short or too long is lost, and "
+    "usually the next one with it.",
+    "The driver has no timeout: it waits forever, in a loop that uses a whole core. Unplugging raises an exception at "
+    "once.",
 )
 CARDS = {
     "anyskin": Card(device="anyskin", notes=MAGNETIC),
@@ -56,53 +59,54 @@ CARDS = {
     "pyrobotiqtactile": Card(
         device="robotiq_tsf85",
         notes=(
-            "The driver ignores the checksum in the header: flipped bits become pressures.",
-            "`read_frame()` returns on any bytes at all, so that every other reading repeats the previous one; after "
-            "its timeout it returns the last reading once more and raises nothing.",
-            "A restarted sensor no longer streams. The driver requests the stream once and not again.",
+            "The driver ignores the checksum in the header: flipped bits become wrong pressures.",
+            "`read_frame()` returns as soon as any bytes arrive, so that every other reading repeats the previous one. "
+            "After its timeout it returns the last reading once more and raises nothing.",
+            "After a restart the sensor no longer streams: the driver requests the stream only once.",
         ),
     ),
     "flexitac": Card(
         device="flexitac", wrong_baud=1_000_000,
         notes=(
-            "It waits for 1024 bytes and takes one image of 386 from them: it falls behind, and then drops images "
-            "itself, also without faults. `read_latest()` does not.",
-            "No checksum, no length: an image that lacks bytes is filled up from the next one.",
+            "The driver waits for 1024 bytes and takes one image of 386 bytes from them: it falls behind, and then "
+            "drops images itself, even without faults. `read_latest()` does not.",
+            "The frame has neither checksum nor length: an image that lacks bytes is filled up from the next one.",
         ),
     ),
     "optoforce": Card(
         device="optoforce",
         notes=(
-            "Every fault is visible: in `valid_checksum`, which the user must check, and in `count`, which shows lost, "
-            "repeated and old packets.",
-            "No timeout: `read()` waits forever.",
+            "The user can see every fault: `valid_checksum`, which the user must check, shows damaged packets, and "
+            "`count` shows lost, repeated and old ones.",
+            "The driver has no timeout: `read()` waits forever.",
         ),
     ),
     "ability-hand": Card(
         device="ability_hand", wrong_baud=921_600,
         notes=(
-            "When the port disappears, its read thread logs the exception and continues forever with the dead handle. "
-            "Nothing is raised: the hand's last state remains.",
+            "When the port disappears, the driver's read thread logs the exception and continues forever with the dead "
+            "handle. Nothing is raised: the user keeps reading the hand's last state.",
         ),
     ),
     "pymodbus": Card(
         device="inspire_rh56dftp", wrong_baud=57_600,
         notes=(
-            "The CRC stops every wrong register; each bad or missing answer is one exception, after the timeout.",
+            "The CRC rejects every damaged answer. Each bad or missing answer raises one exception, after the timeout.",
             MODBUS,
         ),
     ),
     "modbus_tk": Card(device="inspire_rh56dftp", wrong_baud=57_600, notes=(MODBUS,)),
     "plusml-rh56dftp": Card(
         device="inspire_rh56dftp", port="tcp:127.0.0.1:0",
-        notes=("A lost answer raises nothing: the driver waits 3 s (fixed), and asks up to three times.",),
+        notes=("A lost answer raises nothing: the driver waits 3 s (fixed) and asks again, up to three times.",),
     ),
     "linkerbot": Card(
         device="linker_hand_l6",
         notes=(
-            "A row carries its row number but no sample number: one that is late, repeated or old can end up in "
-            "another matrix, which then mixes two samples.",
-            "A lost row loses the reading of the whole hand, after the timeout (0.5 s here): one `TimeoutError` each.",
+            "Each CAN frame holds one row of a taxel matrix, with its row number but no sample number: a row that is "
+            "late, repeated or old can end up in a later matrix, which then mixes two samples.",
+            "If one row is lost, so is the reading of the whole hand: the driver raises one `TimeoutError`, after its "
+            "timeout (0.5 s here).",
         ),
     ),
 }  # fmt: skip
@@ -111,11 +115,12 @@ INTRO = """\
 # Drivers under faults
 
 These are the report cards of [`tactemu judge`](judge.md) for ten published drivers of tactile skins: what each driver
-does under faults of the wire and the device. Each driver is unmodified and runs in a process of its own (`{script}`),
-in a loop that prints each reading and each exception, and that opens the port again when the driver reports it lost.
+does when the wire or the device fails. Each driver is unmodified and runs in a process of its own: a small program
+(`{script}`) calls it in a loop, prints each reading and each exception, and opens the port again when the
+driver reports that it is lost.
 
-The run that this page describes writes the page: verdicts and bytes come from the judge, and the notes under a driver's
-name explain them by its code. You repeat it with:
+A program writes this page: verdicts and bytes are the judge's, and the notes under each driver's name explain the
+verdicts from the driver's source code. To repeat the run:
 
 <!-- not run: it writes this page, in twenty minutes -->
 ```sh
@@ -123,9 +128,10 @@ python -m tests.judge.cards --page {page}    # all drivers, about twenty minutes
 python -m tests.judge.cards --driver optoforce                      # one driver
 ```
 
-The run was on {machine}. [Verdicts](judge.md#how-it-is-judged) explains the words; bold ones fail a run. *Noticed*
-means that the driver raised or printed something new, or marked the reading, and that every reading which it handed out
-as good was right. An empty cell means that the trial does not apply, for the reason given below the driver's table.
+The run was on {machine}. [Verdicts](judge.md#how-it-is-judged) explains the words; those in bold fail a
+run. *Noticed* means that the driver raised or printed something new, or marked the reading, and that every reading
+which it reported as good was right. An empty cell means that the trial does not apply to the driver or its device; the
+line "Not tried" below the driver's table gives reasons.
 
 ## At a glance
 
