@@ -11,14 +11,16 @@ import os
 import subprocess
 import sys
 import tempfile
+import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from itertools import cycle
 from pathlib import Path
 
 from PIL import Image
 
 import tactemu as tt
-from firmware_protocols import CanFrame
+from firmware_protocols import CanFrame, WireFrame
 from tests.view.page.browser import CANVAS, browsing, opened
 
 SIZES = {"wide": (1440, 900), "narrow": (1000, 700), "phone": (400, 800)}
@@ -36,14 +38,36 @@ IS_DRAWN = f"""() => {{
 """Whether the legend of the scene is there."""
 
 
+def driver_end(device):
+    """Return the driver's end of a device's port in memory."""
+    return device.emulator.channels[0].wire.transport.driver
+
+
 def press_middle(device) -> None:
     """Press a taxel for as long as pictures are taken."""
     device.press(depth=1.0e-3, dwell=600, wait=False)
 
 
+def start_and_press(device) -> None:
+    """Start the stream of a uSkin, and press a taxel."""
+    driver_end(device).write(CanFrame(arbitration_id=0x201, data=b"\x07\x00"))
+    press_middle(device)
+
+
+def read_port(device, requests: Sequence[WireFrame]) -> None:
+    """Read the port as a driver does, until the device stops: send the requests in turn, ten a second."""
+    for request in cycle(requests or (None,)):
+        if not device.running:
+            return
+        if request is not None:
+            driver_end(device).write(request)
+        time.sleep(0.1)
+        driver_end(device).read()
+
+
 def grasp(device) -> None:
     """Close thumb and index of a LinkerHand L6 around a ball."""
-    wire = device.emulator.channels[0].wire.transport.driver
+    wire = driver_end(device)
     for data in ((0x05, *[128] * 6), (0x02, 255, 255, 25, 255, 255, 255), (0x01, 32, *[255] * 5)):
         wire.write(CanFrame(arbitration_id=0x28, data=bytes(data)))
         time.sleep(0.1)
@@ -52,19 +76,26 @@ def grasp(device) -> None:
     time.sleep(3.0)
 
 
-SCENES: dict[str, tuple[str, Callable]] = {
-    "sheet": ("xela_uskin", press_middle),
-    "skin": ("anyskin", press_middle),
-    "hand": ("inspire_rh56dftp", press_middle),
-    "tips": ("orca_touch", press_middle),
-    "grasp": (str(ROOT / "examples" / "hands" / "linker_l6.toml"), grasp),
+MIDDLE_PAD = bytes.fromhex("01 03 0f 6e 00 50 27 3f")
+"""A Modbus request for the taxels of the middle finger's pad of an RH56DFTP."""
+THUMB_AND_INDEX = [CanFrame(arbitration_id=0x28, data=bytes((finger, 0xC6))) for finger in (0xB1, 0xB2)]
+"""Requests for the matrices of thumb and index of a LinkerHand L6."""
+SCENES: dict[str, tuple[str, Callable, Sequence[WireFrame]]] = {
+    "sheet": ("xela_uskin", start_and_press, ()),
+    "skin": ("anyskin", press_middle, ()),
+    "hand": ("inspire_rh56dftp", press_middle, [MIDDLE_PAD]),
+    "tips": ("orca_touch", press_middle, ()),
+    "grasp": (str(ROOT / "examples" / "hands" / "linker_l6.toml"), grasp, THUMB_AND_INDEX),
 }
+"""The scenes: what is served, what moves it, and the requests of the driver that reads it."""
 LABELS = [f"{scene}-{size}-{scheme}" for scene in SCENES for size in SIZES for scheme in SCHEMES]
 
 
 @contextlib.contextmanager
-def shown(what: str, name: str, begin: Callable | None = None) -> Iterator[tuple[object, str]]:
-    """Serve a device or a scene, and yield it with the link of its page."""
+def shown(
+    what: str, name: str, begin: Callable | None = None, requests: Sequence[WireFrame] = ()
+) -> Iterator[tuple[object, str]]:
+    """Serve a device or a scene to a driver that polls it, and yield it with the link of its page."""
     with tt.serve(what, "memory:", name=name) as device:
         command = [sys.executable, "-m", "tactemu", "see", name, "--web-port", "0"]
         page = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
@@ -73,6 +104,7 @@ def shown(what: str, name: str, begin: Callable | None = None) -> Iterator[tuple
             url = page.stdout.readline().split()[-1]
             if begin is not None:
                 begin(device)
+            threading.Thread(target=read_port, args=(device, requests), daemon=True).start()
             yield device, url
         finally:
             page.terminate()
@@ -111,11 +143,11 @@ def main() -> None:
     folder.mkdir(parents=True, exist_ok=True)
     os.environ.setdefault("XDG_RUNTIME_DIR", tempfile.mkdtemp())
     with browsing() as browser:
-        for name, (what, begin) in SCENES.items():
+        for name, (what, begin, requests) in SCENES.items():
             labels = [each for each in LABELS if each.startswith(f"{name}-") and each.startswith(tuple(wanted))]
             if not labels:
                 continue
-            with shown(what, name, begin) as (_, url):
+            with shown(what, name, begin, requests) as (_, url):
                 for label in labels:
                     picture, wrong = take(browser, url, label, FINE if is_for_docs else 1)
                     if is_for_docs:
