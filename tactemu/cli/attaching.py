@@ -26,8 +26,8 @@ def attach(
     Examples:
       tactemu run robotiq_tsf85 --port usbip:
       tactemu attach --list
-      sudo tactemu attach
-      sudo tactemu attach 192.168.7.2 1-1
+      sudo $(which tactemu) attach
+      sudo $(which tactemu) attach 192.168.7.2 1-1
     """
     import signal
 

@@ -83,7 +83,7 @@ class GadgetTransport(Transport):
             return
         gadget = GADGETS / self._name
         if not gadget.exists():
-            raise TransportError(f"there is no gadget {self._name}; sudo tactemu gadget ... makes it")
+            raise TransportError(f"there is no gadget {self._name}; sudo $(which tactemu) gadget ... makes it")
         controllers = sorted(each.name for each in CONTROLLERS.glob("*"))
         controller = self._controller or next(iter(controllers), "")
         if not controller:

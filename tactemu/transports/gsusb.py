@@ -1,6 +1,6 @@
 """``gsusb:HOST:PORT``: the sensor's bus behind a USB CAN adapter, of which the kernel of any machine makes ``can0``.
 
-After ``sudo tactemu attach HOST`` and ``ip link set can0 up type can bitrate 1000000``, bit timing, states and error
+After ``tactemu attach HOST`` and ``ip link set can0 up type can bitrate 1000000``, bit timing, states and error
 counters are the kernel's own. The device is on the bus while the channel is started at the bit rate of the bus; at
 another one no node acknowledges, as on a real bus. The protocol is that of candleLight adapters, driver ``gs_usb``.
 """

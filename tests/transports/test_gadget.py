@@ -86,7 +86,7 @@ def test_what_is_missing_is_said(tmp_path, monkeypatch):
     port = transports.create("gadget:none")
     with pytest.raises(TransportError, match="use serial:/dev/ttyGS0"):
         port.set_connector(Serial(baud=9600, usb=True))
-    with pytest.raises(TransportError, match="there is no gadget none; sudo tactemu gadget"):
+    with pytest.raises(TransportError, match=r"there is no gadget none; sudo \$\(which tactemu\) gadget"):
         port.open()
     monkeypatch.setattr(gadget, "GADGETS", tmp_path)
     monkeypatch.setattr(gadget, "CONTROLLERS", tmp_path / "udc")

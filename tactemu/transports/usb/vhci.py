@@ -94,7 +94,7 @@ def attach(host: str, port: int, busid: str) -> int:
             (VHCI / "attach").write_text(f"{free} {link.fileno()} {bus << 16 | device} {speed}")
             return free
     except PermissionError:
-        raise TactemuError("attaching a device needs root: sudo tactemu attach ...") from None
+        raise TactemuError("attaching a device needs root: sudo $(which tactemu) attach ...") from None
     except OSError as error:
         raise TactemuError(f"{inet.join(host, port)} does not give {busid}: {error.strerror or error}") from None
 
