@@ -53,9 +53,10 @@ def test_environments_beyond_the_blocks_at_once():
             np.testing.assert_array_equal(one[env], other[0])
 
 
+@pytest.mark.parametrize("object_young_modulus", [None, 1e5])
 @pytest.mark.parametrize("cells", [16, 40])
-def test_a_layer_that_relaxes(cells):
-    """A ball that presses, drags, and lets go reads as on a CPU; the first skin is solved in a block's own memory."""
+def test_a_layer_that_relaxes(cells, object_young_modulus):
+    """A ball, rigid or soft, that presses, drags, and lets go reads as on a CPU; small skins in shared memory."""
     x = (np.arange(cells) - (cells - 1) / 2) * 5e-4
     positions = np.stack([*np.meshgrid(x, x), np.zeros((cells, cells))], -1)
     readings = []
@@ -64,7 +65,12 @@ def test_a_layer_that_relaxes(cells):
         pad = scene.add_body(None, fixed=True)
         ball = scene.add_body(tt.Sphere(radius=5e-3), position=(0, 0, 1))
         model = tt.ElasticLayerTaxel(
-            positions=positions, thickness=4e-3, iterations=100, tolerance=1e-5, relaxation=((0.4, 0.02), (0.3, 0.2))
+            positions=positions,
+            thickness=4e-3,
+            iterations=100,
+            tolerance=1e-5,
+            relaxation=((0.4, 0.02), (0.3, 0.2)),
+            object_young_modulus=object_young_modulus,
         )
         skin = scene.add_sensor(model, link=pad)
         sim = scene.build(n_envs=3, device=device)

@@ -346,11 +346,6 @@ def test_published_spectra_are_spectra(name):
     assert spectrum.modulus(0.0) == 1 and spectrum.modulus(1e12) == pytest.approx(spectrum.at_rest)
 
 
-def test_soft_objects_are_refused():
-    with pytest.raises(SceneError, match="rigid objects only"):
-        skin_on(PLATE, 1e-2, relaxation=TERMS, object_young_modulus=1e5)
-
-
 @pytest.mark.parametrize("option", ["creep_strength", "hysteresis_strength", "hysteresis_strength_unloading"])
 def test_imperfections_do_not_relax_again(option):
     with pytest.raises(SceneError, match=f"{option} at 0: its skin relaxes by itself"):

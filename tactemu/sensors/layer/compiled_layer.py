@@ -16,6 +16,7 @@ from tactemu.plan.clearing import clear_rows
 from tactemu.plan.launches import in_turn
 from tactemu.plan.plan import Stage
 from tactemu.sensors.layer import friction, pressure, recall, surface
+from tactemu.sensors.layer.blended_tables import BlendedTables
 from tactemu.sensors.layer.convolution import Workspace, lane_width
 from tactemu.sensors.layer.friction import friction_kernel
 from tactemu.sensors.layer.friction_state import (
@@ -135,16 +136,23 @@ class CompiledLayer:
             ratio = shear * 2 * (1 + nu) / float(model.object_young_modulus)
             self.material = LayerMaterial(*skin[:3], ratio, nu, radius)
         self.tables = self.skin_tables = self._tables(self.material, tangential=self.has_friction or model.displacement)
-        if self.material != skin and model.displacement:  # the surface is that of the skin alone
+        if self.material != skin and (model.displacement or spectrum):  # surface and memory are those of the skin alone
             self.skin_tables = self._tables(skin, tangential=True, unit_compliance=self.tables.unit_compliance)
         self._allocate(spectra=3 if model.displacement or spectrum else 2 if self.has_friction else 1)
         relaxing = self.relaxing = RelaxingLayer(self, spectrum) if spectrum else None
+        blended = self.blended = None
+        if relaxing and self.tables is not self.skin_tables:
+            blended = self.blended = BlendedTables(self.skin_tables, self.tables, self.real, self.device)
+        self.contact_tables = blended.struct if blended else self.tables.struct
         coarser = "lower `oversampling`"
         solver = "lower `iterations` or `oversampling`, or raise `tolerance`"
         self._add(self._overlap, "overlap", "depth of each cell along the normal", coarser)
         fewer = f"give `relaxation` fewer terms, or {coarser}"
         if relaxing:
-            self._add(lambda: relaxing.recall(self._layer()), "memory", f"the skin relaxes: {spectrum}", fewer)
+            self._add(lambda: relaxing.recall(self._layer(True)), "memory", f"the skin relaxes: {spectrum}", fewer)
+        if relaxing and blended:
+            why = "objects do not relax; made anew for a step of another length"
+            self._add(lambda: blended.blend(self.site.context.dt, relaxing.memory), "compliance", why, "")
         soft = "" if model.object_young_modulus is None else f" under objects of {model.object_young_modulus:g} Pa"
         self._add(self._normal, "pressure", f"bonded layer{soft}, at most {model.iterations} iterations", solver)
         if self.has_friction:
@@ -217,11 +225,13 @@ class CompiledLayer:
             struct = friction_windows_type(real)()
             self.friction_windows = Windows(struct, FRICTION_WINDOWS, workspace, slots, self.grid.shape)
 
-    def _layer(self):
+    def _layer(self, of_skin: bool = False):
         """Return the layer and the options of its solvers, as kernels take them; the tables are those that contact
-        needs."""
+        needs or, with ``of_skin``, those of the skin alone."""
         model, layer = self.model, layer_type(self.real)()
-        layer.tables, layer.friction, layer.kinetic = self.tables.struct, model.friction, self.kinetic
+        layer.tables, layer.friction, layer.kinetic = self.contact_tables, model.friction, self.kinetic
+        if of_skin:
+            layer.tables = self.skin_tables.struct
         layer.slip_distance = model.slip_distance / self.tables.length_scale
         # A nearly incompressible skin rises beside the contact: include cells where the object is that near.
         layer.bulge = 0.1 + 0.9 * min(max((model.poisson_ratio - 0.3) / 0.2, 0.0), 1.0)
@@ -253,10 +263,7 @@ class CompiledLayer:
         """Return a recorded launch with one block of threads per slot; ``of_skin``: with the compliances of the skin
         alone."""
         threads = kernel.options["launch_bounds"][0]
-        layer = self._layer()
-        if of_skin:
-            layer.tables = self.skin_tables.struct
-        return self.site.context.record_blocks(kernel, self.n_slots, [layer, *inputs], [], threads)
+        return self.site.context.record_blocks(kernel, self.n_slots, [self._layer(of_skin), *inputs], [], threads)
 
     def touch_points(self) -> TouchPoints:
         """Return the cells, at which bodies touch the layer."""

@@ -199,8 +199,6 @@ class ElasticLayerTaxel(SensorModel[LayerReading]):
             raise SceneError(
                 f"{where}: kinetic_friction must be at most friction ({self.friction:g}), got {self.kinetic_friction:g}"
             )
-        if self.relaxes and self.object_young_modulus is not None:
-            raise SceneError(f"{where}: a skin that relaxes presses rigid objects only: leave out object_young_modulus")
         for grid in layer_grids(probes, 1, where):
             radius = min((abs(1.0 / bend) for bend in grid.curvature if bend), default=math.inf)
             if radius < 0.999 * MIN_BEND_RADIUS_THICKNESSES * self.thickness:

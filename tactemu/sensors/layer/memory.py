@@ -26,6 +26,7 @@ from typing import Any
 
 import warp as wp
 
+from tactemu.imperfections.material import grown
 from tactemu.sensors.layer.window import fit
 
 PRESSURE, ALONG_X, ALONG_Y = 0, 1, 2
@@ -61,6 +62,19 @@ def memory_type(real):
         y: wp.array3d(dtype=real)
 
     return Memory
+
+
+@wp.func
+def share_of_step(memory: Any, dt: wp.float64):
+    """Return ``s``, the part of a displacement during a step that has not relaxed at its end; all digits of it."""
+    s = memory.rest
+    for k in range(memory.shares.shape[0]):
+        steps = dt / memory.times[k]
+        if steps > wp.float64(0.0):
+            s += memory.shares[k] * grown(steps) / steps  # 1 - c
+        else:
+            s += memory.shares[k]
+    return s
 
 
 @wp.func

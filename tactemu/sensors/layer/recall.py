@@ -8,12 +8,21 @@ import functools
 import warp as wp
 
 from tactemu.base.kernels import warp_kernel
-from tactemu.imperfections.material import decay, grown, ramp_share
+from tactemu.imperfections.material import decay, ramp_share
 from tactemu.plan.clock import Clock
 from tactemu.sensors.layer.block import BLOCK, Block, block_sync, spread
 from tactemu.sensors.layer.convolution import convolution_functions, workspace_type
 from tactemu.sensors.layer.friction_state import friction_state_type
-from tactemu.sensors.layer.memory import ALONG_X, ALONG_Y, PRESSURE, memory_type, term, window_around, within
+from tactemu.sensors.layer.memory import (
+    ALONG_X,
+    ALONG_Y,
+    PRESSURE,
+    memory_type,
+    share_of_step,
+    term,
+    window_around,
+    within,
+)
 from tactemu.sensors.layer.overlap import overlap_type
 from tactemu.sensors.layer.pressure import windows_type
 from tactemu.sensors.layer.shared_memory import shared_functions, shared_numbers
@@ -46,16 +55,10 @@ def recall_kernel(real, lanes: int, with_friction: bool, coupled: bool, is_share
     @wp.func
     def weigh(memory: memory_struct, env: int, dt: wp.float64):
         """Compute the weights of this step."""
-        s = memory.rest
         for k in range(memory.shares.shape[0]):
-            steps = dt / memory.times[k]
             memory.decays[env, k] = decay(dt, memory.times[k])
-            memory.growths[env, k] = ramp_share(steps)
-            if steps > f64(0.0):
-                s += memory.shares[k] * grown(steps) / steps  # 1 - c, to all digits
-            else:
-                s += memory.shares[k]
-        memory.scale[env] = s
+            memory.growths[env, k] = ramp_share(dt / memory.times[k])
+        memory.scale[env] = share_of_step(memory, dt)
 
     @wp.func
     def fetch(memory: memory_struct, env: int, component: int, box: wp.vec4i, window: grid, mine: wp.vec4i):

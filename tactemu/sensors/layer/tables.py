@@ -21,6 +21,10 @@ HARTLEY_GAIN = 16.0
 
 _ODD = {"nn": (False, False), "xx": (False, False), "yy": (False, False), "xy": (True, True)}
 _ODD |= {"nx": (False, True), "ny": (True, False)}
+COMPLIANCES = tuple(_ODD)
+"""Spectra of displacements by loads; those after the first are built for tangential loads."""
+INVERSES = ("soften", "soften_x", "soften_y")
+"""Spectra of preconditioners, likewise."""
 
 
 @functools.cache
@@ -103,12 +107,11 @@ class LayerTables:
         unit = 1.0 / self.unit_compliance
         self.struct = tables_type(real)()
         self.struct.start = wp.array(self._starts(), dtype=wp.int32, device=device)
-        names = ("nn", "xx", "yy", "xy", "nx", "ny") if tangential else ("nn",)
-        for name in names:
+        for name in COMPLIANCES if tangential else COMPLIANCES[:1]:
             kernel = getattr(kernels, name) * unit
             flat = self._every_size(lambda n, kernel=kernel, odd=_ODD[name]: spectrum(kernel, n, odd))
             self._store(name, flat, real, device)
-        for name in ("soften", "soften_x", "soften_y") if tangential else ("soften",):
+        for name in INVERSES if tangential else INVERSES[:1]:
             flat = self._every_size(lambda n, name=name: 1.0 / (unit * self._compliance(n, name)))
             self._store(name, flat, real, device)
 
