@@ -20,22 +20,30 @@ from tests.clients.recording import Recording, recordings
 
 JUDGES = """# Which drivers have read each device
 
-These unmodified drivers ran from open to close on a port of tactemu. What each of them sent, what it got and what it
-decoded is kept as a *client recording* in `tests/data/clients/`. Every run of the tests sends the driver's bytes again,
-in virtual time, and requires every answer byte for byte and every decoded value to equal the truth. *Values* counts
-what the driver reported; each of them equalled a sample. Nothing that a driver sent was left over (not understood,
-refused, addressed to another device), except what its own search causes, which is named.
+Each driver in this table ran, unmodified, from open to close on a port of tactemu. What it sent, what it received and
+what it decoded are kept as a *client recording* in `tests/data/clients/`. Every run of the tests sends the driver's
+bytes again, in virtual time, and requires the same answers, byte for byte, and the same decoded values.
 
-`python -m tests.clients.record -h` says how a recording is made. Drivers from a package index are run again by
-`scripts/judges NAME`; one that lives in a repository alone by `tactemu exec DEVICE -- COMMAND` with a checkout of it.
-Made by `scripts/device_pages.py`.
+| column | meaning |
+| --- | --- |
+| what it did | the calls of the driver, in order |
+| values | the number of values that the driver reported; each of them equalled a value of a sample |
+| left over | the counter of bytes that the model did not understand, refused, or took for another device's, and why |
+
+`python -m tests.clients.record -h` explains how to make a recording. To run a driver again: `scripts/judges NAME` if it
+is in a package index; `tactemu exec DEVICE -- COMMAND` with a checkout of its repository if it is not. Written by
+`scripts/device_pages.py`.
 
 """
-ASSUMED = """# What each model rests on
+ASSUMED = """# The facts behind each model
 
-What a model states beside its byte tables, item by item: *stated* by a source (repository, file and line),
-*measured* on a recording of a real sensor, or *assumed*, with the files that were read and do not say it.
-`tactemu devices NAME` shows the same for one device. Made from the device files by `scripts/device_pages.py`.
+A device file declares the facts about its sensor that its byte tables do not contain: sensitivities and places of
+taxels (part *touch*), names and versions (*identity*), settings, defaults and refusals (*configuration*), rates and
+delays (*timing*). A fact is *stated* by a source (repository, file and line), *measured* on a recording of a real
+sensor, or *assumed*: then it is the model's choice, because none of the files that the last column names states it.
+
+Numbers of messages, commands and registers are as in the device's datasheet, mostly in hexadecimal. `tactemu devices
+NAME` prints the datasheet with these facts. Written by `scripts/device_pages.py` from the device files.
 
 """
 DEVICES = """# Devices
@@ -44,10 +52,10 @@ Each device is a model of a sensor's firmware, in one file. `tactemu devices NAM
 commands, taxels, sources, assumptions. The pictures show the taxels along the axis of least extent, a colour for each
 patch.
 
-The column "evidence" has the kinds of sources of a device's byte tables, and leads to all its facts, each with its
-source, or as assumed. *Captured* is a recording of a real sensor, *vendor document* a manual or protocol sheet,
-*firmware* the code on the sensor, *driver* the code of a program that reads it. Sensitivities that vendors do not
-publish (counts per newton, field per newton) are round numbers, listed under "Assumed" in every datasheet.
+The column "evidence" names the kinds of sources of a device's byte tables, and links to [all its facts](assumed.md),
+each with its source or marked as assumed. *Captured* is a recording of a real sensor, *vendor document* a manual or
+protocol sheet, *firmware* the code on the sensor, *driver* the code of a program that reads it. Sensitivities that
+vendors do not publish (counts per newton, field per newton) are round numbers; every datasheet lists them as assumed.
 
 The column "read by" names the *judges* of a model: the unmodified drivers that have read it from open to close, as
 repository and commit or as package and version. The tests send the recorded bytes of each driver again.
@@ -76,9 +84,9 @@ def judges() -> str:
         recording = Recording.load(path)
         found[recording.about["device"]].append(recording)
     read = sum(map(bool, found.values()))
-    lines = [f"{read} of {len(found)} devices have been read so.", ""]
+    lines = [f"{read} of {len(found)} devices have been read by such a driver.", ""]
     lines += [
-        "| device | driver | what it did | values | named counters | date |",
+        "| device | driver | what it did | values | left over | date |",
         "| --- | --- | --- | ---: | --- | --- |",
     ]
     for name, own in found.items():
@@ -92,8 +100,9 @@ def judges() -> str:
                 f"| `{name}` | {_cell(driver)} | {_cell(calls)} | {each.compared:,} | {_cell(left) or 'none'} "
                 f"| {about['date']} |"
             )
-    lines += ["", "## Without a recording", "", "| device | read by |", "| --- | --- |"]
-    lines += [f"| `{name}` | {_cell(fp.create(name).judge)} |" for name, own in found.items() if not own]
+    unread = [f"| `{name}` | {_cell(fp.create(name).judge)} |" for name, own in found.items() if not own]
+    if unread:
+        lines += ["", "## Without a recording", "", "| device | read by |", "| --- | --- |", *unread]
     return JUDGES + "\n".join(lines) + "\n"
 
 
@@ -108,10 +117,10 @@ def assumed() -> str:
         lines.append(f"| [`{name}`](#{name}) | {' | '.join(map(str, numbers))} |")
     lines.append(f"| all | {' | '.join(map(str, total))} |")
     for name, own in facts.items():
-        lines += ["", f"## {name}", "", "| part | | fact | where |", "| --- | --- | --- | --- |"]
+        lines += ["", f"## {name}", "", "| part | basis | fact | source |", "| --- | --- | --- | --- |"]
         order = ("touch", "identity", "configuration", "timing")
         for fact in sorted(own, key=lambda fact: (order.index(fact.part), fact.basis != "stated")):
-            where = ("read in vain: " if fact.basis == "assumed" else "") + fact.where
+            where = ("not in " if fact.basis == "assumed" else "") + fact.where
             lines.append(f"| {fact.part} | {fact.basis} | {_cell(fact.what)} | {_cell(where)} |")
     return ASSUMED + "\n".join(lines) + "\n"
 

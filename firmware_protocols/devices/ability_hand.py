@@ -172,29 +172,34 @@ class AbilityHand(Device):
     )
     documented_with = ("baud",)
     facts = fact_table(f"""
-        stated touch: twelve bits a site, two in three bytes; the formula of force @
-            {API}python/ah_wrapper/ah_parser.py:85, 53
+        stated touch: each touch site has 12 bits, and two sites share three bytes; the formula that turns counts into
+            force @ {API}python/ah_wrapper/ah_parser.py:85, 53
         stated touch: the constants of the formula are placeholders @ {ICD} 3.5.3
-        assumed touch: six sites 3 x 2, row by row at 7 mm on each fingertip, all pads in one plane, normal +z
-        stated identity: the unique id are two registers behind those of the joints @ {ICD};
+        assumed touch: each fingertip has six sites, 3 x 2, row by row, 7 mm apart; all pads lie in one plane with
+            normal +z
+        stated identity: the unique id is in the two registers after those of the joints @ {ICD};
             {API}python/ah_examples/write_registers.py
         assumed identity: the unique id is 0
-        stated configuration: line speeds, 460800 first; address 50 @ {API}python/ah_wrapper/serial_connection.py:44
-        stated configuration: registers' values as delivered @ {API}python/ah_examples/write_registers.py:27
-        assumed configuration: registers have no effect and are forgotten at power-off; a failed reply has the
-            register's value
-        stated configuration: velocities in replies are of the rotor, 4 per rad/s @ {ICD} 3.4.3
-        assumed configuration: a control message without six targets moves nothing; Bluetooth commands are answered
-        stated configuration: a reset is not waited for @ {API}python/ah_examples/send_misc_msg.py:27
-        assumed configuration: motors: one time constant of 0.1 s, 200 deg/s per A, 300 deg/s at full duty, stops at 0
-            and 100 deg
-        assumed configuration: in an engine: {NM_PER_AMPERE} Nm/A at the joint, {STRENGTH_NM} Nm at most
-        assumed configuration: grip 0 opens, every other closes all fingers; the hot/cold mask is 0; the first format is
-            10
-        assumed configuration: C2, C3 and 7C change nothing; fast mode is not in the model
-        stated timing: it leaves API control 300 ms after the last command @ {ICD} 3.3.3
-        assumed timing: the joints hold then; touch is converted 250 times a second
-        assumed timing: without stuffing a silence of 1 ms ends a message
+        stated configuration: the line speeds, of which the driver tries 460800 first; address 50 @
+            {API}python/ah_wrapper/serial_connection.py:44
+        stated configuration: the values of the registers as delivered @ {API}python/ah_examples/write_registers.py:27
+        assumed configuration: registers have no effect and are lost at power-off; a reply that reports a failure has
+            the register's value
+        stated configuration: velocities in replies are those of the rotor, 4 counts per rad/s @ {ICD} 3.4.3
+        assumed configuration: a control message that lacks some of its six targets moves nothing; commands of the
+            Bluetooth interface are answered
+        stated configuration: the vendor's program does not wait for a reset to end @
+            {API}python/ah_examples/send_misc_msg.py:27
+        assumed configuration: a motor follows its target with a time constant of 0.1 s, turns at 200 deg/s per A and at
+            300 deg/s at full duty, and stops at 0 and 100 deg
+        assumed configuration: in a physics engine a motor has {NM_PER_AMPERE} Nm/A at the joint, at most {STRENGTH_NM}
+            Nm
+        assumed configuration: grip 0 opens all fingers, every other grip closes them; the hot/cold mask is 0; the reply
+            format after power-up is 10
+        assumed configuration: commands C2, C3 and 7C have no effect; fast mode is not modelled
+        stated timing: the hand leaves API control 300 ms after the last command @ {ICD} 3.3.3
+        assumed timing: when it leaves API control, the joints hold their positions; touch is sampled 250 times a second
+        assumed timing: without byte stuffing, a silence of 1 ms on the line ends a message
     """, looked=LOOKED)  # fmt: skip
 
     def __init__(

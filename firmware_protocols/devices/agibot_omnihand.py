@@ -54,12 +54,14 @@ class AgibotOmniHandO10(AgibotOmniHand):
     facts = (
         *shared_facts(f"all of {O10}src, document, python, node"),
         *fact_table(f"""
-        stated touch: a count is a gram @ {O10}python/example/demo_tactile_sensor.py:12
-        stated touch: fingers 8 x 2, from the base, mirrored in a left hand @ {O10}document/pic/tactile_sensor_array.jpg
-        assumed touch: palm and back are squares, row by row @ all of {O10}src, document, python, node
+        stated touch: one count is one gram @ {O10}python/example/demo_tactile_sensor.py:12
+        stated touch: fingers have 8 rows of 2 taxels, from the base on; a left hand is mirrored @
+            {O10}document/pic/tactile_sensor_array.jpg
+        assumed touch: the taxels of palm and back form squares, row by row @ all of {O10}src, document, python, node
         stated configuration: identifiers, messages and types @ {O10}src/proto.h, src/implementation/c_agibot_hand_can
-        stated configuration: positions 0..2000; to 4096 @ {O10}document/en/API_CPP.md:205; src/kinematics_solver.h:92
-        stated configuration: 1 and 5 Mbit/s, sampled at 80 and 75 % @
+        stated configuration: positions are 0..2000 in the document, and 0..4096 in the source code @
+            {O10}document/en/API_CPP.md:205; src/kinematics_solver.h:92
+        stated configuration: bit rates 1 and 5 Mbit/s, with sample points at 80 and 75 % @
             {O10}src/can_bus_device/zlg_usb_canfd/c_zlg_usbcanfd_sdk.cc:67
         """),
     )
@@ -103,13 +105,14 @@ class AgibotOmniHandPro(AgibotOmniHand):
         *shared_facts(f"all of {PRO}src, document, python, node"),
         *fact_table(
             f"""
-        stated touch: nine channels; normal 0..3000 in 0.1 N; angle 0 at the tip, clockwise @ {PRO}src/proto.h:55
-        assumed touch: channels 3 x 3, row by row, 1000 counts/N
-        assumed touch: forces are those on all channels of the finger, tangential in 0.1 N as normal; online 1,
-            proximity 0
+        stated touch: nine channels; the normal force is 0..3000 in 0.1 N; the angle is 0 towards the tip and rises
+            clockwise @ {PRO}src/proto.h:55
+        assumed touch: the channels are 3 x 3 taxels, row by row, with 1000 counts/N
+        assumed touch: forces are sums over all channels of the finger, tangential ones in 0.1 N like the normal one;
+            the online flag is 1, proximity 0
         stated configuration: identifiers, messages and types @ {PRO}src/proto.h, src/c_agibot_hand.cc:430, 1234
         stated configuration: positions 0..2000 @ {PRO}src/kinematics_solver/kinematics_solver.h:100
-        stated configuration: 1 and 5 Mbit/s, sampled at 80 and 75 % @
+        stated configuration: bit rates 1 and 5 Mbit/s, with sample points at 80 and 75 % @
             {PRO}src/can_bus_device/zlg_usb_canfd/c_zlg_usbcanfd_sdk.cc:67
         """,
             looked=f"all of {PRO}src, document, python, node",

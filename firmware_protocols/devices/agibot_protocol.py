@@ -214,12 +214,15 @@ class AgibotOmniHand(Device[CanFrame]):
 def shared_facts(looked: str) -> tuple[Fact, ...]:
     """Return the facts that hold for both hands."""
     return fact_table(f"""
-        assumed touch: pads {PITCH_M * 1e3:.0f} mm apart, all facing one way, tips to +y
-        assumed identity: number 1 as delivered; serial number, versions 1.0.0 and 1.1.0, 24 V
-        assumed configuration: what a write is answered with: as a question, with what is so now
-        assumed configuration: threshold 1000, mode 0, 25 degrees, no current, no error; torque and speed are stored
-        assumed configuration: motors: at 2000 after power-up, 2000 a second; positions are obeyed in every mode
-        assumed configuration: reports of all joints come in the shortest period of any; firmware upgrades are not
-            answered
-        assumed timing: 100 conversions a second
+        assumed touch: pads lie {PITCH_M * 1e3:.0f} mm apart and all face the same way, with the fingertips towards +y
+        assumed identity: the device number is 1 as delivered; the serial number, the versions 1.0.0 and 1.1.0, and a
+            supply of 24 V
+        assumed configuration: a write is answered like a question: with the present value
+        assumed configuration: the hand reports threshold 1000, mode 0, 25 deg C, no current and no error; torque and
+            speed are stored without effect
+        assumed configuration: motors stand at 2000 after power-up and move 2000 counts a second; positions are obeyed
+            in every mode
+        assumed configuration: reports of all joints come with the shortest period that any of them has; firmware
+            upgrades are not answered
+        assumed timing: touch is sampled 100 times a second
     """, looked=looked)  # fmt: skip

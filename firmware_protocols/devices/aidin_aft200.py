@@ -53,18 +53,19 @@ class AidinAft200(Device[CanFrame]):
     origin = f"{DRIVER} rise_aft_can/sensors.py:96-166"
     documented_with = ("tool",)
     facts = fact_table(f"""
-        stated touch: output/100 - 300 N and output/500 - 50 Nm, high byte first @ {DRIVER} rise_aft_can/
-            sensors.py:68-85; {EXAMPLE} sample.py:86-111
+        stated touch: force is output / 100 - 300 N and torque output / 500 - 50 Nm, high byte first @ {DRIVER}
+            rise_aft_can/ sensors.py:68-85; {EXAMPLE} sample.py:86-111
         stated touch: the last two bytes are 00 @ {EXAMPLE} sample.py:33-34
-        assumed touch: touched at `tool`, z out of the tool side; counts end where 16 bits do @ {BOTH}
-        stated identity: force under the id 1, torque under 2 @ {DRIVER} rise_aft_can/sensors.py:51-55
-        stated configuration: commands of 102 @ {DRIVER} rise_aft_can/sensors.py:96-166
+        assumed touch: the tool is touched at the point `tool`, z points out of the tool side; counts saturate at the
+            limits of 16 bits @ {BOTH}
+        stated identity: force has the CAN id 1, torque the id 2 @ {DRIVER} rise_aft_can/sensors.py:51-55
+        stated configuration: the commands sent under the id 102 @ {DRIVER} rise_aft_can/sensors.py:96-166
         stated configuration: it transmits without a command from power-up on @ {EXAMPLE} sample.py:57-59
-        stated configuration: a bias takes a second; frames under ids up to 6 follow @ {DRIVER} rise_aft_can/
+        stated configuration: setting the bias takes a second; frames with ids up to 6 follow @ {DRIVER} rise_aft_can/
             sensors.py:88-92, 112-141
-        assumed configuration: what these contain; the bias is forgotten at power-off, id and period are saved; other
-            values are refused @ {BOTH}
-        assumed timing: 1000 readings a second at first, the default of `set_sampling_rate` @ {BOTH}
+        assumed configuration: the content of these frames; the bias is lost at power-off, id and period are saved;
+            values out of range are refused @ {BOTH}
+        assumed timing: 1000 readings a second after power-up, the default of `set_sampling_rate` @ {BOTH}
     """)
 
     def __init__(

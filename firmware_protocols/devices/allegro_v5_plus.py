@@ -62,16 +62,21 @@ class AllegroV5Plus(AllegroV5):
     judge = DRIVER
     origin = BUS
     facts = fact_table(f"""
-        stated touch: two int32 [Pa] a frame, 0 at the pressure of the air, 30 to 125 kPa @ {MANUAL} 3, 11.3.7
-        stated touch: messages F0 and F2 of a hand; 50 and 52 @ {DRIVER} protocol.py:82; {MANUAL} 11.2
-        assumed touch: {PASCAL_PER_NEWTON:.0f} Pa/N; a point each, {FINGER_SPACING_M * 1000:.0f} mm apart, flat
-        stated identity: B of a Plus, R or L; a hand 5TBR0017 @ {DRIVER} protocol.py:142; calibration_data
+        stated touch: each frame has two int32 pressures [Pa]; the sensors measure 30 to 125 kPa, and ambient pressure
+            reads 0 @ {MANUAL} 3, 11.3.7
+        stated touch: the hand's messages F0 and F2, and 50 and 52 @ {DRIVER} protocol.py:82; {MANUAL} 11.2
+        assumed touch: {PASCAL_PER_NEWTON:.0f} Pa/N; each sensor is one point, {FINGER_SPACING_M * 1000:.0f} mm from the
+            next, all in one plane
+        stated identity: the serial number has B for a Plus, and R or L for the side; one hand is 5TBR0017 @ {DRIVER}
+            protocol.py:142; calibration_data
         assumed identity: 5TBR0001; hardware 0500, firmware 0100 (hex)
-        stated identity: some hands do not answer for information @ {DRIVER} protocol.py:158
-        stated configuration: silent until the servo is on, and the periods are set @ {BUS}:230; docs, summary
-        assumed configuration: pick, place and positions do nothing; the present pose is calibrated to 0
-        assumed configuration: IMU and temperatures are 0 and 25 deg C, and come only when asked for; no error is sent
-        assumed timing: pressures come with each report of the joints; {COUNTS_PER_S_PER_MA * 0.088:.2f} deg/s per mA
+        stated identity: some hands do not answer a request for information @ {DRIVER} protocol.py:158
+        stated configuration: the hand is silent until the servos are on and the periods are set @ {BUS}:230; docs,
+            summary
+        assumed configuration: pick, place and position commands have no effect; calibration makes the present pose 0
+        assumed configuration: the IMU reads 0 and temperatures 25 deg C, both only on request; no error is sent
+        assumed timing: pressures are sent with each report of the joints; a joint turns at
+            {COUNTS_PER_S_PER_MA * 0.088:.2f} deg/s per mA
     """, looked=f"{MANUAL}; all of {DRIVER}")  # fmt: skip
 
     def __init__(

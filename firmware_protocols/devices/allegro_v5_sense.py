@@ -83,18 +83,23 @@ class AllegroV5Sense(AllegroV5):
     origin = DRIVER
     judge = "Wonikrobotics-git/allegro_hand_ros2_V5_Sense@db81588"
     facts = fact_table(f"""
-        stated touch: numbers of tips and palm, bytes times 4, FF invalid @ AllegroHandDrv.cpp _parseMessage, maps
+        stated touch: the message numbers of fingertips and palm; a value is a byte times 4, FF marks an invalid one @
+            AllegroHandDrv.cpp _parseMessage, maps
         assumed touch: {COUNTS_PER_NEWTON:.0f} counts/N
-        assumed touch: which finger has which tip; channels between lie on the finger whose tip follows
-        assumed touch: a point each, {PITCH_M * 1000.0:.0f} mm apart along a finger, fingers
-            {FINGER_SPACING_M * 1000.0:.0f} mm apart, flat @ AllegroHandDrv.cpp; urdf
-        stated identity: forms of information and serial number; the fourth character is the side @ _parseMessage
+        assumed touch: which finger has which fingertip channel; the channels between two tips lie on the finger of the
+            following tip
+        assumed touch: each channel is one point, {PITCH_M * 1000.0:.0f} mm apart along a finger; fingers are
+            {FINGER_SPACING_M * 1000.0:.0f} mm apart, all in one plane @ AllegroHandDrv.cpp; urdf
+        stated identity: the formats of information and serial number; its fourth character is the side @ _parseMessage
         assumed identity: hardware 0500, firmware 0100 (hex); serial number V5SR0001 @ AllegroHandDrv.cpp
-        stated configuration: periods [ms] of joints, IMU, temperatures; 0 stops @ AllegroHandDrv.cpp:init, ~
-        stated configuration: 228 01 makes 180 to 18C positions @ socket_can.cpp command_set_pose_direct
-        assumed configuration: IMU and temperatures are not sent, whatever their period @ AllegroHandDrv.cpp asks 0
-        assumed timing: touch 100 times a second from power-up on, whatever the periods; 1 Mbit/s
-        assumed timing: joints turn at {SPEED_COUNTS_PER_S * 0.088:.0f} deg/s between -180 and 180 deg
+        stated configuration: periods [ms] of the reports of joints, IMU and temperatures; 0 stops a report @
+            AllegroHandDrv.cpp:init, ~
+        stated configuration: after message 228 01, the messages 180 to 18C command positions @ socket_can.cpp
+            command_set_pose_direct
+        assumed configuration: the model never sends IMU and temperatures, whatever their periods @ AllegroHandDrv.cpp
+            asks 0
+        assumed timing: touch is sent 100 times a second from power-up on, whatever the periods; the bus has 1 Mbit/s
+        assumed timing: joints turn at {SPEED_COUNTS_PER_S * 0.088:.0f} deg/s, between -180 and 180 deg
     """, looked="AllegroHandDrv.cpp, socket_can.cpp, allegro_node.cpp")  # fmt: skip
 
     def __init__(

@@ -77,13 +77,18 @@ class AnySkin(Device):
     judge = "anyskin 1.0.0, reskin-sensor 2.0.2"
     facts = fact_table(f"""
         stated identity: an Adafruit QT Py M0, 239A:80CB; /dev/ttyACM0 @ {ANYSKIN} README; {BOARDS} boards.txt
-        stated touch: order, turns of the axes and places of the chips @ {ANYSKIN} anyskin_viz.py l.38-47
+        stated touch: the order of the chips, the rotations of their axes, and their places @ {ANYSKIN} anyskin_viz.py
+            l.38-47
         stated touch: temperature 25 + (raw - 46244) / 45.2; gain 6, resolution 0 @ {LIBRARY} l.46-65, 412
-        measured touch: steps of 0.300 and 0.484 uT @ sissihrx/anyskin-leaphand@89bbd0fd (five recordings)
-        stated configuration: it streams once the port is open @ {ANYSKIN} 5X_binary_burst_stream.ino l.27-30
-        assumed touch: pitch of the chips 7 mm (pixels only); chip z into the skin @ {ANYSKIN} README, anyskin_viz.py
-        assumed touch: 60 uT/N in the plane, 90 along the normal, a push raises Bz; field at rest @ {ANYSKIN} whole
-        assumed touch: which gain and resolution AnySkin's own boards are flashed with @ {ANYSKIN} (its submodule
+        measured touch: values come in steps of 0.300 and 0.484 uT @ sissihrx/anyskin-leaphand@89bbd0fd (five
+            recordings)
+        stated configuration: the board streams as soon as the port is open @ {ANYSKIN} 5X_binary_burst_stream.ino
+            l.27-30
+        assumed touch: the chips are 7 mm apart (the source has only pixels); a chip's z axis points into the skin @
+            {ANYSKIN} README, anyskin_viz.py
+        assumed touch: 60 uT/N in the plane and 90 uT/N along the normal; a push raises Bz; the field at rest @
+            {ANYSKIN} whole
+        assumed touch: the gain and resolution that AnySkin's own boards are flashed with @ {ANYSKIN} (its submodule
             db58ef7)
         assumed timing: 100 Hz (the firmware runs as fast as its loop) @ {ANYSKIN} .ino, README; {LIBRARY}
     """)

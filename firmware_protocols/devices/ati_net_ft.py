@@ -113,35 +113,37 @@ class AtiNetFt(Rdt):
     """)
     judge = "pynetft 2.1.3, NetFT 2.0.1, LouKordos/ati-netft-cpp@73a6349, gpldecha/netft_rdt_driver@115cf5a"
     facts = fact_table(f"""
-        stated touch: counts over counts per unit are N and Nm; over TCP also times the axis's scale @ {AXIA} 10.5,
-            netft_sensor.hpp:203
+        stated touch: counts divided by the counts per unit are N and Nm; over TCP they are also multiplied by the scale
+            of their axis @ {AXIA} 10.5, netft_sensor.hpp:203
         assumed touch: the tool is touched 50 mm above the sensor's origin; z points out of the tool side, forces act on
             the tool @ {NET_FT} chapters 10, 11; {AXIA} chapters 10 to 12; all drivers' sources
-        assumed touch: 16-bit counts are the nearest whole numbers, the scale the least for the rated load @ {NET_FT}
-            chapter 11, {AXIA} 10.5 ("dependent on the sensor's model")
-        stated identity: units over TCP: 2 is N, 3 is Nm @ {AXIA} 10.5
-        stated identity: root, units N and Nm (rpi_ati_net_ft wants N-m), rated loads, flags of the page @ {LIVE}
-        assumed identity: product name; runft and setbias in counts (a live box has its six gages in setbias) @ {AXIA}
-            11.1 (DINT[6] both); {LIVE}, trimmed
-        stated configuration: 0041 and 0042 have no answer; the latest command decides @ {NET_FT} table 10.1
-        stated configuration: bit 0 of the last word over TCP biases, bit 1 clears the latch; 02 and 03 answer 12 34,
-            command, status @ {AXIA} 10.2, 10.8
-        stated configuration: status bits: 0 temperature, 1 supply, 2 gage broken, 3 busy, 16 condition latched, 27 gage
-            out of range, 28 simulated, 29 checksum, 30 out of range, 31 any; Net F/T: 17 saturated @ {AXIA} tables 4.7,
-            4.9; 9620-05-NET FT-22 17.1
-        assumed configuration: a bias keeps the stream running; none is set at power-up, no filter, status 0 @ {NET_FT}
-            10.1, pynetft (starts again after a bias), netft_rdt_driver.cpp (has none)
-        assumed configuration: 02 and 03 are refused, 0004 and the pages .cgi, by which a box is set, are unknown @ our
-            choice: no driver that was run sends them
-        assumed configuration: about 50 more elements of the page are missing; one configuration, the first @ {AXIA}
-            11.1
-        stated timing: 7000 over a whole number of records a second, rounded up: 150 is 152 @ the same repository's
-            instructions, measured; {NET_FT} chapter 10
-        stated timing: records are numbered from 1 after each start, roll over to 0; samples from power-up, 7000 a
-            second, never reset @ {AXIA} 12.1.2
-        stated timing: 0 records: until 0000 @ {AXIA} 12.1.1
-        assumed timing: 1000 records a second, 40 of a buffered datagram (both are set in the box); a TCP client may be
-            silent without limit @ {NET_FT} chapters 10, 11; {AXIA} chapters 10, 12
+        assumed touch: 16-bit counts are rounded; the scale is the smallest one with which the rated load fits @
+            {NET_FT} chapter 11, {AXIA} 10.5 ("dependent on the sensor's model")
+        stated identity: the codes of units over TCP: 2 is N, 3 is Nm @ {AXIA} 10.5
+        stated identity: the root element of the page, its units N and Nm (rpi_ati_net_ft expects N-m), rated loads and
+            flags @ {LIVE}
+        assumed identity: the product name; runft and setbias are in counts (in a real box setbias holds its six gages)
+            @ {AXIA} 11.1 (DINT[6] both); {LIVE}, trimmed
+        stated configuration: commands 0041 and 0042 get no answer; the latest start command decides what is sent @
+            {NET_FT} table 10.1
+        stated configuration: over TCP bit 0 of the last word sets the bias, bit 1 clears the latch; 02 and 03 are
+            answered with 12 34, the command and a status @ {AXIA} 10.2, 10.8
+        stated configuration: status bits: 0 temperature, 1 supply, 2 broken gage, 3 busy, 16 condition latched, 27 gage
+            out of range, 28 simulated, 29 checksum, 30 out of range, 31 any of them; on the Net F/T 17 is saturation @
+            {AXIA} tables 4.7, 4.9; 9620-05-NET FT-22 17.1
+        assumed configuration: setting a bias does not stop the stream; after power-up there is no bias and no filter,
+            and the status is 0 @ {NET_FT} 10.1, pynetft (starts again after a bias), netft_rdt_driver.cpp (has none)
+        assumed configuration: 02 and 03 are refused; 0004 and the .cgi pages that configure a box are not modelled @
+            our choice: no driver that was run sends them
+        assumed configuration: the page lacks about 50 of its elements; it has only one configuration, the first @
+            {AXIA} 11.1
+        stated timing: the rate is 7000 records a second divided by a whole number, rounded up: a request for 150 gives
+            152 @ the same repository's instructions, measured; {NET_FT} chapter 10
+        stated timing: records are numbered from 1 after each start and roll over to 0; samples are counted from
+            power-up on, 7000 a second, and never reset @ {AXIA} 12.1.2
+        stated timing: a request for 0 records streams until the command 0000 @ {AXIA} 12.1.1
+        assumed timing: 1000 records a second, 40 records in a buffered datagram (both are settings of the box); a TCP
+            client may be silent for any time @ {NET_FT} chapters 10, 11; {AXIA} chapters 10, 12
     """)
 
     def __init__(
@@ -253,26 +255,27 @@ class OnrobotHex(Rdt):
     """)
     judge = "Fiiila/Optoforce_ethernet_client@ffaab55, jsbyysheng/onrobot_hex_ft_sensor@b8ae330, NetFT 2.0.1"
     facts = fact_table(f"""
-        stated touch: 10 000 counts per N, 100 000 per Nm; over TCP counts times scale over counts per unit @
-            {HEX_MANUAL} 8.3, 9.1.2
+        stated touch: 10 000 counts per N, 100 000 per Nm; over TCP the load is counts times scale, divided by the
+            counts per unit @ {HEX_MANUAL} 8.3, 9.1.2
         assumed touch: the tool is touched 50 mm above the sensor's origin; z points out of the tool side, forces act on
             the tool
-        assumed touch: over TCP: 10 000 and 100 000 counts per unit, each scale 100, nearest whole numbers @
+        assumed touch: over TCP: 10 000 and 100 000 counts per unit, every scale is 100, values are rounded @
             {HEX_MANUAL} chapter 9; {HEX} example/tcp.c, which takes any; TCP_client.py
-        stated identity: units over TCP: 2 is N, 3 is Nm @ {HEX_MANUAL} 9.2.2
-        stated configuration: at power-up 100 records a second, the 15 Hz filter, no bias @ {HEX_MANUAL} 7.1, 8.4, 8.5,
-            8.6
-        stated configuration: bias 255 on, 0 off; filters 0 to 6; 1 to 255 ms, 0 stops @ {HEX_MANUAL} 8.4 to 8.6
-        stated configuration: bits of the status word @ {HEX_MANUAL} 7.1
+        stated identity: the codes of units over TCP: 2 is N, 3 is Nm @ {HEX_MANUAL} 9.2.2
+        stated configuration: after power-up 100 records a second, the 15 Hz filter, no bias @ {HEX_MANUAL} 7.1, 8.4,
+            8.5, 8.6
+        stated configuration: bias 255 is on, 0 off; filters are 0 to 6; periods are 1 to 255 ms, 0 stops the stream @
+            {HEX_MANUAL} 8.4 to 8.6
+        stated configuration: the bits of the status word @ {HEX_MANUAL} 7.1
         stated configuration: the ROS driver sends the 16 bits of each argument twice @ {HEX}
             src/etherdaq_driver.cpp:105-116
-        assumed configuration: the box looks at the low 16 bits; other values than those stated change nothing @
+        assumed configuration: the box uses the low 16 bits; values other than those stated have no effect @
             {HEX_MANUAL} chapter 8, etherdaq_driver.cpp
         assumed configuration: overload beyond 200 N or 10 Nm on an axis (options); the filter is a first-order low-pass
         stated timing: records are numbered from 1 after each start; the sample counter has 16 bits and counts ms @
             {HEX_MANUAL} 8.3, 7.1
-        stated timing: the box is up 5 s after power-on, and closes TCP after 1 s without a request (left out: it is up
-            at once, a client may be silent without limit) @ {HEX_MANUAL} chapters 2, 9
+        stated timing: the box is up 5 s after power-on, and closes TCP after 1 s without a request (not modelled: the
+            model is up at once, and a client may be silent for any time) @ {HEX_MANUAL} chapters 2, 9
     """, looked=f"{HEX_MANUAL}, whole; {HEX}, whole")  # fmt: skip
 
     def __init__(

@@ -123,26 +123,29 @@ class AtiNetcanoem(Device[CanFrame]):
     """)
     documented_with = ("serial", "counts_per_force", "counts_per_torque", "status", "order", "tool")
     facts = fact_table("""
-        stated touch: gauges 0 2 4 and 1 3 5, signed; a row is asked by its number @ manual, table 4.2
-        stated touch: rows times gauges are divided by the counts per force and per torque @ manual, section 10.3
-        measured touch: form of a reading and of a row @ candump of 16 frames
+        stated touch: one message has the gauges 0, 2, 4, the other 1, 3, 5, signed; a row of the matrix is requested by
+            its number @ manual, table 4.2
+        stated touch: the rows of the matrix times the gauges, divided by the counts per force or per torque, are the
+            load @ manual, section 10.3
+        measured touch: the format of a reading and of a matrix row @ candump of 16 frames
         stated touch: matrix of a Mini45 SI-580-20, 1000000 counts per N and Nm @ FT10484_Net.xml, its calibration
-        measured touch: an odd gauge has most of Tz, as in the captured row @ candump of 16 frames
+        measured touch: an odd gauge has most of the weight of Tz, as in the captured row @ candump of 16 frames
         assumed touch: gauges are 0 at rest @ manual; FT10484_Net.xml (offsets of the converter only)
         assumed touch: the tool is touched 50 mm above the origin @ manual
-        stated touch: status 0 is sound; bit 14 is a CAN bus error @ manual, table 4.3
-        measured touch: status 4000 without bit 15, of a board in use @ candump of 16 frames
-        stated identity: 1000000 counts per force and torque of every Mini45 @ manual, section 10.3
+        stated touch: status 0 means no error; bit 14 is a CAN bus error @ manual, table 4.3
+        measured touch: a board in use reported status 4000, without bit 15 @ candump of 16 frames
+        stated identity: every Mini45 has 1000000 counts per unit of force and of torque @ manual, section 10.3
         stated identity: version 3.8, build 2 @ griloHBG/ati-netcanoem-cpp@8967bbd README.md
-        stated identity: serial numbers have the form FT10484, and a 0 behind @ FT10484_Net.xml; HAL_ATI_FT_Mini45.py
+        stated identity: serial numbers have the form FT10484, followed by a 0 @ FT10484_Net.xml; HAL_ATI_FT_Mini45.py
         assumed identity: serial number FT00001 @ manual, sections 1 to 11; main.cpp; README.md
         assumed identity: diagnostic voltages @ manual, table 4.2 (no scale); both drivers
-        stated configuration: base 20, 250 kbit/s as delivered; new ones from the next power-up on @ manual, 7, 7.2;
-            lapo5
+        stated configuration: base identifier 20 and 250 kbit/s as delivered; new values take effect at the next
+            power-up @ manual, 7, 7.2; lapo5
         stated configuration: slot 0 after power-up and reset; a slot without calibration sets bit 6 @ manual, 10.1
         assumed configuration: only slot 0 has a calibration; the rows of others are the same @ manual, 10.1
-        stated configuration: bytes behind a request are ignored @ lapo5/ROS2-HAL-ATI-Mini45, which sends one
-        assumed configuration: too few bytes, a wrong row, slot or code get silence @ manual, section 7; the drivers
+        stated configuration: additional bytes after a request are ignored @ lapo5/ROS2-HAL-ATI-Mini45, which sends one
+        assumed configuration: a request with too few bytes, or with a wrong row, slot or code, gets no answer @ manual,
+            section 7; the drivers
         assumed timing: 1000 conversions a second @ manual, sections 5, 7, 10
     """)
 

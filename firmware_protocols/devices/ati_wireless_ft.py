@@ -90,18 +90,23 @@ class AtiWirelessFt(Device):
     )
     documented_with = ("transducers",)
     facts = fact_table(f"""
-        stated touch: record, high byte first; only transducers of the mask, in order @ {HPP}:119-133; {CPP}:526-538
+        stated touch: the record, high byte first; it has only the transducers in the mask, in order @ {HPP}:119-133;
+            {CPP}:526-538
         stated touch: counts per N and Nm, 1000000 by default @ {DRIVER} src/main.cpp:107, 116
-        stated touch: time of 20 bits of seconds and 12 of a second @ {CPP}:481-500
-        stated touch: bits of the status @ {HPP}:58-106
-        assumed touch: counts of force and torque, not of gauges; touched 50 mm above the origin, beside it @ {ALL}
-        assumed identity: every LED of a transducer that is present is green; battery 100; records from 1 @ {ALL}
-        stated configuration: lengths, sequence, CRC from 1234; number of records @ {CPP}:351-432, 471
-        stated configuration: lines of telnet; rate times samples is 4000 at most @ {CPP}:202-236; {HPP}:113
-        assumed configuration: the text of the answers; the time begins with 0, with NTP, too; records are not averaged;
-            a wrong CRC has no answer; settings are forgotten at power-off; rates from 5, as the driver allows @ {ALL}
+        stated touch: the time has 20 bits for seconds and 12 bits for the fraction of a second @ {CPP}:481-500
+        stated touch: the bits of the status @ {HPP}:58-106
+        assumed touch: counts are of force and torque, not of gauges; the tool is touched 50 mm above the origin and to
+            the side of it @ {ALL}
+        assumed identity: all LEDs of a transducer that is present are green; the battery is at 100 %; records are
+            numbered from 1 @ {ALL}
+        stated configuration: the lengths, the sequence number, a CRC that starts at 1234, and the number of records @
+            {CPP}:351-432, 471
+        stated configuration: the command lines over telnet; rate times samples is at most 4000 @ {CPP}:202-236;
+            {HPP}:113
+        assumed configuration: the text of the answers; the time begins at 0, even with NTP; records are not averaged; a
+            wrong CRC gets no answer; settings are lost at power-off; rates begin at 5, as the driver allows @ {ALL}
         stated timing: UDP 49152, TCP 23 @ {HPP}:109-110
-        assumed timing: 50 records a second at first, as the driver sets @ {ALL}
+        assumed timing: 50 records a second after power-up, as the driver sets it @ {ALL}
     """)
 
     def __init__(self, *, transducers: Annotated[int, Option("transducers of the box", low=1, high=TRANSDUCERS)] = 1):

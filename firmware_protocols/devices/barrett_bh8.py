@@ -109,24 +109,30 @@ class BarrettBh8(Device[CanFrame]):
         "BarrettTechnology/libbarrett@109faf6, personalrobotics/owd@126b940, RobotnikAutomation/barrett_hand@4993a1f"
     )
     facts = fact_table("""
-        stated touch: a value of all cells is 1/256 N/cm2, one of the ten highest 1 N/cm2 @ owd CANbus.cc:2450-2500
-        stated touch: the last of five frames has 8 bytes, too @ libbarrett tactile_puck.cpp FullTactParser
-        stated touch: the lowest bit of the map is the first cell @ a later libbarrett's Top10TactParser; pyHand
-        stated touch: places of the cells in rows @ BHandGUI.ui; libbarrett sandbox/tactile_test.cpp graphPressures
-        assumed touch: 4 x 3 mm a cell of a finger, 6 x 10 mm of the palm, flat
-        assumed touch: whole N/cm2 are cut, not rounded; of equal cells the first @ Top10TactParser, owd, pyHand
-        assumed touch: tare leaves the form as it was, and is forgotten at power-off
-        stated identity: role 5 with tactile cells and a Hall encoder (1205) @ libbarrett puck.h:46-54, 186-195
-        stated identity: version 175 has every property here @ libbarrett property_list.cpp; owd CANbus.cc:3330
+        stated touch: values in a report of all cells are in 1/256 N/cm2, those in a report of the ten highest in 1
+            N/cm2 @ owd CANbus.cc:2450-2500
+        stated touch: the last of the five frames has 8 bytes as well @ libbarrett tactile_puck.cpp FullTactParser
+        stated touch: the lowest bit of the bit map is the first cell @ a later libbarrett's Top10TactParser; pyHand
+        stated touch: the places of the cells, in rows @ BHandGUI.ui; libbarrett sandbox/tactile_test.cpp graphPressures
+        assumed touch: a cell is 4 x 3 mm on a finger and 6 x 10 mm on the palm, all in one plane
+        assumed touch: whole N/cm2 are truncated, not rounded; of equal cells the first counts as higher @
+            Top10TactParser, owd, pyHand
+        assumed touch: a tare does not change the report format, and is lost at power-off
+        stated identity: role 5: tactile cells and a Hall encoder (1205) @ libbarrett puck.h:46-54, 186-195
+        stated identity: firmware version 175 has every property that is modelled @ libbarrett property_list.cpp; owd
+            CANbus.cc:3330
         assumed identity: serial number 1, TACTID 1 (-2 is an error) @ libbarrett tactile_puck.cpp, owd, pyHand
-        stated configuration: asleep after power-up; properties 0 to 7 then @ libbarrett puck.cpp, property_list.cpp
-        stated configuration: sets have two or four bytes of value @ libbarrett puck-inl.h; pyHand set_16, set_32
-        stated configuration: values of motors' properties, groups 0 7 5 @ pyHand set_puck_like
-        assumed configuration: a get of cells when TACT is 0 gets silence
-        stated timing: cells come at once after a set, as after a get @ owd CANbus.cc:2799-2802
-        stated timing: a waking puck receives nothing for less than 1 s @ libbarrett puck.h WAKE_UP_TIME
-        assumed timing: 100 conversions a second
-        assumed timing: motors turn at MV, without load
+        stated configuration: a puck is asleep after power-up; asleep, it has properties 0 to 7 only @ libbarrett
+            puck.cpp, property_list.cpp
+        stated configuration: the value in a set message has two or four bytes @ libbarrett puck-inl.h; pyHand set_16,
+            set_32
+        stated configuration: the values of the motors' properties; the groups are 0, 7 and 5 @ pyHand set_puck_like
+        assumed configuration: a request for cells while TACT is 0 gets no answer
+        stated timing: cells are sent at once after a set message, as after a get @ owd CANbus.cc:2799-2802
+        stated timing: a puck that wakes up receives nothing for a time shorter than 1 s @ libbarrett puck.h
+            WAKE_UP_TIME
+        assumed timing: touch is sampled 100 times a second
+        assumed timing: motors turn at the speed MV, as without load
     """, looked="libbarrett, owd, pyHand")  # fmt: skip
 
     def __init__(

@@ -47,9 +47,10 @@ class BielefeldGlove(Device):
     facts = fact_table(f"""
         stated identity: USB 04D8:000A, the text of Microchip's example, no serial number @ {PIC} l.174-179, 262-278
         stated identity: the console's port is /dev/ttyACM0 @ {SOURCE} linux/console/main.cpp l.52
-        stated touch: the converter's channel is the index modulo 16 @ {SOURCE} PIC18 tactGlove_main.c l.250-295
+        stated touch: the channel of the converter is the taxel's index modulo 16 @ {SOURCE} PIC18 tactGlove_main.c
+            l.250-295
         assumed touch: 64 taxels over a field of 80 x 160 mm, in order @ {SOURCE} TaxelMapping.cpp, taxel.cfg
-        assumed touch: 4095 F / (F + 1 N) is shown, 0 untouched @ {SOURCE} README, calib.py, raw.calib.yaml
+        assumed touch: the value is 4095 F / (F + 1 N), 0 if untouched @ {SOURCE} README, calib.py, raw.calib.yaml
         assumed timing: 30 scans a second @ tactGlove_main.c (one USB transfer a packet, as fast as the host asks)
     """)
 

@@ -83,23 +83,23 @@ class BotaSensone(Device):
             python/senseone.py:170-180; bota-driver 1.1.16, as it shows them
         assumed touch: the tool is touched 50 mm above the sensor's origin; z points out of the tool side, forces act on
             the tool @ bota_ft_sensors, all files; bota-driver's help texts
-        assumed touch: saturation and overrange where the options say; other status bits stay 0 @ bota_ft_sensors, all
-            files; bota-driver, which names the bits
-        stated identity: p? gives what the library shows behind SN000, and the model; no firmware version @ bota-driver
-            1.1.16, run: SN000123, BFT-SENS-SER-M8, version x.x.x
+        assumed touch: saturation and overrange are set at the limits given by the options; other status bits stay 0 @
+            bota_ft_sensors, all files; bota-driver, which names the bits
+        stated identity: command p? returns what the library shows after SN000, and the model, but no firmware version @
+            bota-driver 1.1.16, run: SN000123, BFT-SENS-SER-M8, version x.x.x
         assumed identity: the zeros in the answer to p? @ bota-driver 1.1.16, which takes both by place
-        stated configuration: the fields of c and f; C, c, f and R are answered r,0,X,0 @ python/senseone.py:10-20,
-            105-145
-        assumed configuration: b adds an offset, s and c change nothing: no CSV, no other baud rate @ bota-driver
-            1.1.16, run; bota_ft_sensors send 0,1,0,4 alone
-        assumed configuration: R is answered while it runs: the library waits 2 s for that, and warns without it @
-            bota-driver 1.1.16, tare() and activate(), run
-        assumed configuration: no answer to commands that are unknown, beyond their limits, or not taken; 20 ms of
-            silence end a command; answers end with CR LF @ bota_ft_sensors, all files; bota-driver, run
-        stated configuration: opening the port restarts it @ bota-driver 1.1.16: it says so, and waits 3 s
-        stated timing: a frame each SINC * 19.53125 us; the time counts us @ python/senseone.py:127, 178; bota-driver:
-            512 is 100 Hz, 256 is 200 Hz
-        assumed timing: 512 after power-up; offset and filter are forgotten by a restart, which takes 0.1 s @
+        stated configuration: the fields of commands c and f; C, c, f and R are answered with r,0,X,0 @
+            python/senseone.py:10-20, 105-145
+        assumed configuration: command b adds an offset; s and c have no effect: the model has no CSV output and no
+            other baud rate @ bota-driver 1.1.16, run; bota_ft_sensors send 0,1,0,4 alone
+        assumed configuration: command R is answered while the sensor runs: the library waits 2 s for this answer and
+            warns if it does not come @ bota-driver 1.1.16, tare() and activate(), run
+        assumed configuration: commands that are unknown, out of range or not possible at the time get no answer; a
+            silence of 20 ms ends a command; answers end with CR LF @ bota_ft_sensors, all files; bota-driver, run
+        stated configuration: opening the port restarts the sensor @ bota-driver 1.1.16: it says so, and waits 3 s
+        stated timing: a frame is sent every SINC * 19.53125 us; the time counts microseconds @ python/senseone.py:127,
+            178; bota-driver: 512 is 100 Hz, 256 is 200 Hz
+        assumed timing: SINC is 512 after power-up; a restart takes 0.1 s and clears offset and filter @
             bota_ft_sensors, all files; bota-driver, which sets both each time
     """)
 

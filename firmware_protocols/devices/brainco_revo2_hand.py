@@ -133,33 +133,38 @@ class Revo2(Device[Any]):
     judge = "bc-stark-sdk 2.0.8"
     documented_with = ("serial", "single_proximity")
     facts = fact_table(f"""
-        stated touch: order and size of all values @ bc-stark-sdk 2.0.8 main_mod.pyi TouchFingerItem, RegAddrRevo2
-        stated touch: low byte first in the proximities at 4250 @ bc-stark-sdk 2.0.8, what
+        stated touch: the order and size of all values @ bc-stark-sdk 2.0.8 main_mod.pyi TouchFingerItem, RegAddrRevo2
+        stated touch: the proximities at 4250 have their low byte first @ bc-stark-sdk 2.0.8, what
             get_single_touch_sensor_status() makes of them
-        assumed touch: places: flat, normal +z, row by row, 3 x 3 points 3 mm apart, 5 mm on the palm
-        assumed touch: 100 counts/N, direction in degrees 0..359, proximity 10000 counts/N of push; states are normal
-        assumed touch: points 200 counts/N raw or calibrated, [mN] of force, 0..4095; sums of their module in the same
-            unit
-        stated touch: three-axis points: registers of four fingers, 31 points each; x and y signed bytes, z 16 bits
-            @ bc-stark-sdk 2.0.8, what it makes of each byte
-        assumed touch: three-axis points 10 counts/N, over 12 x 18 mm, row by row; sums of their finger, limited
-        assumed touch: new baseline and calibration make the present forces zero, until power-off; sensors that are off
-            read 0
-        stated identity: registers of versions, serial numbers, unit and line, and their codes @ bc-stark-sdk 2.0.8
+        assumed touch: places: all in one plane with normal +z, row by row; 3 x 3 points 3 mm apart, on the palm 5 mm
+        assumed touch: 100 counts/N; the direction is in degrees, 0..359; the proximity has 10000 counts/N of push; all
+            states are normal
+        assumed touch: points have 200 counts/N as raw and calibrated values, mN as forces, and the range 0..4095; the
+            sums of a module have the unit of its points
+        stated touch: three-axis points: the registers of four fingers with 31 points each; x and y are signed bytes, z
+            has 16 bits @ bc-stark-sdk 2.0.8, what it makes of each byte
+        assumed touch: three-axis points have 10 counts/N and lie row by row on 12 x 18 mm; the sums of a finger
+            saturate
+        assumed touch: a new baseline and a calibration make the present forces zero, until power-off; sensors that are
+            off read 0
+        stated identity: the registers of versions, serial numbers, unit and line, and their codes @ bc-stark-sdk 2.0.8
             main_mod.pyi
         stated identity: a serial number may be written after a factory key @ {EXAMPLES}revo2/revo2_cfg.py:150
-        assumed identity: firmware 1.0.5 of hand, tips and pads; serial numbers of pads; any key will do
+        assumed identity: firmware 1.0.5 of hand, fingertips and pads; the serial numbers of the pads; any factory key
+            is accepted
         stated configuration: the hand restarts when unit, line or automatic calibration is changed @
             {EXAMPLES}revo2/revo2_cfg.py:11, 121
         stated configuration: sensors are on at power-up @ {EXAMPLES}revo2/revo2_touch.py:13
-        stated configuration: goals 0..1000 and 1..2000 ms, speeds, currents and duties -1000..1000 @ bc-stark-sdk 2.0.8
-            main_mod.pyi:1283
-        assumed configuration: functions 03 and 04 show the same registers; all others read 0; it restarts after 0.1 s
-        assumed configuration: limits 1000, LED, buzzer, vibration on; limits, turbo, gestures and the unit of goals do
-            nothing
-        assumed configuration: motors: 2000 a second; currents and duties drive like speeds; no current is shown
-        assumed timing: 460800 as delivered; answers at once; 100 conversions a second
-        assumed timing: over CAN more than 29 registers are exception 3
+        stated configuration: goals are 0..1000 and times 1..2000 ms; speeds, currents and duties are -1000..1000 @
+            bc-stark-sdk 2.0.8 main_mod.pyi:1283
+        assumed configuration: functions 03 and 04 read the same registers; registers that are not modelled read 0; a
+            restart takes 0.1 s
+        assumed configuration: limits are 1000; LED, buzzer and vibration are on; limits, turbo, gestures and the unit
+            of goals have no effect
+        assumed configuration: motors move 2000 counts a second; currents and duties drive them like speeds; currents
+            read 0
+        assumed timing: 460800 baud as delivered; the hand answers at once; touch is sampled 100 times a second
+        assumed timing: over CAN a request for more than 29 registers is answered with exception 3
     """, looked=LOOKED)  # fmt: skip
 
     def __init__(

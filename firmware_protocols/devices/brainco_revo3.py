@@ -147,20 +147,29 @@ class Revo3(Device[Any]):
         "bc-revo3-sdk 2.3.2 and 1.5.1: what they read and write (identity, points per module, regions, packing)",
     )
     facts = fact_table(f"""
-        stated touch: registers, points of each module, units of force @ {SDK}docs/device/REVO3_TOUCH_API.md
-        assumed touch: places: row by row, flat, normal +z, 2 mm pitch on fingers, 4 mm on the palm; matrices 10 x 6
-        assumed touch: a point is 200 counts/N (ADC, raw), 0..4095, or of a matrix 50 counts/N (ADC)
-        assumed touch: regions are equal runs of points; forces and points can be read with any value of 4023
-        assumed touch: a zero holds until the next restart; 4025..4036 have no effect; modules that are off read 0
-        stated identity: 101 is the hand: 1 right, 2 left @ bc-revo3-sdk 1.5.1 revo3_get_hand_type(), main_mod.pyi:575
-        stated identity: 109 and 110 are the lines, and their codes @ bc-revo3-sdk 1.5.1 revo3_get_rs485_baudrate(),
-            each code tried
-        stated identity: motors: status, versions, which are there @ {SDK}docs/device/REVO3_MOTOR_API.md:292, 350
-        assumed identity: firmware 0.1.2, hardware V1.0; motors 1.1; modules and motors have no serial number
-        assumed configuration: limits 0 and 90 deg, 200 rpm, 1500 mA; 24 V, 0.3 A, 25 deg C; switches on
-        assumed configuration: functions 03 and 04 show the same registers; all others read 0; joints do not move
-        stated configuration: Modbus frames in CAN-FD frames, 29 registers at most @ bc-revo3-sdk 2.3.2, as it speaks
-        assumed timing: it answers at once; 100 conversions a second
+        stated touch: the registers, the points of each module, and the units of force @
+            {SDK}docs/device/REVO3_TOUCH_API.md
+        assumed touch: places: row by row in one plane with normal +z, at a pitch of 2 mm on fingers and 4 mm on the
+            palm; matrices are 10 x 6
+        assumed touch: a point has 200 counts/N (ADC and raw), 0..4095; a point of a matrix has 50 counts/N (ADC)
+        assumed touch: each region is a run of points of equal length; forces and points can be read whatever register
+            4023 holds
+        assumed touch: a zero holds until the next restart; registers 4025..4036 have no effect; modules that are off
+            read 0
+        stated identity: register 101 is the side of the hand: 1 right, 2 left @ bc-revo3-sdk 1.5.1
+            revo3_get_hand_type(), main_mod.pyi:575
+        stated identity: registers 109 and 110 set the speeds of the lines, by their codes @ bc-revo3-sdk 1.5.1
+            revo3_get_rs485_baudrate(), each code tried
+        stated identity: the motors' status and versions, and which of them are fitted @
+            {SDK}docs/device/REVO3_MOTOR_API.md:292, 350
+        assumed identity: firmware 0.1.2, hardware V1.0, motors 1.1; modules and motors have no serial numbers
+        assumed configuration: limits are 0 and 90 deg, 200 rpm and 1500 mA; the hand reports 24 V, 0.3 A and 25 deg C;
+            all modules are on
+        assumed configuration: functions 03 and 04 read the same registers; registers that are not modelled read 0;
+            joints do not move
+        stated configuration: Modbus frames are sent in CAN-FD frames, with at most 29 registers @ bc-revo3-sdk 2.3.2,
+            as it speaks
+        assumed timing: the hand answers at once; touch is sampled 100 times a second
     """, looked=LOOKED)  # fmt: skip
 
     def _power_up(self, touch: str, packing: str, side: str, serial: str) -> None:

@@ -116,28 +116,31 @@ class ContactilePapillArray(Device):
     documented_with = None
     judge = "m-rosette/contactile_gripper_ros2@146709d (Contactile's libPTSDK.a)"
     facts = fact_table(f"""
-        stated touch: N, mm and N mm, all along X, Y, Z of the sensor @ {LIBRARY} lib/PTSDKSensor.h:78-150
-        stated touch: 3 x 3 pillars, 7 mm apart; ranges 4 N and 15 N, 1 mm and 2.5 mm @ PTS_2.1_SPEC_JAN25
-        assumed touch: pillars row by row from the sensor's upper left; a push is positive in Fz and Dz, as contact is
-            Fz over 0.5 N @ PTSCOM_2.0_SPEC_SEP22, PTS_2.1_SPEC_JAN25; {LIBRARY} lib/PTSDKConstants.h:23
-        assumed touch: the total is the sum over the pillars; torque r x F, with r from the middle of the sensor, F as
-            sent
-        assumed touch: pillars are springs: deflection follows force, as the ranges do; both saturate there @
-            PTS_2.1_SPEC_JAN25
-        stated touch: -1: no estimate of friction, and so no grip force @ {LIBRARY} lib/PTSDKConstants.h:31
-        assumed touch: slip is not modelled: states stay 0, detection on or off; kind 7 is not sent @
-            PTSCOM_2.0_SPEC_SEP22, which does not describe it
-        stated identity: no version, no serial number: the library asks for none @ {LIBRARY} lib/PTSDKListener.h
+        stated touch: units are N, mm and N mm, all along X, Y and Z of the sensor @ {LIBRARY} lib/PTSDKSensor.h:78-150
+        stated touch: 3 x 3 pillars, 7 mm apart; the ranges are 4 N and 15 N, and 1 mm and 2.5 mm @ PTS_2.1_SPEC_JAN25
+        assumed touch: pillars are numbered row by row from the sensor's upper left; a push is positive in Fz and Dz,
+            since the library takes Fz above 0.5 N for contact @ PTSCOM_2.0_SPEC_SEP22, PTS_2.1_SPEC_JAN25; {LIBRARY}
+            lib/PTSDKConstants.h:23
+        assumed touch: the total is the sum over the pillars; the torque is r x F, with r from the middle of the sensor
+            and F as sent
+        assumed touch: pillars are springs: the deflection is proportional to the force, in the ratio of the two ranges;
+            both saturate at the end of their range @ PTS_2.1_SPEC_JAN25
+        stated touch: -1 means that there is no estimate of friction, and so none of the grip force @ {LIBRARY}
+            lib/PTSDKConstants.h:31
+        assumed touch: slip is not modelled: its states stay 0 whether detection is on or off; blocks of kind 7 are not
+            sent @ PTSCOM_2.0_SPEC_SEP22, which does not describe it
+        stated identity: the controller reports neither version nor serial number: the library requests none @ {LIBRARY}
+            lib/PTSDKListener.h
         stated configuration: at most 4 sensors @ {LIBRARY} lib/PTSDKConstants.h:17
-        stated configuration: any baud rate; the launch file has 9600 on /dev/ttyACM0 @ {LIBRARY}
+        stated configuration: any baud rate works; the launch file opens /dev/ttyACM0 at 9600 @ {LIBRARY}
             launch/papillarray.launch.py
-        assumed configuration: the entry of kind 0 has no offset (unless asked for): the library takes either @
+        assumed configuration: the entry of kind 0 has no offset (an option adds one): the library accepts both @
             PTSCOM_2.0_SPEC_SEP22; the library, run
-        assumed configuration: zero is at once (the vendor: about 2 s), of deflections too @ {LIBRARY}
-            lib/PTSDKListener.h (sendBiasRequest)
+        assumed configuration: a zero takes effect at once (about 2 s according to the vendor), on deflections as well @
+            {LIBRARY} lib/PTSDKListener.h (sendBiasRequest)
         stated timing: 100, 250, 500 or 1000 packets a second, 1000 by default @ {LIBRARY} lib/PTSDKListener.h
             (setSamplingRate)
-        assumed timing: the rate is 1000 after each power-up; the time is of power-up
+        assumed timing: the rate is 1000 packets a second after each power-up; the time counts from power-up
     """, looked=f"PTSCOM_2.0_SPEC_SEP22; {LIBRARY} lib, all headers")  # fmt: skip
 
     def __init__(

@@ -59,15 +59,17 @@ class CyskinCpmFinger(Device[CanFrame]):
     )
     judge = "wngfra/fingerSense@a3e6926"
     facts = fact_table(f"""
-        stated touch: identifiers, order of frames and taxels, low byte first @ {_DRIVER}:35, 51-107; can2wifi2ros
-        measured touch: 60 to 239 counts above zero under one grip; the second proximity always FFFF @ {_SLIDE}
-        assumed touch: {COUNTS_PER_NEWTON:.0f} counts/N, {REST_COUNTS} counts untouched; proximity 0 @ both drivers;
-            FabricSlide
-        assumed touch: taxels spread evenly over {WIDTH_M * 1000.0:.0f} x {LENGTH_M * 1000.0:.0f} mm; the table names
-            each @ both drivers
-        stated configuration: 1 Mbit/s; it transmits unasked, nothing is sent to it @ {_DRIVER}:25
-        assumed configuration: what the host sends is ignored @ both drivers send nothing
-        measured timing: a scan every 28.08 ms (26 to 30) @ {_SLIDE}
+        stated touch: the identifiers, and the order of frames and taxels; values have their low byte first @
+            {_DRIVER}:35, 51-107; can2wifi2ros
+        measured touch: counts were 60 to 239 above zero under one grip; the second proximity always read FFFF @
+            {_SLIDE}
+        assumed touch: {COUNTS_PER_NEWTON:.0f} counts/N, {REST_COUNTS} counts if untouched; the proximity is 0 @ both
+            drivers; FabricSlide
+        assumed touch: taxels are spread evenly over {WIDTH_M * 1000.0:.0f} x {LENGTH_M * 1000.0:.0f} mm; the table of
+            frames names each of them @ both drivers
+        stated configuration: 1 Mbit/s; the device transmits unasked, and no host sends to it @ {_DRIVER}:25
+        assumed configuration: messages from the host are ignored @ both drivers send nothing
+        measured timing: the finger is scanned every 28.08 ms (26 to 30) @ {_SLIDE}
     """)
 
     def __init__(

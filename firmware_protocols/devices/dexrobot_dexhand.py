@@ -111,22 +111,27 @@ class DexrobotDexHand(Device[CanFrame]):
         motion                 101##1 44 03 E803 D007                    -  both motors to 10 and 20 deg
     """)
     facts = fact_table(f"""
-        stated touch: boards are thumb, palm, index, middle, ring, little @ {PYZLG}dexhand_interface.py:99 finger_map
-        stated touch: the same order, the palm without fingertip @ {CPP}include/Protocols.h:222, status_data
-        stated touch: direction 0 is the fingertip @ {PYZLG}dexhand_interface.py:68
-        assumed touch: forces to {MAX_FORCE_N:.0f} N, direction clockwise, temperature 0 to 85 deg C
-        assumed touch: one point per fingertip, {FINGER_SPACING_M * 1000.0:.0f} mm apart, normal +z, tips to +y
+        stated touch: the boards are, in order, thumb, palm, index, middle, ring and little finger @
+            {PYZLG}dexhand_interface.py:99 finger_map
+        stated touch: the same order; the palm has no fingertip @ {CPP}include/Protocols.h:222, status_data
+        stated touch: direction 0 points to the fingertip @ {PYZLG}dexhand_interface.py:68
+        assumed touch: forces reach {MAX_FORCE_N:.0f} N; the direction rises clockwise; the temperature is 0 to 85 deg C
+        assumed touch: each fingertip is one point, {FINGER_SPACING_M * 1000.0:.0f} mm apart, with normal +z and the
+            tips towards +y
         assumed touch: proximity and the two deltas are 0
-        stated identity: version: request 01 02, four bytes, the last first @ {CPP}libdexhand_sdk_cpp.so get_sdk_version
+        stated identity: the version is requested with 01 02; it has four bytes, the last one first @
+            {CPP}libdexhand_sdk_cpp.so get_sdk_version
         assumed identity: firmware 1.0.0.0
         stated configuration: 1 and 5 Mbit/s @ {PYZLG}zcan_wrapper.py:263
-        stated configuration: set-up begins with 03; mode, period [10 ms], on @ {PYZLG}dexhand_protocol/commands.py:107
-        stated configuration: goals in 0.01 deg, or in Hall counts @ {PYZLG}dexhand_interface.py:504 _scale_angle
-        stated configuration: joints reach 90 deg, th_rot 150, ff_spr 30 @ {TESTED}:46
-        stated configuration: feedback comes without being set up @ {TESTED}: reads, and never sets a mode
-        assumed configuration: mode 1 after power-up; in mode 2 a motion message is the question
-        assumed configuration: motors move at 200 deg/s; currents, speeds and encoders are 0
-        assumed timing: 100 feedbacks a second after power-up, from every board at once
+        stated configuration: a set-up message begins with 03, then has the mode, the period [10 ms] and a switch @
+            {PYZLG}dexhand_protocol/commands.py:107
+        stated configuration: goals are in 0.01 deg, or in counts of the Hall sensor @ {PYZLG}dexhand_interface.py:504
+            _scale_angle
+        stated configuration: joints reach 90 deg, th_rot 150 deg, ff_spr 30 deg @ {TESTED}:46
+        stated configuration: feedback is sent even without a set-up message @ {TESTED}: reads, and never sets a mode
+        assumed configuration: mode 1 after power-up; in mode 2 the hand answers each motion message
+        assumed configuration: motors move at 200 deg/s; currents, speeds and encoders read 0
+        assumed timing: after power-up every board sends feedback 100 times a second, all at the same time
     """, looked=LOOKED)  # fmt: skip
 
     def __init__(

@@ -108,27 +108,31 @@ class DfrobotTactile(Device):
     )
     documented_with = ("model", "baud")
     facts = fact_table(f"""
-        stated touch: a value in a register, rows from the bottom @ {PYTHON}:131-150
-        stated touch: 0: 4 rows of 8, 1: 6 rows of 6 @ {PYTHON}:91-116
-        stated touch: threshold 0 to 4095, 50 as delivered @ {HEADER}:120
-        assumed touch: what is less than the threshold reads 0; values 0 to 4095, 400 counts/N, 5 mm
+        stated touch: each register has one value; rows are numbered from the bottom @ {PYTHON}:131-150
+        stated touch: register 43 is 0 for 4 rows of 8 taxels, 1 for 6 rows of 6 @ {PYTHON}:91-116
+        stated touch: the threshold is 0 to 4095, and 50 as delivered @ {HEADER}:120
+        assumed touch: values below the threshold read 0; values are 0 to 4095, with 400 counts/N and a pitch of 5 mm
         stated identity: product 3343 @ {HEADER}:91
-        assumed identity: the same number as vendor; version 0100
-        stated identity: a state of 1 is what the driver calls true @ {PYTHON}:216
-        assumed identity: it is 1 all the time
-        stated configuration: line speeds 3, 7, 8, 9 @ {HEADER}:30-33
-        stated configuration: stop bits 0 to 3 in the high byte, parity in the low one @ {PYTHON}:190
-        stated configuration: parity even 2, odd 3 in Python; even 1, odd 2 in C++ @ {PYTHON}:78-80; {HEADER}:41-43
-        stated configuration: a new speed holds at once; here it is stored without effect @ {DRIVER}
-            get_tactile_data.py:61
-        stated configuration: a new unit holds at once: hosts await no answer from the old @ {PYTHON}:160-173
-        assumed configuration: the answer comes from the new unit
-        stated configuration: register 7 restores threshold, address, line, rate @ {HEADER}:135
-        stated configuration: but its address does not change; so here @ {DRIVER} get_tactile_data.py:51
-        stated configuration: unit 1, 115200 as delivered @ {DRIVER} examples/getTactileData/getTactileData.ino
-        assumed configuration: settings survive power-off; all other registers 0
+        assumed identity: the vendor has the same number; the version is 0100
+        stated identity: the driver reports a state of 1 as true @ {PYTHON}:216
+        assumed identity: the state is always 1
+        stated configuration: the codes 3, 7, 8 and 9 of line speeds @ {HEADER}:30-33
+        stated configuration: the high byte has the code of the stop bits, 0 to 3, the low byte that of the parity @
+            {PYTHON}:190
+        stated configuration: the codes of parity are even 2 and odd 3 in the Python driver, even 1 and odd 2 in the C++
+            driver @ {PYTHON}:78-80; {HEADER}:41-43
+        stated configuration: on the device a new speed takes effect at once; the model stores it without effect @
+            {DRIVER} get_tactile_data.py:61
+        stated configuration: a new unit takes effect at once: the drivers wait for no answer from the old one @
+            {PYTHON}:160-173
+        assumed configuration: the answer to this write comes from the new unit
+        stated configuration: a write to register 7 restores threshold, address, line settings and rate @ {HEADER}:135
+        stated configuration: the unit does not change with it, neither in the driver nor in the model @ {DRIVER}
+            get_tactile_data.py:51
+        stated configuration: unit 1 and 115200 baud as delivered @ {DRIVER} examples/getTactileData/getTactileData.ino
+        assumed configuration: settings survive power-off; all other registers read 0
         stated timing: 20 or 50 readings a second @ {HEADER}:80-83
-        assumed timing: 20 as delivered
+        assumed timing: 20 readings a second as delivered
     """, looked=ALL)  # fmt: skip
 
     def __init__(

@@ -87,16 +87,20 @@ class DigityExohand(Device):
     sources = ("digity 0.2.5 _humi.py, _serial.py, README (the vendor's own)",)
     judge = "digity 0.2.5"
     facts = fact_table(f"""
-        stated identity: one of four makes of USB chips, found by id or text @ {SDK} _serial.py l.18-19
-        stated touch: six counts of 0 to 4095; 16384 per g in its example @ {SDK} README; _humi.py l.183
-        stated touch: five angles of a finger in 0.01 deg; arm boards with 3, 2, 2, 3 @ {SDK} _humi.py l.36-47
-        stated timing: about 50 Hz; sequence of 16 bits; times in us @ {SDK} README
-        assumed identity: of the four chips a CP2102
-        assumed identity: low nibbles 1 angles, 2 motion, 3 touch ('communication line') @ {SDK} README, _types.py
-        assumed touch: six channels as 3 rows of 2, 6 mm apart, from the fingertip; a flat hand @ {SDK} viz/static
-        assumed touch: 400 counts/N, untouched 0; 131 counts per deg/s; axes of the link
-        assumed touch: angles stand still: nothing moves the wearer's fingers
-        assumed timing: a packet: a record of each kind, one sample; one sequence for all boards
+        stated identity: the glove has one of four makes of USB chips, which the driver finds by id or text @ {SDK}
+            _serial.py l.18-19
+        stated touch: a touch record has six counts of 0 to 4095; the driver's example has 16384 counts per g @ {SDK}
+            README; _humi.py l.183
+        stated touch: a finger has five angles in 0.01 deg; the arm boards have 3, 2, 2 and 3 @ {SDK} _humi.py l.36-47
+        stated timing: about 50 packets a second; the sequence number has 16 bits; times are in us @ {SDK} README
+        assumed identity: the model has a CP2102, one of the four chips
+        assumed identity: the low nibble of an id is 1 for angles, 2 for motion, 3 for touch ('communication line') @
+            {SDK} README, _types.py
+        assumed touch: the six channels are 3 rows of 2, 6 mm apart, from the fingertip on; the hand is flat @ {SDK}
+            viz/static
+        assumed touch: 400 counts/N, 0 if untouched; 131 counts per deg/s; axes are those of the link
+        assumed touch: angles stay constant: the model has no wearer whose fingers move
+        assumed timing: a packet has one record of each kind, all of one sample; all boards share one sequence number
     """, looked=f"{SDK} whole")  # fmt: skip
 
     def __init__(

@@ -51,26 +51,32 @@ class DynPick(Device):
     origin = f"{TORK} src/main.cpp, doc/index.rst"
     documented_with = None
     facts = fact_table(f"""
-        stated touch: six numbers of four hexadecimal digits, 8192 is zero @ {TORK} src/main.cpp:237-249
+        stated touch: the answer has six numbers of four hexadecimal digits; 8192 is zero @ {TORK} src/main.cpp:237-249
         stated touch: z points towards the tool mount @ {TORK} urdf/dynpick_WEF-6A200_macro.xacro:40-50
         assumed touch: forces act on the tool, which is touched 50 mm above the origin
-        stated touch: sensors differ: 24.9, 24.6, 24.5 counts/N, 1664.7 counts/Nm @ {RUST} src/lib.rs:108
-        stated touch: others: 65.47, 65.44, 65.08 counts/N, 1638.5 counts/Nm @ {UMEMOTO} DynPick.py:32
-        assumed touch: 50 counts/N and 1500 counts/Nm here; counts end at 0 and 16383; upper-case digits
+        stated touch: sensitivities differ from sensor to sensor: 24.9, 24.6, 24.5 counts/N and 1664.7 counts/Nm @
+            {RUST} src/lib.rs:108
+        stated touch: another sensor has 65.47, 65.44, 65.08 counts/N and 1638.5 counts/Nm @ {UMEMOTO} DynPick.py:32
+        assumed touch: the model has 50 counts/N and 1500 counts/Nm; counts saturate at 0 and 16383; hexadecimal digits
+            are in upper case
         stated touch: temperature in 1/16 deg C, four hexadecimal digits @ {UMEMOTO} DynPick.py:136-148
         assumed touch: temperatures below 0 deg C read 0
         stated identity: 10C4:EA60, a CP210x bridge @ {TORK} doc/index.rst:22-32; {RUST} examples/demo.rs:6-8
-        assumed identity: the text that answers V
-        stated configuration: 46 characters answer p @ {TORK} src/main.cpp:51; {RUST} src/lib.rs:134; 45: {KOBE}
-        assumed configuration: three decimals for a force, two for a torque and CR LF make 46
-        stated configuration: the Rust driver, untested on p, takes no CR LF behind the last @ {RUST} src/lib.rs:131-149
+        assumed identity: the text of the answer to V
+        stated configuration: the answer to p has 46 characters @ {TORK} src/main.cpp:51; {RUST} src/lib.rs:134; 45:
+            {KOBE}
+        assumed configuration: with three decimals for a force, two for a torque, and CR LF, the answer has 46
+            characters
+        stated configuration: the Rust driver, which is not tested on p, expects no CR LF after the last number @ {RUST}
+            src/lib.rs:131-149
         stated configuration: some sensors do not answer p @ {RUST} src/lib.rs:131
-        stated configuration: dividers 1, 2, 4, 8; 0F: a digit and two characters @ {TORK} src/main.cpp:202-212
-        stated configuration: O works on hardware when it is sent three times @ {TORK} src/main.cpp:48
-        assumed configuration: once is enough here; the zero is forgotten at power-off
-        assumed configuration: silent at power-up, divider 1; other letters are not answered
+        stated configuration: the dividers are 1, 2, 4 and 8; 0F is answered with a digit and two characters @ {TORK}
+            src/main.cpp:202-212
+        stated configuration: on the hardware, O works when it is sent three times @ {TORK} src/main.cpp:48
+        assumed configuration: in the model O works when it is sent once; the zero is lost at power-off
+        assumed configuration: the sensor is silent after power-up, with divider 1; other letters get no answer
         stated timing: 921600 baud @ {TORK} src/main.cpp:71; {UMEMOTO} DynPick.py:27; {RUST} src/lib.rs:81
-        assumed timing: 500 conversions a second; the divider makes them fewer; the digit goes from 0 to 9
+        assumed timing: 500 conversions a second, divided by the divider; the digit counts from 0 to 9
     """, looked=ALL)  # fmt: skip
 
     def __init__(

@@ -58,15 +58,23 @@ class EfleshBinary(Device):
     judge = SOURCE
     facts = fact_table(f"""
         stated identity: a CP2102, 10C4:EA60; /dev/ttyUSB0 @ {SOURCE} eflash_binary.ino l.9-10; logger.py l.19
-        stated touch: places, polarity and Bz at rest of each sensor @ {SOURCE} docs/2026-08-20-hardware-layout.md
-        stated touch: steps and full scale of RES_16 and RES_19; what exceeds RES_16 wraps @ {SOURCE} the .ino l.81-88
-        stated touch: a sensor that does not answer reads 0.0 three times @ {SOURCE} the .ino l.118-122
-        stated timing: 184.6 Hz; rubbish after DTR, wait 2.5 s @ {SOURCE} docs/2026-08-20-hardware-layout.md
-        stated timing: an oversampling that is too slow spoils two frames of three @ {SOURCE} the .ino l.20-24, 90-92
-        assumed touch: a square of 14 mm; axes of the link; Bx, By 0 at rest @ {SOURCE} docs/, README, live_probe.py
-        assumed touch: 500 uT/N in the plane, 1000 along the normal, more field under a push @ {SOURCE} docs/, README
-        assumed timing: silent for 2 s after power-up and each change of the lines with DTR set @ {SOURCE} docs/, .ino
-        assumed timing: with `zero_frames` every third conversion is whole, from the first @ {SOURCE} the .ino
+        stated touch: the places, the polarity, and Bz at rest of each chip @ {SOURCE}
+            docs/2026-08-20-hardware-layout.md
+        stated touch: the steps and full scales of RES_16 and RES_19; a value beyond the range of RES_16 wraps @
+            {SOURCE} the .ino l.81-88
+        stated touch: a chip that does not answer reads 0.0 on all three axes @ {SOURCE} the .ino l.118-122
+        stated timing: 184.6 frames a second; after DTR is set the board sends garbage, so wait 2.5 s @ {SOURCE}
+            docs/2026-08-20-hardware-layout.md
+        stated timing: an oversampling that is too slow makes two of three frames invalid @ {SOURCE} the .ino l.20-24,
+            90-92
+        assumed touch: the chips form a square of 14 mm; axes are those of the link; Bx and By are 0 at rest @ {SOURCE}
+            docs/, README, live_probe.py
+        assumed touch: 500 uT/N in the plane and 1000 uT/N along the normal; a push raises the field @ {SOURCE} docs/,
+            README
+        assumed timing: the board is silent for 2 s after power-up, and after each change of the modem lines that leaves
+            DTR set @ {SOURCE} docs/, .ino
+        assumed timing: with `zero_frames` every third conversion is complete, beginning with the first @ {SOURCE} the
+            .ino
     """)
 
     def __init__(

@@ -253,28 +253,30 @@ class FeetechSts3215(Device):
         head="FF FF",
     )
     facts = fact_table("""
-        assumed touch: full torque 2.94 Nm; load is what the motor does against an outside load
-        stated identity: model 777; firmwares of all servos agree @ lerobot 0.4.4 motors/feetech/tables.py, feetech.py
+        assumed touch: full torque is 2.94 Nm; the reported load is the torque of the motor against an external load
+        stated identity: the model number is 777; all servos must have the same firmware @ lerobot 0.4.4
+            motors/feetech/tables.py, feetech.py
         assumed identity: firmware 3.10
-        stated configuration: registers, their sizes and signs @ lerobot 0.4.4 motors/feetech/tables.py
-        assumed configuration: defaults that the vendor's table does not have: phase, unload, alarm, start_force,
-            speed_p, speed_i, 80 to 86
-        assumed configuration: a line that is still: 12.1 V, no current; gains, dead zones, acceleration and safe_torque
-            change nothing
-        assumed configuration: of `phase` only bit 4 counts: speeds are steps/s, speed 0 the greatest; no fault of
-            encoder or current
-        assumed configuration: torque on goes to the goal; the goal at power-up is where it is; no condition unloads a
-            servo; overload: the load is above `overload` for `overload_time`; a status bit ends with its cause
-        assumed configuration: all servos of a line speak at the speed that was last written to one of them, from then
-            on
-        assumed configuration: a write with a byte that cannot be written stores nothing and is confirmed; what is not
-            there reads 0
-        assumed configuration: in an engine servos give way by 0.1 rad at full torque, and are free while their torque
-            is off
-        stated timing: speeds @ ftservo/ftservo-wiki@9522ce1 official-specs.json
-        assumed timing: motors: at the speed limit, then a time constant of 20 ms; step mode and damped stand; pwm 1000
-            is top speed; converted 100 times a second
-        assumed timing: a hand swings released shafts in sines of 4 s, each a sixth of a period after the one before
+        stated configuration: the registers, their sizes and signs @ lerobot 0.4.4 motors/feetech/tables.py
+        assumed configuration: the defaults that the vendor's table lacks: phase, unload, alarm, start_force, speed_p,
+            speed_i, and registers 80 to 86
+        assumed configuration: the supply is always 12.1 V and the current 0; gains, dead zones, acceleration and
+            safe_torque have no effect
+        assumed configuration: only bit 4 of `phase` has an effect; speeds are in steps/s, and speed 0 is the highest;
+            encoder and current have no faults
+        assumed configuration: a servo moves to its goal when its torque is switched on; the goal after power-up is the
+            present position; no condition switches the torque off; overload means that the load was above `overload`
+            for `overload_time`; a status bit clears with its cause
+        assumed configuration: a line speed that is written to one servo holds for all servos of the line from then on
+        assumed configuration: a write that includes a read-only byte stores nothing and is confirmed; missing registers
+            read 0
+        assumed configuration: in a physics engine servos give way by 0.1 rad at full torque, and turn freely while
+            their torque is off
+        stated timing: the line speeds and their codes @ ftservo/ftservo-wiki@9522ce1 official-specs.json
+        assumed timing: a motor moves at its speed limit and settles with a time constant of 20 ms; in step mode and
+            with damping it stands still; pwm 1000 is the top speed; values are sampled 100 times a second
+        assumed timing: released shafts swing as if a hand moved them: in sine waves of 4 s, each a sixth of a period
+            behind the one before
     """, looked=_READ)  # fmt: skip
 
     def __init__(

@@ -48,12 +48,14 @@ class FlexiTac(Device):
     )
     judge = "flexitac 0.3.1, FlexiTac/FlexiTac_Hardware_Repo@9cf98bf"
     facts = fact_table(f"""
-        stated identity: its port is a /dev/ttyUSB0 (an Arduino Nano is flashed) @ flexitac 0.3.1 sensor.py; flash.py
-        stated touch: 8 bits of 10, row by row @ flexitac 0.3.1 firmware/template.ino; 32_16_fast.ino l.59-78
-        stated touch: 10 to 40 counts untouched @ flexitac 0.3.1 sensor.py l.68
-        assumed touch: 2 mm pitch; row 0 at the largest y, column 0 at the smallest x @ {HARDWARE} whole
+        stated identity: the port is a /dev/ttyUSB0 (the firmware runs on an Arduino Nano) @ flexitac 0.3.1 sensor.py;
+            flash.py
+        stated touch: the upper 8 of 10 bits are sent, row by row @ flexitac 0.3.1 firmware/template.ino; 32_16_fast.ino
+            l.59-78
+        stated touch: an untouched taxel reads 10 to 40 counts @ flexitac 0.3.1 sensor.py l.68
+        assumed touch: the pitch is 2 mm; row 0 is at the largest y, column 0 at the smallest x @ {HARDWARE} whole
         assumed touch: ADC = rest + (1023 - rest) F / (F + 1 N), rest 80 @ flexitac 0.3.1; {HARDWARE}, both whole
-        measured timing: a scan every 9.7 ms, give or take 1.6 to 1.9 @ jsheng45/ViTac-Tactile-Sensing@0889c972
+        measured timing: a scan every 9.7 ms, plus or minus 1.6 to 1.9 ms @ jsheng45/ViTac-Tactile-Sensing@0889c972
     """)
     shift = 2
     """The number of ADC bits that the firmware drops."""
@@ -94,9 +96,9 @@ class ViTac3d(FlexiTac):
     facts = (
         *(fact for fact in FlexiTac.facts if fact.basis == "assumed"),
         *fact_table(f"""
-        stated identity: its port is /dev/ttyUSB0 @ {VITAC} python/multi_thread_contact.py l.92
-        stated touch: 8 bits of 10, a space behind each number @ {VITAC} MatrixArray.ino l.83-99
-        assumed timing: 100 scans a second, as FlexiTac @ {VITAC} MatrixArray.ino, readme (as fast as it can)
+        stated identity: the port is /dev/ttyUSB0 @ {VITAC} python/multi_thread_contact.py l.92
+        stated touch: the upper 8 of 10 bits, with a space after each number @ {VITAC} MatrixArray.ino l.83-99
+        assumed timing: 100 scans a second, as with FlexiTac @ {VITAC} MatrixArray.ino, readme (as fast as it can)
         """),
     )
 

@@ -80,16 +80,18 @@ class FulaiGlove(Device):
     origin = "fulai-tactile 1.0.5 identity.py, session.py"
     documented_with = ("hardware", "hand", "firmware", "baseline", "half_force")
     facts = fact_table(f"""
-        stated identity: the answer, its fields, FW=3.5.0, PROTOCOL=1.5, FLASH, IAP=1 @ {SDK} test_identity.py l.10
+        stated identity: the answer and its fields: FW=3.5.0, PROTOCOL=1.5, FLASH, IAP=1 @ {SDK} test_identity.py l.10
         stated identity: old firmware: ERR unknown command @ {SDK} test_identity.py l.77 (the vendor's own stand-in)
         stated identity: its port is a /dev/ttyACM* or ttyUSB* @ {SDK} transport.py l.178
-        stated touch: frames by version; slots without a taxel @ {SDK} layout.py; README
+        stated touch: the frames of each hardware version, and their slots without a taxel @ {SDK} layout.py; README
         stated timing: 100 frames a second, 100 counts untouched @ {SDK} types.py l.175 (its simulation)
-        assumed touch: 2 mm between the taxels of a finger, 4 mm elsewhere; row 0 at the fingertips @ {SDK} layout.py
+        assumed touch: taxels are 2 mm apart on a finger and 4 mm elsewhere; row 0 is at the fingertips @ {SDK}
+            layout.py
         assumed touch: ADC = rest + (4095 - rest) F / (F + 1 N); slots without a taxel read 0
-        assumed configuration: vofa on and off are not answered; what is unknown is ERR @ {SDK} session.py, tests
-        assumed configuration: it streams from power-up, with DTR or without @ {SDK} session.py, transport.py
-        assumed timing: 80 frames of 3.2, as one takes 12.3 ms
+        assumed configuration: vofa on and off get no answer; unknown lines are answered with ERR @ {SDK} session.py,
+            tests
+        assumed configuration: the glove streams from power-up, with or without DTR @ {SDK} session.py, transport.py
+        assumed timing: hardware 3.2 sends 80 frames a second, as one of its frames takes 12.3 ms
     """, looked=f"{SDK} whole")  # fmt: skip
 
     def __init__(

@@ -139,22 +139,24 @@ class GHand5(Device):
         origin="gli-sdk/GHand-Python-SDK@3ebbadf; CRC by a second program",
     )
     facts = fact_table(f"""
-        stated touch: resultants and taxels are 0.1 N @ {_SDK} src/ghand/comm/ethercat_protocol.py:157
-        stated touch: taxels of each finger @ {_SDK} config/ghand5.json:25 (introduction.rst: 52)
-        assumed touch: places: even rows on a pad of 12 x 18 mm, 25 mm apart; a push is positive; the resultant is the
-            sum over the taxels
-        assumed touch: every finger is valid, no error; touch is on at power-up; off: none is valid, all 0
-        stated identity: left 31, right 32 @ {_SDK} README.md:159
-        stated identity: its name is GHand 5: no other is opened @ {_SDK} src/ghand/ghand.py:254
+        stated touch: resultants and taxels are in units of 0.1 N @ {_SDK} src/ghand/comm/ethercat_protocol.py:157
+        stated touch: the taxels of each finger @ {_SDK} config/ghand5.json:25 (introduction.rst: 52)
+        assumed touch: places: evenly spaced rows on pads of 12 x 18 mm, 25 mm apart; a push is positive; the resultant
+            is the sum over the taxels
+        assumed touch: every finger is valid and without error; touch is on after power-up; while it is off, no finger
+            is valid and all values are 0
+        stated identity: the unit of a left hand is 31, that of a right one 32 @ {_SDK} README.md:159
+        stated identity: the hand's name is GHand 5: the driver opens no other @ {_SDK} src/ghand/ghand.py:254
         stated identity: firmware v1.0.0 @ {_SDK} src/ghand/ghand.py:465 (an example)
-        assumed identity: hardware, serial number, driver's version
+        assumed identity: the hardware version, the serial number and the motor driver's version
         stated configuration: 1 000 000 baud @ {_COMM}:73, README.md:134
-        stated configuration: orders of 0001, 0002, 0010, 0011 .., 002B @ {_COMM}:323, 497, 541, 552
-        stated configuration: a new unit is in force at once @ {_COMM}:304
-        stated configuration: the joints' stops @ {_SDK} config/ghand5.json:4
-        assumed configuration: a new unit is kept; faults never; to initialise does nothing; joints without a motor
-            stand at 0; torque and speed modes do not move; other registers read 0; 25 deg C
-        assumed timing: 100 conversions per second; 100 % speed is 180 deg/s; answers and orders at once
+        stated configuration: the commands of registers 0001, 0002, 0010, 0011 .. and 002B @ {_COMM}:323, 497, 541, 552
+        stated configuration: a new unit takes effect at once @ {_COMM}:304
+        stated configuration: the stops of the joints @ {_SDK} config/ghand5.json:4
+        assumed configuration: a new unit is kept; faults never occur; initialising has no effect; joints without a
+            motor stand at 0; torque and speed modes move nothing; other registers read 0; temperatures are 25 deg C
+        assumed timing: 100 conversions a second; a speed of 100 % is 180 deg/s; commands take effect and are answered
+            at once
     """, looked=_READ)  # fmt: skip
 
     def __init__(

@@ -82,14 +82,17 @@ class HarpLoadCells(Device):
     judge = LIBRARY
     origin = f"{LIBRARY}, {PROTOCOL}, run"
     facts = fact_table(f"""
-        stated touch: eight int16, low byte first, in register 33 @ {LIBRARY} harpdevice.py:10, 301, 397
-        assumed touch: 100 per newton; load cells 30 mm apart; offsets are subtracted @ {ALL}
-        stated identity: the common registers @ harp-protocol 0.4.0 base.py:189-204; 1232 @ {LIBRARY} harpdevice.py:358
+        stated touch: register 33 has eight int16, low byte first @ {LIBRARY} harpdevice.py:10, 301, 397
+        assumed touch: 100 counts per newton; load cells are 30 mm apart; offsets are subtracted @ {ALL}
+        stated identity: the registers that all Harp devices have @ harp-protocol 0.4.0 base.py:189-204; 1232 @
+            {LIBRARY} harpdevice.py:358
         assumed identity: versions, name, serial number; an FTDI bridge @ {ALL}
-        stated configuration: types, kinds, sum of all bytes, time of answers @ harp-protocol 0.4.0 messages.py
-        assumed configuration: a read of another kind than the register is an error, which the library expects of the
-            serial number @ harp-serial 0.4.0 device.py:1284
-        assumed configuration: nothing is saved; other registers are unknown; no acquisition at first, events 0F @ {ALL}
+        stated configuration: the message types, the payload kinds, the sum over all bytes, and the time in answers @
+            harp-protocol 0.4.0 messages.py
+        assumed configuration: reading a register as another kind than its own is an error; the library expects this
+            error for the serial number @ harp-serial 0.4.0 device.py:1284
+        assumed configuration: nothing is saved; other registers are unknown; after power-up acquisition is off and the
+            events are 0F @ {ALL}
         stated timing: 1000000 baud @ harp-serial 0.4.0 device.py:158
         assumed timing: 1000 conversions a second @ {ALL}
     """)

@@ -121,19 +121,22 @@ class IcubInertials(IcubSkin):
     facts = (
         *IcubSkin.facts,
         *fact_table(f"""
-        stated touch: axes of inertial sensors low byte first @ {DRIVER} run; embot_prot_can_inertial_periodic.cpp
-        stated touch: which bit enables which sensor @ iCubCanProto_types.h; {MTB4} set
-        stated touch: acceleration first on an MTB4, last on an MTB @ {MTB4} processdata; MTB3 main.c
-        stated touch: MTB4: 100 per m/s2, 16 per deg/s @ icub-main@24c1a00 eo_imu_privData.cpp:162-168
-        stated touch: MTB: 1 mg, 12 bits, left-justified, at 2 g; 8.75 mdeg/s at 250 deg/s @ MTB3 lis331dlh.c,
-            l3g4200d.c; linux drivers/iio st_accel_core.c, st_gyro_core.c
-        assumed touch: inertial sensors are amid the taxels of their board, with the axes of the link @ all of these
-        stated configuration: silent; 4F sets sensors and period, never answered @ {MTB4} set; MTB3 can_interface.c
-        stated configuration: a period of 0 stops an MTB4, and changes nothing on an MTB @ {MTB4} set; MTB3
-            can_interface.c
+        stated touch: the axes of inertial sensors are sent low byte first @ {DRIVER} run;
+            embot_prot_can_inertial_periodic.cpp
+        stated touch: the bit that enables each sensor @ iCubCanProto_types.h; {MTB4} set
+        stated touch: the acceleration is sent first by an MTB4 and last by an MTB @ {MTB4} processdata; MTB3 main.c
+        stated touch: MTB4: 100 counts per m/s2, 16 counts per deg/s @ icub-main@24c1a00 eo_imu_privData.cpp:162-168
+        stated touch: MTB: 1 mg per step, 12 bits, left-justified, range 2 g; 8.75 mdeg/s per count, range 250 deg/s @
+            MTB3 lis331dlh.c, l3g4200d.c; linux drivers/iio st_accel_core.c, st_gyro_core.c
+        assumed touch: an inertial sensor sits in the middle of its board's taxels, with the axes of the link @ all of
+            these
+        stated configuration: silent after power-up; message 4F sets sensors and period, and gets no answer @ {MTB4}
+            set; MTB3 can_interface.c
+        stated configuration: a period of 0 stops an MTB4 and has no effect on an MTB @ {MTB4} set; MTB3 can_interface.c
         stated configuration: 4F recalibrates the triangles of an MTB @ MTB3 can_interface.c
-        assumed configuration: other messages for an IMU (orientation, magnetometer) get silence @ left out; {MTB4}
-        stated timing: every n ms; 1 ms on an MTB after power-up @ {MTB4} start; MTB3 main.c TIMER_VALUE2
+        assumed configuration: other messages for an IMU (orientation, magnetometer) get no answer @ left out; {MTB4}
+        stated timing: a reading is sent every n ms; by an MTB every 1 ms after power-up @ {MTB4} start; MTB3 main.c
+            TIMER_VALUE2
     """, looked="theIMU.cpp, MTB3 main.c"),
     )  # fmt: skip
 

@@ -89,34 +89,44 @@ class IcubSkin(Device[CanFrame]):
     )
     judge = "robotology/icub-main@24c1a00"
     facts = fact_table(f"""
-        stated touch: compensation, ends, range, order of an ergoCub hand, test mode @ {_SKIN}:70-110, 330-520
-        stated touch: errors that recalibrate, flags of a triangle @ {_SKIN}:500-530; embot_prot_can_skin_periodic.cpp
-        stated touch: a triangle that is not fitted reads FFFF, and is not connected @ icub-firmware AD7147.c
+        stated touch: temperature compensation, saturation, range, the order of an ergoCub hand's fingers, test mode @
+            {_SKIN}:70-110, 330-520
+        stated touch: the errors that start a recalibration, and the flags of a triangle @ {_SKIN}:500-530;
+            embot_prot_can_skin_periodic.cpp
+        stated touch: a triangle that is not fitted reads FFFF and has the flag "not connected" @ icub-firmware AD7147.c
             TrianglesInit
-        assumed touch: {RAW_COUNTS_PER_NEWTON:.0f} raw counts/N and {RAW_COUNTS_PER_DEG:.0f} per deg C of a thermal pad
-        assumed touch: a pad drifts by its gain of type 0 / 128 of a thermal pad, one of a fingertip like that @ theSkin
-        assumed touch: a chip that does not acknowledge reads 0 and did so after it was calibrated @ AD7147.c,
-            I2C_Multi_SDA.c
-        assumed touch: the cdc offset shifts nothing that calibration does not take away
-        measured touch: `pattern`: fingertips as recorded; other parts like them, one finger after another @
+        assumed touch: a taxel has {RAW_COUNTS_PER_NEWTON:.0f} raw counts/N, a thermal pad {RAW_COUNTS_PER_DEG:.0f}
+            counts per deg C
+        assumed touch: a pad drifts with temperature by its gain of type 0, divided by 128, times the drift of a thermal
+            pad; a fingertip's pad drifts alike @ theSkin
+        assumed touch: a chip that does not acknowledge reads 0, and is taken to have answered while it was calibrated @
+            AD7147.c, I2C_Multi_SDA.c
+        assumed touch: the cdc offset has no effect that calibration does not remove
+        measured touch: option `pattern`: fingertips as in the recording; other parts alike, one finger after another @
             icub_grasp_dataset
-        assumed touch: forearm: a cylinder of 40 mm radius, 3 strips of 8 triangles, 3 a board; upper arm: 45 mm, 5
-            strips of 7; torso: flat, 4 strips of 11; 16 triangles a board; edge 30 mm; pads as the drawing tool places
-            them @ icub-main app/skinGui conf (free forms of one robot)
-        assumed touch: hand: index, middle, ring, little, thumb, each 4 x 3 pads row by row at 4 mm around 7 mm; palm
-            triangles in a row, ten taxels each (a hand V2.1 has 104 in all); numbers 0 to 4 and 8 to 11 @ icub-main
-            app/skinGui conf
-        stated identity: MTB4 is 11, version 1.25.0, protocol 2.0 @ icub-firmware main-appcan.cpp:20;
-            iCubCanProto_types.h
-        stated configuration: type 0, 50 ms, no load 245, shift 2, all enabled, silent @ {_SKIN}:150-165; AD7147.h
-        stated configuration: 50 recalibrates all, 4C sets all back and starts; 4E does nothing @ {_SKIN}:255-310,
-            720-765
-        stated configuration: a frame is for a board by four bits, F for all, from any host @ embot_prot_can.cpp:100-117
-        assumed configuration: old firmware: no load 240, 40 ms, the frames of the new one @ icub-firmware (not in it)
-        assumed configuration: boot loader, addresses and times get silence @ left out; bootloader.cpp
-        assumed configuration: a hand's board has type 1 after power-up, as drivers set it @ theSkin has 0 on all
-        assumed identity: additional information: skin @ set by a user; embot_prot_can_bootloader.cpp
-        stated timing: period in ms, 40 after 4C @ embot_prot_can_analog_polling.cpp:217, 281
+        assumed touch: forearm: a cylinder of 40 mm radius with 3 strips of 8 triangles, 3 triangles to a board; upper
+            arm: a cylinder of 45 mm radius with 5 strips of 7; torso: flat, with 4 strips of 11; both 16 triangles to a
+            board; edges are 30 mm long; pads lie where the robot's drawing tool places them @ icub-main app/skinGui
+            conf (free forms of one robot)
+        assumed touch: hand: index, middle, ring, little finger and thumb have 4 x 3 pads each, row by row at 4 mm
+            around a fingertip of 7 mm radius; the palm's triangles lie in a row, with ten taxels each (a hand V2.1 has
+            104 taxels in all); their numbers are 0 to 4 and 8 to 11 @ icub-main app/skinGui conf
+        stated identity: the board type of an MTB4 is 11; version 1.25.0, protocol 2.0 @ icub-firmware
+            main-appcan.cpp:20; iCubCanProto_types.h
+        stated configuration: after power-up: type 0, period 50 ms, no-load value 245, shift 2, all triangles enabled,
+            and no transmission @ {_SKIN}:150-165; AD7147.h
+        stated configuration: message 50 recalibrates all triangles; 4C resets all settings and starts transmission; 4E
+            has no effect @ {_SKIN}:255-310, 720-765
+        stated configuration: four bits of a frame's identifier address the board, F all boards; any host may send @
+            embot_prot_can.cpp:100-117
+        assumed configuration: old firmware: no-load value 240, period 40 ms, the frames of the new firmware @
+            icub-firmware (not in it)
+        assumed configuration: messages for the boot loader, addresses and times get no answer @ left out;
+            bootloader.cpp
+        assumed configuration: the board of a hand has type 1 after power-up, to which drivers set it @ theSkin has 0 on
+            all
+        assumed identity: the board's additional information is "skin" @ set by a user; embot_prot_can_bootloader.cpp
+        stated timing: the period is in ms, and 40 after message 4C @ embot_prot_can_analog_polling.cpp:217, 281
     """, looked="theSkin, AD7147.c")  # fmt: skip
 
     def __init__(

@@ -69,22 +69,26 @@ class IcubStrain(Device[CanFrame]):
     origin = f"{FIRMWARE} main.c"
     documented_with = ("tool",)
     facts = fact_table(f"""
-        stated touch: low byte first, from 8000, full scale / 8000 @ {DRIVER} decode16; main.c
-        stated touch: ranges 1500 1500 2000 N, 35 35 25 Nm @ icub-tech-iit.github.io/documentation/ft_sensors, table 2
-        stated touch: 1000..64000; held values, 0 at first, and the seventh byte @ main.c s_calculate_and_send_datas
-        assumed touch: the full scales are these ranges; type A is force; touched at `tool` @ main.c (names A force,
-            its array torque); analogSensorMessages.h (both names); strain_config.c (0)
-        assumed touch: a gauge is an axis, as with the matrix at delivery; sums end at 16 bits @ strain_config.c (DSP
-            library not read)
+        stated touch: counts are sent low byte first, with 8000 (hex) for zero, in units of the full scale / 8000 (hex)
+            @ {DRIVER} decode16; main.c
+        stated touch: the ranges are 1500, 1500, 2000 N and 35, 35, 25 Nm @
+            icub-tech-iit.github.io/documentation/ft_sensors, table 2
+        stated touch: beyond 1000..64000 on a gauge the last values are repeated (0 at first), and a seventh byte is
+            sent @ main.c s_calculate_and_send_datas
+        assumed touch: the full scales are these ranges; type A is force; the tool is touched at the point `tool` @
+            main.c (names A force, its array torque); analogSensorMessages.h (both names); strain_config.c (0)
+        assumed touch: each gauge is one axis, as with the matrix at delivery; sums saturate at 16 bits @
+            strain_config.c (DSP library not read)
         stated identity: version 3.0.0, protocol 1.0, board 6 @ strain_config.c; types.h
         assumed identity: address 1 @ strain_config.c (F)
-        stated configuration: messages, answers of length 0, filter 2hb, no timer at first @ main.c;
-            hal_can_boardFilter_set
-        assumed configuration: missing bytes are 0; period 0 changes none; 18 of a wrong axis and unknown messages
-            get silence @ main.c (stale bytes, an unset length; hal_error_canMsg_set not read)
-        assumed configuration: messages 04 to 06, 09 to 14, 16, 17, 19 to 1B, 32 and the loader's get silence, nothing
-            is saved @ left out
-        stated timing: 9 slots of 34.78 ticks a ms, prescaler 64 of 20 MHz, 1 at first @ main.c
+        stated configuration: the messages, their answers of length 0, and the filter for identifiers 2hb; after
+            power-up no timer runs @ main.c; hal_can_boardFilter_set
+        assumed configuration: missing bytes count as 0; a period of 0 has no effect; message 18 with a wrong axis, and
+            unknown messages, get no answer @ main.c (stale bytes, an unset length; hal_error_canMsg_set not read)
+        assumed configuration: messages 04 to 06, 09 to 14, 16, 17, 19 to 1B, 32 and those of the boot loader get no
+            answer; nothing is saved @ left out
+        stated timing: the period is 9 slots of 34.78 ticks for each ms, with 20 MHz and a prescaler of 64; it is 1 ms
+            after power-up @ main.c
     """, looked="main.c, strain_config.c")  # fmt: skip
 
     def __init__(

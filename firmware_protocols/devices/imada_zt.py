@@ -49,12 +49,16 @@ class ImadaZt(Device):
     judge = f"{LEPT}, {AY}"
     origin = BOTH
     facts = fact_table(f"""
-        stated touch: 20 characters and CR; the force is six of them, the unit a number @ {GAUGE}:49-54; {ZTS}:57-68
-        assumed touch: a push is positive; decimals by capacity, an end at 110 % of it; zeros in the rest @ {BOTH}
-        stated configuration: XAR, XAg, XAG, XAS, XFC, codes of units @ {ZTS}:12-30, 42-55; Z @ {GAUGE}:10
-        assumed configuration: which six units; it shows newtons; Z has no answer, XQT and others neither @ {BOTH}
-        stated timing: lines ten or 2000 times a second @ {ZTS}:44-45
-        assumed timing: it measures 2000 times a second, and ten with XAg @ {BOTH}
+        stated touch: a line has 20 characters and CR; six of them are the force, and the unit is a number @
+            {GAUGE}:49-54; {ZTS}:57-68
+        assumed touch: a push is positive; the number of decimals follows from the capacity, and values saturate at 110
+            % of it; the other characters are zeros @ {BOTH}
+        stated configuration: the requests XAR, XAg, XAG, XAS and XFC, and the codes of units @ {ZTS}:12-30, 42-55; Z @
+            {GAUGE}:10
+        assumed configuration: which six units it has; it displays newtons; Z, XQT and other requests get no answer @
+            {BOTH}
+        stated timing: lines are sent ten or 2000 times a second @ {ZTS}:44-45
+        assumed timing: it measures 2000 times a second, with XAg ten times @ {BOTH}
     """)
 
     def __init__(self, *, capacity: Annotated[Literal[5, 50, 500], Option("largest force", unit="N")] = 50):

@@ -147,28 +147,29 @@ class InspireRh56dftp(Device):
     judge = "plusml-rh56dftp 0.1.7, inspire-rh56dftp 0.1.0, pyrh56 0.4.0, pymodbus 3.11.3, modbus_tk 1.1.5"
     documented_with = None
     facts = fact_table(f"""
-        stated touch: matrices, their sizes and addresses; 0..4096 @ inspire-rh56dftp 0.1.0 registers.py:28,
-            plusml-rh56dftp 0.1.7 ftp_registers.py
-        stated touch: numbers are high byte first over TCP @ inspire-rh56dftp 0.1.0 client.py:265 (tried on a hand)
-        assumed touch: places of the points: all matrices in one plane, normal +z, 1.5 mm pitch on the fingers, 4 mm on
-            the palm @ {_READ}
-        assumed touch: 1000 counts/N; force of a finger: the sum over its matrices @ {_READ}
-        stated configuration: status 3 is a finger that stands at its limit; the first answer to a save and the one a
-            second later @ pyrh56 0.4.0 rh56_sdk/registers.py:66, driver.py:547
-        assumed configuration: unit and line speed change at the next power-up, if saved; 1002 takes 3 and 4 for 921600,
-            as sources differ @ {_READ}
-        assumed configuration: writes outside the table: exception 2; values out of range: exception 3; nothing answers
-            above 5999; errors never @ {_READ}
-        assumed configuration: force limits have an effect with `stop_s` only, looked at once a conversion; gestures are
-            stored without effect; the line has one protocol, as delivered; a save never fails @ {_READ}
-        assumed configuration: in an engine force limits act {LEVER_M * 1000.0:.0f} mm from each joint, and
-            {MAX_FORCE_G} g are {MAX_CURRENT_MA} mA; a finger gives way by 0.3 rad at that force @ {_READ}
-        measured timing: a finger stops after 27 ms, at 1729 g at most (an RH56DFX), and begins after 60 to 70 ms @
-            correlllab/rh56_controller@e4ef2568 experiment_data
-        stated timing: of a hand that is polled faster, 21 to 97 % of a pad's frames repeat: 50 conversions a second @
-            ojas-mediratta/InspireHand-Tactile-Sensing@5d0a83d3
-        assumed timing: a full stroke takes 0.6 s at speed 1000 and is 1.6 rad; it begins at once; 200 mA while moving;
-            TCP is answered at once @ {_READ}
+        stated touch: the matrices, their sizes and addresses; values are 0..4096 @ inspire-rh56dftp 0.1.0
+            registers.py:28, plusml-rh56dftp 0.1.7 ftp_registers.py
+        stated touch: over TCP numbers are sent high byte first @ inspire-rh56dftp 0.1.0 client.py:265 (tried on a hand)
+        assumed touch: places of the points: all matrices lie in one plane with normal +z; the pitch is 1.5 mm on the
+            fingers and 4 mm on the palm @ {_READ}
+        assumed touch: 1000 counts/N; the force of a finger is the sum over its matrices @ {_READ}
+        stated configuration: status 3 means that a finger stands at its force limit; a save gets one answer at once and
+            one a second later @ pyrh56 0.4.0 rh56_sdk/registers.py:66, driver.py:547
+        assumed configuration: unit and line speed change at the next power-up, if saved; register 1002 takes both 3 and
+            4 for 921600, as the sources differ @ {_READ}
+        assumed configuration: writes outside the table get exception 2, values out of range exception 3; addresses
+            above 5999 get no answer; error registers stay 0 @ {_READ}
+        assumed configuration: force limits have an effect only with option `stop_s`, and are checked once per
+            conversion; gestures are stored without effect; the line has only the protocol it is delivered with; a save
+            never fails @ {_READ}
+        assumed configuration: in a physics engine force limits act {LEVER_M * 1000.0:.0f} mm from each joint, and
+            {MAX_FORCE_G} g correspond to {MAX_CURRENT_MA} mA; a finger gives way by 0.3 rad at that force @ {_READ}
+        measured timing: a finger begins to move after 60 to 70 ms, and stops after 27 ms, at 1729 g at most (an
+            RH56DFX) @ correlllab/rh56_controller@e4ef2568 experiment_data
+        stated timing: of a hand that is polled faster, 21 to 97 % of a pad's frames repeat the one before, which gives
+            50 conversions a second @ ojas-mediratta/InspireHand-Tactile-Sensing@5d0a83d3
+        assumed timing: a full stroke is 1.6 rad and takes 0.6 s at speed 1000; it begins at once; a moving motor draws
+            200 mA; requests over TCP are answered at once @ {_READ}
     """)
 
     def __init__(

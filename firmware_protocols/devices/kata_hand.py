@@ -71,15 +71,18 @@ class KataHand(Device):
     origin = f"{FIRMWARE} readme.md, src/ui.cpp"
     documented_with = ("serial_number",)
     facts = fact_table(f"""
-        stated touch: gauges of 16 bits; x = (a - b) / sqrt 2, y = (a + b) / sqrt 2, z = c + d @ {READER}
-            example_devices/hand.py; {FIRMWARE} src/analog.cpp:46-55
-        stated touch: a gauge at rest is calibrated to half of 3.3 V @ {FIRMWARE} src/constants.hpp:46
-        assumed touch: 3000 counts/N; a press is z > 0; offsets settle at once; {MIDDLE} at rest @ {FIRMWARE}, all files
-        stated identity: 16C0:0486, Kata, HAND; usage FFAB:0200 @ {FIRMWARE} include/usb_desc.h:530-560
-        assumed identity: it has no second interface, on which the board reports in words @ {FIRMWARE} src/comm.cpp
-        stated configuration: commands, gains and their bounds @ {FIRMWARE} src/ui.cpp, src/settings.cpp
-        stated timing: 6 s until it measures; 100 Hz; periods of whole microseconds @ {FIRMWARE} src/main.cpp:25-35
-        assumed timing: it calibrates in no time, and deviates from its period by 0 us @ {FIRMWARE}, all files
+        stated touch: a finger has gauges a, b, c, d of 16 bits; x = (a - b) / sqrt 2, y = (a + b) / sqrt 2, z = c + d @
+            {READER} example_devices/hand.py; {FIRMWARE} src/analog.cpp:46-55
+        stated touch: calibration brings a gauge at rest to half of 3.3 V @ {FIRMWARE} src/constants.hpp:46
+        assumed touch: 3000 counts/N; a push makes z positive; offsets settle at once; a gauge at rest reads {MIDDLE} @
+            {FIRMWARE}, all files
+        stated identity: USB ids 16C0:0486, names Kata and HAND, HID usage FFAB:0200 @ {FIRMWARE}
+            include/usb_desc.h:530-560
+        assumed identity: the model lacks the second interface, on which the board prints text @ {FIRMWARE} src/comm.cpp
+        stated configuration: the commands, the gains and their limits @ {FIRMWARE} src/ui.cpp, src/settings.cpp
+        stated timing: the board measures 6 s after power-up, at 100 Hz; periods are whole microseconds @ {FIRMWARE}
+            src/main.cpp:25-35
+        assumed timing: the model calibrates at once, and its period deviates by 0 us @ {FIRMWARE}, all files
     """)
 
     def __init__(

@@ -59,13 +59,14 @@ class KunweiKwr75(Device):
     origin = f"{MANUAL}, 4.4"
     documented_with = None
     facts = fact_table(f"""
-        stated touch: six floats, low byte first, kg and kg m; rated loads, overload at 300 % @ {MANUAL}, 4.1, 4.3
-        assumed touch: 1 kg is 9.80665 N; forces act on the tool, which is touched 50 mm above the origin, beside it; z
-            points out; values end at the overload (drivers take 9.81 and the raw number) @ {BOTH}
+        stated touch: six floats, low byte first, in kg and kg m; the rated loads; overload at 300 % @ {MANUAL}, 4.1,
+            4.3
+        assumed touch: 1 kg is 9.80665 N (drivers use 9.81, or the raw number); forces act on the tool, which is touched
+            50 mm above the origin and to the side of it; z points out; values saturate at the overload @ {BOTH}
         stated identity: 0403:6001, an FTDI bridge @ {DRIVER} README.md
-        stated configuration: three commands; no answer to the first 49 @ {MANUAL}, 4.4
-        assumed configuration: a 48 starts the converter, too; other commands get no answer @ {BOTH}
-        stated timing: 460800 baud, a reading each millisecond @ {MANUAL}, 4.3, 4.4
+        stated configuration: the three commands; the first 49 gets no answer @ {MANUAL}, 4.4
+        assumed configuration: command 48 also starts the converter; other commands get no answer @ {BOTH}
+        stated timing: 460800 baud; a reading every millisecond @ {MANUAL}, 4.3, 4.4
     """)
 
     def __init__(

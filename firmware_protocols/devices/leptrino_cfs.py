@@ -83,16 +83,19 @@ class LeptrinoCfs(Device):
     judge = f"myLepFT 1.0.1, {ROS}"
     origin = f"{DOCUMENT}, 5 to 7; {LEPFT}:45-65"
     facts = fact_table(f"""
-        stated touch: 10000 at the rated load, 32000 at most; bit 2 of the status beyond it @ {DOCUMENT}, 6.1
-        assumed touch: forces act on the tool, which is touched 50 mm above the origin, beside it; z points out; two
-            reserved bytes, in the driver's header a temperature, are 0 @ {ALL}
-        stated touch: ratings of 150 N and 4 Nm @ Leptrino, manual of the CFS series, 4.2: {ROS} doc/manual.pdf
-        stated identity: 16, 8 and 4 characters; the serial number is digits @ {DOCUMENT}, 5.1
-        assumed identity: the texts, with spaces behind them; a driver takes these or zeros @ {ALL}
-        stated configuration: commands, results, NAK; a new low-pass needs a power-up @ {DOCUMENT}, 2.4.3, 3.2, 7.1
-        stated configuration: 100 Hz as delivered @ Leptrino, manual of the CFS series, 3.1
-        assumed configuration: the FIR filter is a first-order low-pass here; commands are obeyed while readings are
-            sent; a content without a command is answered as 00 @ {ALL}
+        stated touch: a value is 10000 at the rated load and 32000 at most; beyond it bit 2 of the status is set @
+            {DOCUMENT}, 6.1
+        assumed touch: forces act on the tool, which is touched 50 mm above the origin and to the side of it; z points
+            out; two reserved bytes are 0 (the driver's header calls them a temperature) @ {ALL}
+        stated touch: the rated loads are 150 N and 4 Nm @ Leptrino, manual of the CFS series, 4.2: {ROS} doc/manual.pdf
+        stated identity: the identity has texts of 16, 8 and 4 characters; the serial number consists of digits @
+            {DOCUMENT}, 5.1
+        assumed identity: the texts, padded with spaces; a driver accepts spaces or zeros @ {ALL}
+        stated configuration: the commands, the results and NAK; a new low-pass takes effect at the next power-up @
+            {DOCUMENT}, 2.4.3, 3.2, 7.1
+        stated configuration: the low-pass is 100 Hz as delivered @ Leptrino, manual of the CFS series, 3.1
+        assumed configuration: the model has a first-order low-pass for the FIR filter; commands are obeyed while
+            readings are sent; a frame without a command is answered as command 00 @ {ALL}
         stated timing: 460800 baud @ {DOCUMENT}, 2.1; {ROS} src/leptrino_force_torque.cpp:314; 921600 @ {LEPFT}:33
         assumed timing: 1200 readings a second, the rate of the driver's loop @ {ROS} leptrino_force_torque.cpp; {ALL}
     """)

@@ -74,68 +74,92 @@ READ = "linkerhand-python-sdk@b371361 and -ros2-sdk@bba0b9d core/can, doc; linke
 """The files that were read for what is assumed."""
 L21_TOPIC = f"{ROS2} doc/Topic-Reference.md:140, what an L21 published"
 FACTS = fact_table(f"""
-    stated touch: raw 0..255, more under more force @ {TABLE} G70
-    stated touch: one byte, rows in its high bits and columns in its low ones, asks for a matrix @ {TABLE} H71
-    stated touch: rows begin at the tip (11 of the tip, 6 of the middle, 6 of the root) @ {TABLE} H70
-    stated touch: palms of 14 x 15, 14 x 4, 10 x 10 beside fingers @ {ROS2} linker_hand_l6_can.py:80-106
-    stated touch: B1..B5 alone answer a sum of two bytes @ {ROS2} linker_hand_g20_can.py:590
-    measured touch: the second of them is 0 when nothing touches, so it is no number of columns @ {L21_TOPIC}
-    assumed touch: it is the low byte first, as in the frames of sums, and the sum of the counts @ {READ}
+    stated touch: values are raw, 0..255, and rise with the force @ {TABLE} G70
+    stated touch: one byte, with the rows in its high bits and the columns in its low ones, requests a matrix @ {TABLE}
+        H71
+    stated touch: rows begin at the tip (11 on the tip, 6 on the middle, 6 on the root) @ {TABLE} H70
+    stated touch: palms have 14 x 15, 14 x 4 or 10 x 10 taxels, besides those of the fingers @ {ROS2}
+        linker_hand_l6_can.py:80-106
+    stated touch: B1..B5 without a size are answered with a sum of two bytes @ {ROS2} linker_hand_g20_can.py:590
+    measured touch: the second of these bytes is 0 when nothing touches, so it is no number of columns @ {L21_TOPIC}
+    assumed touch: the two bytes are the sum of the counts, low byte first as in the frames of sums @ {READ}
     assumed touch: {COUNTS_PER_NEWTON:.0f} counts/N of normal force per taxel (no scale is published) @ {READ}
-    assumed touch: pitch {PITCH_M * 1000.0} mm, fingertips side by side every {FINGER_SPACING_M * 1000.0:.0f} mm, a palm
-        {PALM_DISTANCE_M * 1000.0:.0f} mm below them @ {READ}
-    assumed touch: another size's selector, and four quantities of a matrix hand, get silence @ {READ}
-    assumed touch: four quantities: sums in the matrix's scale, direction 256 steps a turn, approach 0 @ {READ}
-    stated identity: letters A, B, F are sensors 1, 2, 4 @ {ROS2} linker_hand_g20_can.py:258
-    assumed identity: B0 answers the same on an L6, L10 and O6 @ {READ}
-    assumed identity: the versions, the serial number's other fields @ {READ}
-    stated configuration: a set is answered by the present value @ linkerbot 0.5.4 hand/*/angle.py
-    assumed configuration: joints go at once where they are sent; power-up: angles 80, limits FF, 30 degrees @ {READ}
+    assumed touch: the pitch is {PITCH_M * 1000.0} mm; fingertips lie side by side, {FINGER_SPACING_M * 1000.0:.0f} mm
+        apart, and a palm {PALM_DISTANCE_M * 1000.0:.0f} mm below them @ {READ}
+    assumed touch: a request for a matrix of another size, and one for the four quantities of a hand with matrices, get
+        no answer @ {READ}
+    assumed touch: the four quantities: sums in the scale of a matrix, the direction in 256 steps per turn, approach 0 @
+        {READ}
+    stated identity: the letters A, B, F in a model code stand for sensors 1, 2, 4 @ {ROS2} linker_hand_g20_can.py:258
+    assumed identity: B0 is answered alike by an L6, L10 and O6 @ {READ}
+    assumed identity: the versions, and the other fields of the serial number @ {READ}
+    stated configuration: a set command is answered with the present value @ linkerbot 0.5.4 hand/*/angle.py
+    assumed configuration: joints move to their goals at once; after power-up angles are 80, limits FF, temperatures 30
+        deg C @ {READ}
     stated timing: an answer begins within 1 ms @ {TABLE}, remarks, 7
-    stated timing: one finger at a time; drivers wait 2.5 ms between @ linkerbot 0.5.4 l6/force_sensor.py:202
-    assumed timing: 100 Hz conversion; an answer begins at once @ {READ}
+    stated timing: requests are for one finger at a time; drivers wait 2.5 ms between them @ linkerbot 0.5.4
+        l6/force_sensor.py:202
+    assumed timing: touch is sampled 100 times a second; an answer begins at once @ {READ}
 """)
 OLDER_FACTS = fact_table(f"""
-    measured identity: 64 of a right L10: 10, 6, 22, 82, 20, 17, 0 @ {PYTHON} doc/API-Reference.md:98
-    assumed identity: software 2.4, from which on the L10's driver reads torques, and the same of an L6, O6 @ {READ}
+    measured identity: message 64 of a right L10 has 10, 6, 22, 82, 20, 17, 0 @ {PYTHON} doc/API-Reference.md:98
+    assumed identity: software 2.4, the first version whose torques the L10's driver reads; L6 and O6 have the same @
+        {READ}
 """)
 MOTOR_FACTS = fact_table(f"""
     assumed configuration: 255 is open, 0 closed ({", ".join(f"{j} {s} rad" for j, s in JOINT_STROKES_RAD.items())}) @
         {READ}
-    assumed configuration: in an engine a stroke takes {STROKE_S} s at speed 255; torque 255 is {STRENGTH_NM} Nm and
-        1400 mA; fault bit 3 while a joint is stalled at more than {OVERLOAD_SHARE:.0%} of that @ {READ}
+    assumed configuration: in a physics engine a stroke takes {STROKE_S} s at speed 255; torque 255 is {STRENGTH_NM} Nm
+        and 1400 mA; fault bit 3 is set while a joint is stalled at more than {OVERLOAD_SHARE:.0%} of that @ {READ}
 """)
 TABLE_FACTS = fact_table(f"""
-    stated touch: sensors 5 and 7: sizes, two bytes, a third for sums behind FF @ {TABLE} H70, H71
-    stated touch: frames of row, column, five numbers; sums u16 LE @ {ROS2} linker_hand_g20_can.py:485-556
-    stated touch: the palm of 5 is 20 x 28, and asked for so @ {TABLE} H70; C++ library
-    stated touch: it is 28 x 20, and asked for so @ {ROS2} linker_hand_g20_can.py:557, doc/Topic-Reference.md:131
-    assumed touch: it is 28 x 20; asked for the other way round, a palm comes so @ {READ}
-    assumed touch: a sum is that of the counts, at most FFFF; letter B beside sensors 5 and 7 @ {READ}
-    stated identity: 21 characters in four frames; a frame that is not full ends them @ {TABLE} H77; C++ library
-    stated identity: C1, C2, C4 answer three numbers; C3 the id, FF is a broadcast @ {TABLE} H78..H81
-    assumed identity: FF is answered under the hand's own id @ {TABLE}, remarks, 5
-    stated configuration: sets and answers of one form; wrong ones get no answer @ {TABLE}, remarks, 2, 6
-    stated configuration: a finger is yaw, roll, root 1, 2, 3, tip; which are used @ {TABLE} H32, J3..P8
-    stated configuration: speeds and torques answer what is, not the limits @ {TABLE} E8..E19, remarks, 2
-    measured configuration: so does an L21: speeds 0, 1, 4, 6, torques 0 to 16, reserved joints 0 @ {L21_TOPIC}
-    stated configuration: shown=set: speeds are those set @ linkerhand-cpp-sdk@a0100cf docs/API-Reference.md:158
-    stated configuration: angles 80 in the example of 41, reserved ones too @ {TABLE} H32
-    stated configuration: one byte sets the roll of the thumb @ linkerhand-cpp-sdk@a0100cf, its library sends it
-    assumed configuration: whole fingers: mean of the used joints, faults of any of them @ {READ}
+    stated touch: sensors 5 and 7: the size is given by two bytes; a third byte requests sums, which follow FF @ {TABLE}
+        H70, H71
+    stated touch: frames have row, column and five numbers; sums are u16, low byte first @ {ROS2}
+        linker_hand_g20_can.py:485-556
+    stated touch: the palm of sensor 5 is 20 x 28, and is requested as 20 x 28 @ {TABLE} H70; C++ library
+    stated touch: the palm is 28 x 20, and is requested as 28 x 20 @ {ROS2} linker_hand_g20_can.py:557,
+        doc/Topic-Reference.md:131
+    assumed touch: the palm is 28 x 20; a request with rows and columns exchanged is answered in that order @ {READ}
+    assumed touch: a sum is that of the counts, at most FFFF; sensors 5 and 7 have the letter B @ {READ}
+    stated identity: the text has 21 characters in four frames; a frame that is not full ends it @ {TABLE} H77; C++
+        library
+    stated identity: C1, C2 and C4 are answered with three numbers, C3 with the id; the id FF is a broadcast @ {TABLE}
+        H78..H81
+    assumed identity: a request to FF is answered under the hand's own id @ {TABLE}, remarks, 5
+    stated configuration: set commands and answers have the same format; wrong ones get no answer @ {TABLE}, remarks, 2,
+        6
+    stated configuration: a finger has the joints yaw, roll, root 1, 2, 3 and tip; the list of those in use @ {TABLE}
+        H32, J3..P8
+    stated configuration: requests for speeds and torques are answered with the present values, not the limits @ {TABLE}
+        E8..E19, remarks, 2
+    measured configuration: an L21 does the same: it answered speeds 0, 1, 4, 6, torques 0 to 16, and 0 for reserved
+        joints @ {L21_TOPIC}
+    stated configuration: option shown=set: the speeds shown are the limits that were set @ linkerhand-cpp-sdk@a0100cf
+        docs/API-Reference.md:158
+    stated configuration: angles are 80 in the example for message 41, also those of reserved joints @ {TABLE} H32
+    stated configuration: a message with one byte sets the roll of the thumb @ linkerhand-cpp-sdk@a0100cf, its library
+        sends it
+    assumed configuration: values of whole fingers are the mean of the joints in use, and the faults of any of them @
+        {READ}
 """)
 L25_FACTS = fact_table(f"""
-    stated configuration: sets of five bytes behind 49..4D, 51..55; 85 @ {PYTHON} linker_hand_l25_can.py:418-463
-    assumed configuration: five bytes leave the tip as it is; 85 answers what was set and disables nothing @ {READ}
-    stated configuration: the vendor's classes take roll for the first of a finger @ {PYTHON} linker_hand_l25_can.py:620
-    stated identity: version_numbers=4: shown from four numbers on @ linkerhand-cpp-sdk@a0100cf, L25Hand::getVersion
-    measured identity: an L21 has four: 7, 0, 0, 0 @ {L21_TOPIC}
+    stated configuration: set commands have five bytes after 49..4D and 51..55; and command 85 @ {PYTHON}
+        linker_hand_l25_can.py:418-463
+    assumed configuration: a set command of five bytes does not change the tip; 85 is answered with what was set and
+        disables nothing @ {READ}
+    stated configuration: the vendor's classes take the roll for a finger's first joint @ {PYTHON}
+        linker_hand_l25_can.py:620
+    stated identity: option version_numbers=4: the driver shows a version if it has four numbers or more @
+        linkerhand-cpp-sdk@a0100cf, L25Hand::getVersion
+    measured identity: the version of an L21 has four numbers: 7, 0, 0, 0 @ {L21_TOPIC}
 """)
 L20_FACTS = fact_table(f"""
-    stated configuration: joints, 05 06 07, silent from 11 on, C3, CF @ {PYTHON} linker_hand_l20_can.py:11-32
-    stated configuration: a query may carry 00; 09 0B 0C 0D are temperatures @ {PYTHON} linker_hand_l20_can.py:236, 377,
-        392
-    assumed configuration: hardware V10 and V11 follow the table, others the vendor's class @ {READ}
+    stated configuration: the joints; 05, 06 and 07; no answers from 11 on; C3 and CF @ {PYTHON}
+        linker_hand_l20_can.py:11-32
+    stated configuration: a query may have an additional byte 00; 09, 0B, 0C and 0D are temperatures @ {PYTHON}
+        linker_hand_l20_can.py:236, 377, 392
+    assumed configuration: hardware V10 and V11 follow the table, other versions the vendor's class @ {READ}
 """)
 
 
@@ -159,9 +183,9 @@ class LinkerHandL7(LinkerHand):
         *FACTS,
         *OLDER_FACTS,
         *fact_table(f"""
-        stated configuration: seven values of angles, torques, speeds, temperatures, faults; no fault is cleared @
-            {PYTHON} linker_hand_l7_can.py:136-170, 406
-        stated configuration: the order is thumb flexion, abduction, four fingers, thumb rotation @ {PYTHON}
+        stated configuration: angles, torques, speeds, temperatures and faults have seven values each; faults cannot be
+            cleared @ {PYTHON} linker_hand_l7_can.py:136-170, 406
+        stated configuration: the order is thumb flexion, thumb abduction, four fingers, thumb rotation @ {PYTHON}
             linker_hand_l7_can.py:400
         """),
     )
@@ -183,9 +207,11 @@ class LinkerHandL10(LinkerHand):
     facts = (
         *FACTS,
         *OLDER_FACTS,
-        stated("identity", "frames of the serial number count bytes", f"{ROS2} linker_hand_l10_can.py:78, linkerbot"),
-        stated("identity", "they count frames in an older driver", f"{PYTHON} linker_hand_l10_can.py:72"),
-        stated("configuration", "09 asks for angles and torques", f"{PYTHON} linker_hand_l10_can.py:197"),
+        stated(
+            "identity", "the frames of the serial number count bytes", f"{ROS2} linker_hand_l10_can.py:78, linkerbot"
+        ),
+        stated("identity", "in an older driver they count frames", f"{PYTHON} linker_hand_l10_can.py:72"),
+        stated("configuration", "09 requests angles and torques", f"{PYTHON} linker_hand_l10_can.py:197"),
         assumed("configuration", "09 is answered by frames 01, 04, 02, 03", READ),
     )
     degrees_of_freedom = 10
@@ -266,9 +292,9 @@ class LinkerHandL21(LinkerHandL25):
         *TABLE_FACTS,
         *L25_FACTS,
         *fact_table(f"""
-        assumed identity: C2 and C4 answer as C1 @ {READ}
-        assumed configuration: what no source says of an L21 is as of an L25: its driver sends the same requests @
-            {PYTHON} linker_hand_l21_can.py, linker_hand_l25_can.py, both whole
+        assumed identity: C2 and C4 are answered like C1 @ {READ}
+        assumed configuration: where no source says anything about an L21, it is modelled like an L25: its driver sends
+            the same requests @ {PYTHON} linker_hand_l21_can.py, linker_hand_l25_can.py, both whole
         """),
     )
 

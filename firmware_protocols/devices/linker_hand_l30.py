@@ -89,18 +89,20 @@ class LinkerHandL30(Device[CanFrame]):
         origin=DRIVER,
     )
     facts = fact_table(f"""
-        stated touch: 72 bytes in two frames of 61 and 11; the driver turns the rows upside down @ {DRIVER}:800-873
-        assumed touch: {COUNTS_PER_NEWTON:.0f} counts/N; the first row on the wire is the one farthest from the tip
-        stated identity: 18 bytes of information; a code such as LHT30-06-169-L-B-1-A @ {DRIVER}:920-990
+        stated touch: a matrix has 72 bytes in two frames of 61 and 11; the driver reverses the order of the rows @
+            {DRIVER}:800-873
+        assumed touch: {COUNTS_PER_NEWTON:.0f} counts/N; the first row that is sent is the one farthest from the tip
+        stated identity: the information has 18 bytes; the model code is such as LHT30-06-169-L-B-1-A @ {DRIVER}:920-990
         assumed identity: versions 1.0.6, 1.0.0, 6.2.0, sensor 2, origin 1
         stated configuration: identifiers, transactions, states, commands, units, limits @ {DRIVER}:7-22, 160-330
-        stated configuration: locked writes are refused, zeros are set while disabled @ {DRIVER}:880-905, 1045
-        assumed configuration: an answer repeats priority and access; power-up: enabled, positions 0, speed 250;
-            positions in 0.1 degree; torques and the zero do nothing; no errors, no currents; 25 degrees; wrong
-            passwords do not lock it for good
-        stated configuration: stop and pause are not supported @ {DRIVER}:178
-        stated timing: periods of 20 to 1000 ms, else state 35 @ {DRIVER}:1107
-        assumed timing: 100 conversions a second, answers at once
+        stated configuration: writes are refused while the hand is locked; zeros are set while it is disabled @
+            {DRIVER}:880-905, 1045
+        assumed configuration: an answer repeats priority and access; after power-up the hand is enabled, with positions
+            0 and speed 250; positions are in 0.1 deg; torques and the zero have no effect; errors and currents are 0,
+            temperatures 25 deg C; wrong passwords do not lock the hand for good
+        stated configuration: the commands stop and pause are not supported @ {DRIVER}:178
+        stated timing: periods are 20 to 1000 ms; others are answered with state 35 @ {DRIVER}:1107
+        assumed timing: touch is sampled 100 times a second; the device answers at once
     """, looked="linker-bot/linkerhand-l30-sdk@0103fc5, all files")  # fmt: skip
 
     def __init__(

@@ -89,16 +89,19 @@ class LinkerHandO20(Device[CanFrame]):
         origin=DRIVER,
     )
     facts = fact_table(f"""
-        stated touch: registers 09 to 12; state, then 72 bytes in two frames, 12 rows of 6 @ {DRIVER}:87-96, 1042-1108
-        assumed touch: {COUNTS_PER_NEWTON:.0f} counts/N; places as of other LinkerHands; 01: the sensor is there
-        stated identity: six fields of 63 bytes, 1 right, 2 left @ {DRIVER}:1690, 1825
-        assumed identity: their contents
-        stated configuration: bits of the identifier; 1 and 5 Mbit/s @ {DRIVER}:257, 466-476
+        stated touch: registers 09 to 12; each has a state, then 72 bytes in two frames: 12 rows of 6 @ {DRIVER}:87-96,
+            1042-1108
+        assumed touch: {COUNTS_PER_NEWTON:.0f} counts/N; places as on other LinkerHands; the state 01 means that the
+            sensor is fitted
+        stated identity: the identity has six fields in 63 bytes; the side is 1 right, 2 left @ {DRIVER}:1690, 1825
+        assumed identity: the contents of these fields
+        stated configuration: the bits of the identifier; bit rates 1 and 5 Mbit/s @ {DRIVER}:257, 466-476
         stated configuration: registers, units and limits of the joints @ {DRIVER}:73-108, 130-163
-        stated configuration: 16 and 6E are kept @ {DRIVER}:101, 105
-        assumed configuration: writes get no answer; values beyond a register's range are refused; power-up: 0, speed
-            100, torque 500; torques, calibration, offsets and limits do nothing; no errors, no currents; 25 degrees
-        assumed timing: touch 50 times a second from power-up on, answers at once
+        stated configuration: registers 16 and 6E survive power-off @ {DRIVER}:101, 105
+        assumed configuration: writes get no answer; values out of range are refused; after power-up positions are 0,
+            the speed 100, the torque 500; torques, calibration, offsets and limits have no effect; errors and currents
+            are 0, temperatures 25 deg C
+        assumed timing: touch is sent 50 times a second from power-up on; the hand answers at once
     """, looked="linker-bot/linkerhand-o20-ros2@a243428, all files")  # fmt: skip
 
     def __init__(

@@ -98,18 +98,19 @@ class LinkerHandO30(Device[CanFrame]):
         origin=DRIVER,
     )
     facts = fact_table(f"""
-        stated touch: 31 selects a finger and has rows, columns, length; 32 is the matrix, row by row @
-            {DRIVER}:1213-1305
-        assumed touch: {COUNTS_PER_NEWTON:.0f} counts/N; 12 x 6, as of the other hands; a byte each; no palm;
-            the parts of a matrix are of the time of the first
-        stated identity: texts and their places of protocol 0.0.2; 0F right, F0 left @ {DRIVER}:141-163, 1371
-        assumed identity: the texts but O30i, 12V~24V, HOP, 0.0.2
-        stated configuration: header, answers, errors, objects @ {DRIVER}:8-30, 94-128, 206-215
-        stated configuration: twenty joints in 25 places; what is written is echoed, as the driver's comments say @
-            {DRIVER}:41-81, 801-825
-        assumed configuration: joints go in {STROKE_S} s; speeds, torques, times and modes do nothing; objects 03, 05,
-            20 to 30, 36 to 3A are not there; an id holds from the next power-up, if kept
-        assumed timing: 100 conversions a second, answers at once; the heartbeat counts milliseconds
+        stated touch: object 31 selects a finger and has its rows, columns and length; object 32 is the matrix, row by
+            row @ {DRIVER}:1213-1305
+        assumed touch: {COUNTS_PER_NEWTON:.0f} counts/N; matrices are 12 x 6, as on the other hands, one byte per taxel;
+            there is no palm; all parts of a matrix show the time of the first one
+        stated identity: the texts and their places in protocol 0.0.2; the side is 0F right, F0 left @ {DRIVER}:141-163,
+            1371
+        assumed identity: all texts except O30i, 12V~24V, HOP and 0.0.2
+        stated configuration: the header, the answers, the errors and the objects @ {DRIVER}:8-30, 94-128, 206-215
+        stated configuration: twenty joints in 25 places; a write is answered with what was written, as the driver's
+            comments say @ {DRIVER}:41-81, 801-825
+        assumed configuration: joints move within {STROKE_S} s; speeds, torques, times and modes have no effect; objects
+            03, 05, 20 to 30 and 36 to 3A are not modelled; a new id takes effect at the next power-up, if saved
+        assumed timing: touch is sampled 100 times a second; the hand answers at once; the heartbeat counts milliseconds
     """, looked="linker-bot/linkerhand-l30-sdk@0103fc5, all files")  # fmt: skip
 
     def __init__(

@@ -96,21 +96,29 @@ class LinkerHandL10Rs485(Device):
     judge = "linker-bot/linkerhand-python-sdk@b371361"
     documented_with = None
     facts = fact_table(f"""
-        stated touch: 70 selects, 8 ms, 96 numbers from 72 on, 82..153 are 12 rows of 6 @ {SDK_FILE}:110-170
-        stated touch: low bytes @ {SDK_FILE}:151
+        stated touch: register 70 selects a finger, within 8 ms; 96 numbers follow from 72 on, of which 82..153 are 12
+            rows of 6 @ {SDK_FILE}:110-170
+        stated touch: the numbers are in the low bytes @ {SDK_FILE}:151
         assumed touch: {COUNTS_PER_NEWTON:.0f} counts/N of normal force per taxel (no scale is published) @ {READ}
-        assumed touch: pitch {PITCH_M * 1000.0} mm, fingertips side by side every {FINGER_SPACING_M * 1000.0:.0f} mm,
-            row 0 at the tip @ {READ}
-        assumed touch: the ten numbers before the matrix and those behind it are 0 @ {READ}
-        assumed touch: no finger is shown until one is selected; then at once, with the present forces @ {READ}
-        stated identity: 158: freedom, version, number, direction, software, hardware @ {SDK_FILE}:69-79
-        assumed identity: they are those on CAN (64), less the last @ {READ}
-        stated configuration: units; input registers for reading, 16 for writing @ {SDK_FILE}:15-66, 173-204
-        assumed configuration: functions 03 and 04 show the same registers @ {READ}
-        assumed configuration: joints answer what was last set, and have no faults; power-up as on CAN @ {READ}
-        assumed configuration: writes elsewhere: exception 2; above 255, fingers above 5: exception 3 @ {READ}
-        stated timing: 5 ms between calls, 8 ms after 70, 50 ms for an answer @ {SDK_FILE}:8, 22, 139
-        assumed timing: 100 Hz conversion; an answer begins after the silence of Modbus @ {READ}
+        assumed touch: the pitch is {PITCH_M * 1000.0} mm; fingertips lie side by side, {FINGER_SPACING_M * 1000.0:.0f}
+            mm apart; row 0 is at the tip @ {READ}
+        assumed touch: the ten numbers before the matrix and those after it are 0 @ {READ}
+        assumed touch: no finger is shown until one is selected; the selected one is shown at once, with the present
+            forces @ {READ}
+        stated identity: from register 158 on: degrees of freedom, version, number, side, software and hardware @
+            {SDK_FILE}:69-79
+        assumed identity: they are the numbers of message 64 on CAN, without the last @ {READ}
+        stated configuration: the units; input registers for reading, function 16 for writing @ {SDK_FILE}:15-66,
+            173-204
+        assumed configuration: functions 03 and 04 read the same registers @ {READ}
+        assumed configuration: joints report what was last set, and have no faults; the state after power-up is that on
+            CAN @ {READ}
+        assumed configuration: writes to other registers get exception 2; values above 255 and fingers above 5 get
+            exception 3 @ {READ}
+        stated timing: the driver waits 5 ms between calls and 8 ms after a write to 70, and up to 50 ms for an answer @
+            {SDK_FILE}:8, 22, 139
+        assumed timing: touch is sampled 100 times a second; an answer begins after the silence that Modbus demands @
+            {READ}
     """)
 
     def __init__(self, *, side: Annotated[Literal["left", "right"], Option("which hand; sets the unit")] = "left"):

@@ -43,14 +43,14 @@ class LoadstarDi(Device):
     origin = f"{FILE}, run"
     facts = fact_table(f"""
         stated touch: the load as a decimal number, in pounds, kilograms or newtons @ {FILE}:228-234, 267-277, 299-304
-        assumed touch: three decimals, one of the capacity; the converter counts thousandths of the unit; a push is
-            positive; it ends at the capacity @ {DRIVER}, all files
-        stated identity: model, id, capacity; A is a good answer, E a bad one @ {FILE}:31-32, 255-265, 306-310
+        assumed touch: the load has three decimals, the capacity one; the converter counts thousandths of the unit; a
+            push is positive; the load saturates at the capacity @ {DRIVER}, all files
+        stated identity: model, id and capacity; the answer A means accepted, E refused @ {FILE}:31-32, 255-265, 306-310
         assumed identity: the texts; an FTDI bridge @ {DRIVER}, all files
-        stated configuration: an empty request ends wc; Tared or A answers tare @ {FILE}:29, 143, 163, 214-226
-        assumed configuration: asked while it sends, it answers in between @ {DRIVER}, all files
+        stated configuration: an empty request ends wc; tare is answered with Tared or A @ {FILE}:29, 143, 163, 214-226
+        assumed configuration: a request while the device streams is answered between two lines @ {DRIVER}, all files
         stated timing: 230400 or 9600 baud @ {FILE}:73-81
-        assumed timing: 100 loads a second @ {DRIVER}, all files
+        assumed timing: 100 readings a second @ {DRIVER}, all files
     """)
 
     def __init__(

@@ -38,11 +38,12 @@ class M1616Array(Device):
     judge = READER
     facts = fact_table(f"""
         stated touch: 256 taxels in rows of 16, two bytes each, high byte first @ {READER} main.py:31
-        stated touch: drawn from 0 to 512 @ {READER} main.py:43
-        assumed touch: row 0 is the far one; 10 mm apart; 12 bits; 100 counts/N from 0 @ {READER}, all files
+        stated touch: the reader draws values from 0 to 512 @ {READER} main.py:43
+        assumed touch: row 0 is at the far edge; taxels are 10 mm apart; values have 12 bits, 0 at rest, 100 counts/N @
+            {READER}, all files
         stated configuration: 115200 baud; AA AB AC begins a frame, 516 bytes follow @ {READER} main.py:5-8
         assumed configuration: the last four bytes, which the reader drops, are 0 @ {READER}, all files
-        assumed timing: 20 frames a second from power-up; the line takes 22.2 @ {READER}, all files
+        assumed timing: 20 frames a second from power-up on (the line can carry 22.2) @ {READER}, all files
     """)
 
     def __init__(

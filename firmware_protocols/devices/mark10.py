@@ -45,12 +45,13 @@ class Mark10(Device):
     origin = f"{FILE}, {READER} README.md"
     facts = fact_table(f"""
         stated touch: a number, a space and the unit @ {FILE}:86-100; the number alone as a setting @ {READER} README.md
-        assumed touch: a model of 50 N: two decimals, an end at 110 %; a push is positive @ {BOTH}
-        stated identity: 0483:A1AD, with a doubt @ {FILE}:11-15
-        stated configuration: ?, ?C, ?PT, ?PC @ {READER} README.md; N sets newtons @ {FILE}:94
-        assumed configuration: no answer to N and others; peaks last until power-off; the unit, too @ {BOTH}
+        assumed touch: a model of 50 N: two decimals, saturation at 110 %; a push is positive @ {BOTH}
+        stated identity: USB ids 0483:A1AD, of which the source is not sure @ {FILE}:11-15
+        stated configuration: the requests ?, ?C, ?PT and ?PC @ {READER} README.md; N sets newtons @ {FILE}:94
+        assumed configuration: N and other requests get no answer; peaks last until power-off, and so does the unit @
+            {BOTH}
         stated timing: 115200 baud @ {FILE}:65; {READER} README.md
-        assumed timing: 100 forces a second @ {BOTH}
+        assumed timing: 100 readings a second @ {BOTH}
     """)
 
     def __init__(

@@ -42,12 +42,15 @@ class MatSense(Device):
     sources = ("MatSense 0.4.1 datasetter.py, server.py, tools.py, process/data_handler.py",)
     judge = "MatSense 0.4.1"
     facts = fact_table("""
-        stated touch: a byte for each taxel, 255 at most; 16 x 16 taxels @ MatSense 0.4.1 datasetter.py, server.py:24
-        stated touch: six int16 behind the taxels, in the reader's byte order @ MatSense 0.4.1 datasetter.py:104
-        assumed touch: row by row, 5 mm apart; 50 counts/N from 0; 16384 per g and 131 per deg/s, acceleration first
-            @ MatSense 0.4.1, all files
-        stated configuration: 500000 baud; 5B, 5D, 5C and three codes @ MatSense 0.4.1 server.py:25, datasetter.py:20
-        assumed timing: 100 frames a second from power-up @ MatSense 0.4.1, all files
+        stated touch: each taxel has one byte, 255 at most; there are 16 x 16 taxels @ MatSense 0.4.1 datasetter.py,
+            server.py:24
+        stated touch: six int16 follow the taxels, in the byte order of the reading machine @ MatSense 0.4.1
+            datasetter.py:104
+        assumed touch: taxels are sent row by row and lie 5 mm apart; 50 counts/N, 0 at rest; 16384 counts per g and 131
+            per deg/s, acceleration first @ MatSense 0.4.1, all files
+        stated configuration: 500000 baud; the special bytes 5B, 5D and 5C, and three escape codes @ MatSense 0.4.1
+            server.py:25, datasetter.py:20
+        assumed timing: 100 frames a second from power-up on @ MatSense 0.4.1, all files
     """)
 
     def __init__(

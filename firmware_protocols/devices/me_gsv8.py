@@ -78,15 +78,16 @@ class MeGsv8(Device):
     origin = f"{LIBRARY} GSV6_SeriallLib.py, run"
     documented_with = None
     facts = fact_table(f"""
-        stated touch: floats, high byte first, one for each channel; overload is bit 0 @ {LIBRARY} GSV6_Protocol.py:165,
-            GSV6_BasicFrameType.py:85
-        stated touch: the value is the signal by the input range, times the user scale @ {LIBRARY} gsv86.py:942
-        assumed touch: a channel is a load cell, 30 mm from the next; an input ends, and is overloaded, at its range
-            @ {ALL}
+        stated touch: a frame has one float for each channel, high byte first; bit 0 of the status is overload @
+            {LIBRARY} GSV6_Protocol.py:165, GSV6_BasicFrameType.py:85
+        stated touch: the value is the signal divided by the input range, times the user scale @ {LIBRARY} gsv86.py:942
+        assumed touch: each channel is a load cell, 30 mm from the next; an input saturates, and reports an overload, at
+            its range @ {ALL}
         stated configuration: requests, answers, errors @ {LIBRARY} GSV6_AnfrageCodes.py, GSV6_ErrorCodes.py
-        assumed configuration: an input range of 2 mV/V; other commands are unknown; nothing is saved @ {ALL}
-        assumed configuration: readings are sent from power-up on, which the library expects @ {LIBRARY} gsv86.py:132
-        assumed timing: 10 readings a second at first; 0.1 to 12000, the most that the library names @ {ALL}
+        assumed configuration: the input range is 2 mV/V; other commands are unknown; nothing is saved @ {ALL}
+        assumed configuration: readings are sent from power-up on, as the library expects @ {LIBRARY} gsv86.py:132
+        assumed timing: 10 readings a second after power-up; rates are 0.1 to 12000, the highest that the library knows
+            @ {ALL}
     """)
     rate_hz = 10.0
 

@@ -69,19 +69,20 @@ class NiboticsPrvs01(Device):
     sources = ("nibotics-hand 0.1.0 protocol.py, definitions.py, hand.py, README (METADATA)",)
     judge = "nibotics-hand 0.1.0"
     facts = fact_table(f"""
-        stated touch: pressures are hPa, temperatures deg C @ {_PACKAGE} README (METADATA), Sensor Data
-        stated touch: channels of each finger and the palm; 19 and 24 of them @ {_PACKAGE} definitions.py:42,
-            protocol.py:8
-        assumed touch: 0 at rest (two channels are called icp1, icp2: a barometer would read 1013); channels that are
-            not in use read 0; a place stands for the square of its pitch @ {_READ}
-        assumed touch: places: three in a row at 15 mm on each finger, 2 x 2 at 25 mm on the palm, in one plane, normal
-            +z @ {_READ}
-        stated configuration: speeds 0..250, positions 0..4095, in that order @ {_PACKAGE} hand.py:52, README
-        assumed configuration: 4096 counts/g, 32.8 counts/(deg/s), in the palm's axes; microphones 2048 @ {_READ}
-        assumed configuration: an order holds until the next; speeds above 250 are 250; it stands open at power-up @
-            {_READ}
-        assumed timing: both messages 100 times a second; speed n is 41 n counts/s; a speed reads as ordered while its
-            motor moves, else 0 @ {_READ}
+        stated touch: pressures are in hPa, temperatures in deg C @ {_PACKAGE} README (METADATA), Sensor Data
+        stated touch: the channels of each finger and of the palm; versions with 19 and 24 of them @ {_PACKAGE}
+            definitions.py:42, protocol.py:8
+        assumed touch: a channel reads 0 at rest (two channels are called icp1, icp2; a barometer would read 1013);
+            unused channels read 0; a channel measures the pressure on a square as wide as its pitch @ {_READ}
+        assumed touch: places: three in a row, 15 mm apart, on each finger; 2 x 2, 25 mm apart, on the palm; all in one
+            plane with normal +z @ {_READ}
+        stated configuration: a command has speeds 0..250, then positions 0..4095 @ {_PACKAGE} hand.py:52, README
+        assumed configuration: 4096 counts per g and 32.8 counts per deg/s, in the axes of the palm; microphones read
+            2048 @ {_READ}
+        assumed configuration: a command holds until the next one; speeds above 250 count as 250; the hand is open after
+            power-up @ {_READ}
+        assumed timing: both messages are sent 100 times a second; speed n is 41 n counts/s; while a motor moves its
+            speed reads as commanded, else 0 @ {_READ}
     """)
 
     def __init__(

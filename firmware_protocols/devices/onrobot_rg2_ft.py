@@ -81,18 +81,21 @@ class OnrobotRg2Ft(Device):
         origin=f"{COM}:56-113, packed by the Modbus specification",
     )
     facts = fact_table(f"""
-        stated touch: 0.1 N and 0.01 Nm, two's complement @ {MESSAGES}/OnRobotRGInput.msg:42-62
+        stated touch: forces are in 0.1 N and torques in 0.01 Nm, in two's complement @
+            {MESSAGES}/OnRobotRGInput.msg:42-62
         stated touch: the registers of both fingers @ {BASE}:99-134, {COM}:101-113
-        assumed touch: touched 12 mm above and 20 mm beside the origin of their sensor, z out of the pad @ {ALL}
-        assumed touch: the proximity is 30 mm less its offset, whatever is near; status 0 @ {ALL}
-        stated configuration: limits of force and width @ {BASE}:34-51
-        stated configuration: 1 grips, 8 stops; the driver stops by 0; busy ignores it @ {MESSAGES}/OnRobotRGOutput.msg;
-            {BASE}:53-57
-        stated configuration: zero is 1 until it is 0 @ {MESSAGES}/OnRobotRGOutput.msg:24-27
-        assumed configuration: open at power-up; a grip is detected where the mean push on the pads is the force; 100
-            mm/s; registers between these read 0; other functions are refused @ {ALL}
+        assumed touch: a pad is touched 12 mm above and 20 mm beside the origin of its sensor; z points out of the pad @
+            {ALL}
+        assumed touch: the proximity is 30 mm minus its offset, whatever is near; its status is 0 @ {ALL}
+        stated configuration: the limits of force and width @ {BASE}:34-51
+        stated configuration: command 1 grips, 8 stops; the driver stops with 0; a busy gripper ignores commands @
+            {MESSAGES}/OnRobotRGOutput.msg; {BASE}:53-57
+        stated configuration: register zero: 1 keeps the zero until 0 is written @ {MESSAGES}/OnRobotRGOutput.msg:24-27
+        assumed configuration: the gripper is open after power-up and moves at 100 mm/s; it detects a grip when the mean
+            push on the pads reaches the target force; registers between the modelled ones read 0; other functions are
+            refused @ {ALL}
         stated timing: unit 65 @ {COM}:56-113
-        assumed timing: 100 conversions a second; each answer at once @ {ALL}
+        assumed timing: 100 conversions a second; requests are answered at once @ {ALL}
     """)
 
     def __init__(self):

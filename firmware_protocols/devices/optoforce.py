@@ -106,24 +106,24 @@ class OptoForce(Device):
     """)
     documented_with = None
     facts = fact_table("""
-        stated touch: counts of each axis over a number of the sensor's sensitivity report are N @ optoforce 0.3.0
-            reading.py:4-6, shadow-robot/optoforce README.md (Quickstart), config/*.yaml
-        assumed touch: a taxel per dome, at its top, 10 mm above the base; four domes 20 mm apart; Fz counts a push as
-            positive; with 6 axes the force acts 50 mm above the flange @ both drivers, all files; issue 31
-        assumed touch: 6 axes: 1000 counts/Nm, capacity 30 Nm; overload beyond 300, 300, 2000 N @ optoforce 0.3.0
-            __init__.py:211 (it has no sheet for torques), shadow-robot config/*.yaml
-        stated identity: 04D8:000A, OptoForce DAQ; serial numbers as ISE174 @ shadow-robot/optoforce optoforce.rules,
-            README.md; optoforce 0.3.0 __init__.py:55
-        stated identity: the answer to AB 00 12 08 00 C5: eight characters, blanks are cut off @ shadow-robot/optoforce
-            src/optoforce/optoforce.py:83, 191-201, 316-321
-        stated configuration: speeds, cutoffs and zero of CONFIGURE; its answer has seven bytes @ optoforce 0.3.0
+        stated touch: the counts of each axis, divided by a number from the sensor's sensitivity report, are N @
+            optoforce 0.3.0 reading.py:4-6, shadow-robot/optoforce README.md (Quickstart), config/*.yaml
+        assumed touch: each dome is a taxel at its top, 10 mm above the base; four domes are 20 mm apart; a push makes
+            Fz positive; with 6 axes the force acts 50 mm above the flange @ both drivers, all files; issue 31
+        assumed touch: with 6 axes: 1000 counts/Nm, a capacity of 30 Nm, and overload beyond 300, 300 and 2000 N @
+            optoforce 0.3.0 __init__.py:211 (it has no sheet for torques), shadow-robot config/*.yaml
+        stated identity: USB ids 04D8:000A, name OptoForce DAQ; serial numbers such as ISE174 @ shadow-robot/optoforce
+            optoforce.rules, README.md; optoforce 0.3.0 __init__.py:55
+        stated identity: the answer to AB 00 12 08 00 C5 has eight characters; the driver strips blanks @
+            shadow-robot/optoforce src/optoforce/optoforce.py:83, 191-201, 316-321
+        stated configuration: the speeds, cutoffs and zero of CONFIGURE; its answer has seven bytes @ optoforce 0.3.0
             __init__.py:33-52, shadow-robot optoforce.py:53-75
-        stated configuration: bits of the status word @ optoforce 0.3.0 status.py (untested, as it says)
-        stated configuration: the maker's Ethernet box powers up at 100 Hz with the 15 Hz filter, both drivers' defaults
-            @ Optoforce_ethernet_converter_manual.pdf 8.5, 8.6; both drivers
-        assumed configuration: the DAQ does, too; the filter is a first-order low-pass; AA 00 50 01 answers, 0 accepted,
-            1 wrong sum, 2 wrong value @ both drivers, which skip the answer
-        measured timing: the counter of a captured 6-axis sensor counts samples of 1 kHz @ shadow-robot/optoforce issue
+        stated configuration: the bits of the status word @ optoforce 0.3.0 status.py (untested, as it says)
+        stated configuration: the maker's Ethernet box starts at 100 Hz with the 15 Hz filter, which are the defaults of
+            both drivers @ Optoforce_ethernet_converter_manual.pdf 8.5, 8.6; both drivers
+        assumed configuration: the DAQ does so as well; the filter is a first-order low-pass; answers begin AA 00 50 01,
+            then 0 for accepted, 1 wrong sum, 2 wrong value @ both drivers, which skip the answer
+        measured timing: the counter of a captured 6-axis sensor counts samples at 1 kHz @ shadow-robot/optoforce issue
             31, 326 bytes
         assumed timing: by default it counts packets (option ``counter``) @ both drivers, which do not look at it
     """)
@@ -217,10 +217,12 @@ class OptoForceCan(OptoForce):
     facts = (
         *OptoForce.facts,
         *fact_table(f"""
-        stated touch: packets of 3 axes in two frames, 100; a sensor of 40 N has 16037 counts @ {BLMC}
+        stated touch: packets of 3 axes are sent in two frames with id 100; a sensor of 40 N has 16037 counts @ {BLMC}
             blmc/optoforce.py:10, 159-180
-        stated configuration: to 101, in a frame of eight bytes and one of one @ {BLMC} blmc/optoforce.py:124-139
-        assumed configuration: no answer on CAN; an incomplete packet is dropped at the next head @ {BLMC}, all files
+        stated configuration: a packet to the sensor has id 101, in a frame of eight bytes and one of one byte @ {BLMC}
+            blmc/optoforce.py:124-139
+        assumed configuration: the sensor does not answer on CAN; an incomplete packet is dropped when the next one
+            begins @ {BLMC}, all files
         """),
     )
 

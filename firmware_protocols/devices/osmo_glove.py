@@ -72,22 +72,24 @@ class OsmoGlove(Device):
     judge = SOURCE
     facts = fact_table(f"""
         stated identity: USB 2833:B015, Meta AI, BowieGlove, 123456789 @ {SOURCE} RTOS usb_descriptors.c l.33-104
-        measured identity: a real one is listed so, as ttyACM0 @ {GUIDE} flash_firmware.md, step 6
-        stated identity: twenty boards, numbers of finger, link and sensor @ {SOURCE} RTOS glove.c l.59-81
+        measured identity: a real glove is listed with these ids, as ttyACM0 @ {GUIDE} flash_firmware.md, step 6
+        stated identity: twenty boards, with the numbers of finger, link and sensor @ {SOURCE} RTOS glove.c l.59-81
         stated identity: the second magnetometer's number is 20 higher @ {SOURCE} RTOS bhi360.c l.198
-        stated identity: a glove of link 1 alone, two magnetometers each @ {SOURCE} bowie_node_synced.py l.61-75
-        stated touch: x, y, z are counts; 5000 / 32768 uT each @ {SOURCE} RTOS glove.c l.446-448 (in a comment)
-        stated touch: orientation in steps of 1 / 16384 @ {SOURCE} RTOS glove.c l.414-418
+        stated identity: a glove that has only link 1 of each finger, with two magnetometers each @ {SOURCE}
+            bowie_node_synced.py l.61-75
+        stated touch: x, y, z are counts of 5000 / 32768 uT @ {SOURCE} RTOS glove.c l.446-448 (in a comment)
+        stated touch: orientations are in steps of 1 / 16384 @ {SOURCE} RTOS glove.c l.414-418
         stated timing: 50 Hz @ {SOURCE} firmware/README.md l.5 (glove.c asks the chips for 100)
-        stated timing: index counts orientations, clocks count 15.625 us @ {SOURCE} RTOS bhi360.c l.132-168
-        stated timing: the build without an operating system asks for 25 Hz @ {SOURCE} BowieGlove glove.c l.299
-        stated timing: 4.5 s to start a board @ {SOURCE} RTOS glove.c l.83
-        assumed touch: places on a flat hand; link 1 at the fingertip @ {SOURCE} glove.c, bowie_data.py
+        stated timing: the index counts orientations; the clocks count steps of 15.625 us @ {SOURCE} RTOS bhi360.c
+            l.132-168
+        stated timing: the firmware build without an operating system requests 25 Hz @ {SOURCE} BowieGlove glove.c l.299
+        stated timing: a board needs 4.5 s to start @ {SOURCE} RTOS glove.c l.83
+        assumed touch: the places on a flat hand; link 1 is at the fingertip @ {SOURCE} glove.c, bowie_data.py
         assumed touch: 60 uT/N in the plane, 90 uT/N along the normal, a push raises z; field at rest @ glove.c, README
         assumed touch: the chips' range: +-2000 uT @ glove.c, bhi360.c, common.c (the chip's firmware is binary)
-        assumed touch: boards stand still: one orientation, accuracy 3 @ bhi360.c, bowie_data.py l.947: 1 to 4
-        assumed timing: magnetometers, then orientation, of one instant @ bhi360.c (the chip's FIFO decides)
-        assumed configuration: it has been on for 10 minutes @ glove.c, README (its nodes drop what is younger)
+        assumed touch: the boards do not move: one orientation, with accuracy 3 @ bhi360.c, bowie_data.py l.947: 1 to 4
+        assumed timing: magnetometers, then the orientation, all of one instant @ bhi360.c (the chip's FIFO decides)
+        assumed configuration: the glove has been on for 10 minutes @ glove.c, README (its nodes drop what is younger)
     """)
 
     def __init__(

@@ -105,18 +105,21 @@ class PaxiniGen2(Px6axDevice):
     documented_with = ("version", "mode_time_s", "zero_error")
     facts = fact_table(f"""
         stated configuration: error codes 0 to 7 @ {PDF} appendix
-        stated configuration: modes and ports of each model @ {PDF} table 1-0
-        stated configuration: the answer to the zero has error 06 @ {DRIVER} l.165
+        stated configuration: the modes and ports of each model @ {PDF} table 1-0
+        stated configuration: the answer to the zero command has error 06 @ {DRIVER} l.165
         stated identity: the version is a text of 29 bytes @ {PDF} (1d 00)
         stated identity: its port is /dev/ttyACM0 @ {DRIVER} paxini.yaml, README
-        stated touch: an L5325 is read as 120 taxels from 1038, x and y int8, z uint8 @ {DRIVER} l.181-208
+        stated touch: an L5325 is read as 120 taxels from address 1038 on; x and y are int8, z is uint8 @ {DRIVER}
+            l.181-208
         assumed identity: the text of the version; USB ids @ {PDF}; {DRIVER} whole
-        assumed touch: places: rows on a flat pad of the size in the model's name; 0.1 N @ {PDF}; {DRIVER} whole
-        assumed touch: other models have as many taxels as on GEN3 @ {PDF} (names a protocol of the module)
-        assumed configuration: a wrong tail or first byte is a wrong length; an empty port has no data @ {PDF}
-        assumed configuration: mode 5 at power-up; one module sits on every port @ {PDF}; {DRIVER} whole
+        assumed touch: places: rows on a flat pad of the size that the model's name states; forces are in 0.1 N @ {PDF};
+            {DRIVER} whole
+        assumed touch: other models have as many taxels as their GEN3 versions @ {PDF} (names a protocol of the module)
+        assumed configuration: a wrong tail or first byte is reported as a wrong length; a port without a module reports
+            no data @ {PDF}
+        assumed configuration: mode 5 after power-up; every port has one module @ {PDF}; {DRIVER} whole
         assumed timing: a change of mode takes 0.5 s (2 s at most is stated) @ {PDF}
-        assumed timing: a half request is forgotten after 50 ms @ {PDF}
+        assumed timing: an incomplete request is discarded after 50 ms @ {PDF}
     """)
 
     def __init__(

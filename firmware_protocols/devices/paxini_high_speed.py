@@ -133,20 +133,27 @@ class PaxiniHighSpeed(Px6axDevice):
         restart                55 AA 00 10 22 00 01 00 01 CD  AA 55 00 10 22 00 01 00 00 CE
     """)
     facts = fact_table(f"""
-        stated timing: 91 pushes a second @ {LEROBOT} METADATA, configuration_paxini.py l.30
+        stated timing: 91 push messages a second @ {LEROBOT} METADATA, configuration_paxini.py l.30
         stated identity: the version is a text (15 bytes are read) @ paxini-sdk 0.1.0 registers.py l.13
-        stated identity: what is fitted, taxels of each @ paxini-sdk 0.1.0 registers.py l.17-43, 108-132
-        stated touch: 0.1 N; x, y int8, z uint8 @ paxini-sdk 0.1.0 high_speed.py l.36-59 (after the vendor's viewer)
-        stated configuration: zero: function 17, register 2, 00 is success @ paxini-sdk 0.1.0 high_speed.py l.288-320
-        stated touch: some pushes have taxels of 0 beside a resultant (not done here) @ {PLUGIN} l.717-723
-        assumed identity: text of the version @ paxini-sdk 0.1.0, orca-core 0.12.0, both whole
+        stated identity: which modules are fitted, and the taxels of each @ paxini-sdk 0.1.0 registers.py l.17-43,
+            108-132
+        stated touch: forces are in 0.1 N; x and y are int8, z is uint8 @ paxini-sdk 0.1.0 high_speed.py l.36-59 (after
+            the vendor's viewer)
+        stated configuration: the zero command is function 17, register 2; 00 means success @ paxini-sdk 0.1.0
+            high_speed.py l.288-320
+        stated touch: in some push messages all taxels are 0 although the resultant is not (the model does not do this)
+            @ {PLUGIN} l.717-723
+        assumed identity: the text of the version @ paxini-sdk 0.1.0, orca-core 0.12.0, both whole
         assumed identity: USB ids (a 28E9 in orca-core constants.py l.36, /dev/ttyUSB0 in others) @ {LEROBOT}
-        assumed touch: rows on a flat pad, side by side; the true places stand in paxini-sdk data/ and are not used yet
-            @ paxini-sdk 0.1.0
+        assumed touch: taxels lie in rows on flat pads, side by side; the true places are in paxini-sdk data/ and are
+            not used yet @ paxini-sdk 0.1.0
         assumed touch: x, y along the pad; the resultant is the sum over the pad @ paxini-sdk 0.1.0 high_speed.py
-        assumed configuration: errors: function 3, length 1; a bad sum is not answered @ paxini-sdk 0.1.0 protocol.py
-        assumed configuration: resultants and taxels are pushed, once asked for @ paxini-sdk 0.1.0 registers.py
-        assumed timing: it answers 70 ms after the reply to a restart; 50 ms for a request @ paxini-sdk 0.1.0
+        assumed configuration: errors are 3 for the function and 1 for the length; a request with a wrong sum gets no
+            answer @ paxini-sdk 0.1.0 protocol.py
+        assumed configuration: resultants and taxels are pushed once they have been requested @ paxini-sdk 0.1.0
+            registers.py
+        assumed timing: it answers again 70 ms after its reply to a restart; an incomplete request is discarded after 50
+            ms @ paxini-sdk 0.1.0
     """)
 
     def __init__(
@@ -247,23 +254,23 @@ class PaxiniHighSpeed(Px6axDevice):
 _ORCA = "orca-core 0.12.0 hardware/sensing"
 _READ = "orca-core 0.12.0 constants.py, hardware/ (whole); orcahand/orca_core@c783006 scripts/, docs/"
 _ORCA_FACTS = fact_table(f"""
-    stated touch: 0.1 N per count; Fz of a resultant ends at 255 @ {_ORCA}/constants.py:152, 158
-    stated touch: taxels of each fingertip, their order and places @ {_ORCA}/models/touch-sensor-*/config.yaml
-    assumed touch: fingertips side by side, 25 mm apart; the resultant is the sum over the taxels, in the frame of the
-        fingertip, Fz along its -z @ {_READ}
+    stated touch: 0.1 N per count; Fz of a resultant saturates at 255 @ {_ORCA}/constants.py:152, 158
+    stated touch: the taxels of each fingertip, their order and places @ {_ORCA}/models/touch-sensor-*/config.yaml
+    assumed touch: fingertips lie side by side, 25 mm apart; the resultant is the sum over the taxels, in the frame of
+        the fingertip, with Fz along its -z @ {_READ}
     stated identity: USB 2F5D:2202, CDC @ orca-core 0.12.0 constants.py:94
-    stated identity: the line with side, hardware, firmware, serial number and board; CFG is left out @ orca-core 0.12.0
-        constants.py:110, hardware/sensing/serial_discovery.py:113
+    stated identity: the line with side, hardware, firmware, serial number and board; CFG is not modelled @ orca-core
+        0.12.0 constants.py:110, hardware/sensing/serial_discovery.py:113
     assumed identity: hardware 1, firmware 1, board id 0, the commit in the version, USB texts; a board of firmware 1.0
         that supports names @ {_READ}
-    stated configuration: a zero that went well, of each fingertip @ {_ORCA}/constants.py:136
-    assumed configuration: a zero is done at once, and a restart forgets it, which a fingertip with power does not;
-        errors as on PaXini's board; counters of errors are 0 @ {_READ}
-    stated timing: a push each 20 ms (firmware 1.0; an older sentence and the repository's check_sensors.py say about 1
-        kHz) @ {_ORCA}/constants.py:364
-    stated timing: encoders at 466 Hz, FFFF where none are wired: not sent here @ {_ORCA}/constants.py:351,
-        serial_discovery.py:448
-    stated timing: a restart 50 ms after its answer, 70 ms until it answers again @ {_ORCA}/constants.py:101
+    stated configuration: the answers for each fingertip whose zero succeeded @ {_ORCA}/constants.py:136
+    assumed configuration: a zero is done at once, and a restart clears it (a real fingertip that keeps its power does
+        not lose it); errors are as on PaXini's board; error counters are 0 @ {_READ}
+    stated timing: a push message every 20 ms (firmware 1.0; an older sentence and the repository's check_sensors.py say
+        about 1 kHz) @ {_ORCA}/constants.py:364
+    stated timing: encoders are sent at 466 Hz, and FFFF where none is wired; the model sends none @
+        {_ORCA}/constants.py:351, serial_discovery.py:448
+    stated timing: the board restarts 50 ms after its answer, and answers again 70 ms later @ {_ORCA}/constants.py:101
 """)
 
 

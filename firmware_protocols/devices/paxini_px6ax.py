@@ -110,20 +110,27 @@ class PaxiniPx6ax(Px6axDevice):
     """)
     facts = fact_table(f"""
         stated identity: USB 1A86:55D3 @ {TOOLKIT} paxkit/device/transport.py l.11 (seen on a real one)
-        stated identity: the port's description holds CH343 @ fengjh97/paxini@e8e6bcc paxini_sensor.py l.207
+        stated identity: the port's description contains CH343 @ fengjh97/paxini@e8e6bcc paxini_sensor.py l.207
         measured identity: S1813E: PAXINI PXSR-STDDP03F-v1.0.5 @ {TOOLKIT} tests/fixtures/usb_S1813E_2026-10-04
-        measured identity: asked for 0 to 8, it answered to 3 @ {TOOLKIT} tests/test_usb_capture.py, test_codec.py
-        stated identity: 3 is common; FF is a broadcast @ lerobot-camera-paxini 0.1.0 configuration_paxini.py l.39
-        stated identity: address: the module's number and 1 @ {ROS2} tactile_sensor.cpp l.117; sensors.yaml
-        measured configuration: reads: status 01 @ paxini-sdk 0.1.0 serial_converter.py l.167 (a PXSR-STDDP03A)
-        stated touch: 0.1 N; x, y int8, z uint8 @ {ROS2} helper_scripts/UI_sensor.py (the vendor's)
+        measured identity: of the addresses 0 to 8 it answered to 3 @ {TOOLKIT} tests/test_usb_capture.py, test_codec.py
+        stated identity: address 3 is common; FF is a broadcast @ lerobot-camera-paxini 0.1.0 configuration_paxini.py
+            l.39
+        stated identity: the address is the module's number plus 1 @ {ROS2} tactile_sensor.cpp l.117; sensors.yaml
+        measured configuration: reads are answered with status 01 @ paxini-sdk 0.1.0 serial_converter.py l.167 (a
+            PXSR-STDDP03A)
+        stated touch: forces are in 0.1 N; x and y are int8, z is uint8 @ {ROS2} helper_scripts/UI_sensor.py (the
+            vendor's)
         assumed identity: manufacturer and product text of the bridge @ transport.py, paxini_sensor.py
-        assumed identity: other models and a second module: 1, 2 ... @ {ROS2} sensors.yaml; paxini-sdk 0.1.0
-        assumed touch: rows on a flat pad; the true places stand in paxini-sdk data/ and are not used yet @ {ROS2}
+        assumed identity: the addresses of other models and of further modules are 1, 2 ... @ {ROS2} sensors.yaml;
+            paxini-sdk 0.1.0
+        assumed touch: taxels lie in rows on a flat pad; the true places are in paxini-sdk data/ and are not used yet @
+            {ROS2}
         assumed touch: the resultant is the sum over the pad; axes along the pad @ UI_sensor.py; {TOOLKIT} codec.py
-        assumed configuration: status 1 length, 2 LRC, 3 function, 6 address, as GEN2 @ paxini-sdk 0.1.0 protocol.py
-        assumed configuration: PaXini's command for another address (35) is not known @ {TOOLKIT} codec.py
-        assumed timing: it converts every 12 ms; a half request is forgotten after 50 ms @ {TOOLKIT} usb.py, sim.py
+        assumed configuration: the status is 1 for a wrong length, 2 LRC, 3 function, 6 address, as on GEN2 @ paxini-sdk
+            0.1.0 protocol.py
+        assumed configuration: PaXini's command that changes the address (35) is not modelled @ {TOOLKIT} codec.py
+        assumed timing: a conversion every 12 ms; an incomplete request is discarded after 50 ms @ {TOOLKIT} usb.py,
+            sim.py
     """)
 
     def __init__(

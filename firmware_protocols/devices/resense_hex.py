@@ -38,16 +38,17 @@ class ResenseHex(Device):
     sources = (f"{LIBRARY} src/resense/sensor.py, importer.py",)
     judge = LIBRARY
     facts = fact_table(f"""
-        stated touch: 28 bytes, six floats of force and torque in the first 24 @ {LIBRARY} src/resense/sensor.py:101
-        stated touch: N and Nm where a switch of the electronics says so @ {LIBRARY} src/resense/sensor.py:83-88
+        stated touch: a frame has 28 bytes; the first 24 are six floats of force and torque @ {LIBRARY}
+            src/resense/sensor.py:101
+        stated touch: units are N and Nm if a switch of the electronics selects them @ {LIBRARY}
+            src/resense/sensor.py:83-88
         assumed touch: low byte first; the seventh float is the temperature, as in the maker's recordings
-            (importer.py:48); forces act on the tool, which is touched beside the
-            axis; z points out; 90 N and 0.5 Nm, or 500 N and 5 Nm, at most
-            @ {LIBRARY}, all files
+            (importer.py:48); forces act on the tool, which is touched off the axis; z points out; loads reach 90 N and
+            0.5 Nm, or 500 N and 5 Nm @ {LIBRARY}, all files
         stated configuration: an electronics box on USB, opened at 2000000 baud @ {LIBRARY} README.md:24, src/resense/
             sensor.py:6
-        assumed configuration: it ignores all bytes @ {LIBRARY}, all files
-        assumed timing: as many samples a second as the switches say; 1000 in the example @ {LIBRARY}
+        assumed configuration: the device ignores all bytes that it receives @ {LIBRARY}, all files
+        assumed timing: the switches set the sample rate; it is 1000 a second in the example @ {LIBRARY}
             src/example_connect_sensor.py:13
     """)
 

@@ -130,23 +130,26 @@ class RoboteraXhand(Device):
     facts = fact_table(f"""
         stated touch: x and y of a point are int8, z is uint8 @ {_SDK} include/data_type.hpp:62
         assumed touch: 10 counts/N; the force of a tip is the sum over its points; thumb first @ {_READ}
-        assumed touch: places: 120 points in even rows on flat pads of 16 x 20 mm, normal +z @ {_READ}
-        assumed touch: one temperature for a tip, which its last byte and all others show @ {_READ}
-        stated identity: side, serial number, id, name and calibration are registers 20, 21, 53, 54, 86 @ {_SDK}
+        assumed touch: places: 120 points in evenly spaced rows on flat pads of 16 x 20 mm, with normal +z @ {_READ}
+        assumed touch: each fingertip has one temperature, which its last byte and all its other temperature bytes show
+            @ {_READ}
+        stated identity: side, serial number, id, name and calibration are the registers 20, 21, 53, 54 and 86 @ {_SDK}
             include/communiation_interface.hpp:54
-        stated identity: a version is <u2 patch, u1 minor, u1 major; a broadcast 15 of 186 bytes finds the hand @ {_SDK}
-            lib/libxhand_control.so 1.2.10 takes this alone
-        stated identity: palm 1.1.3 and joints 1.0.7 are firmwares of 2024 @ {_SDK} tests/src/serial_test.cpp:225
+        stated identity: a version is <u2 patch, u1 minor, u1 major; a broadcast of command 15 with 186 bytes finds the
+            hand @ {_SDK} lib/libxhand_control.so 1.2.10 takes this alone
+        stated identity: the firmware versions palm 1.1.3 and joints 1.0.7 are of 2024 @ {_SDK}
+            tests/src/serial_test.cpp:225
         stated identity: a serial number has 16 characters @ {_EXAMPLE}:71
-        assumed identity: tips have the joints' version; the serial number's letters @ {_READ}
-        stated configuration: 10 00 answers 16 and 05, 00 answers 17, nothing 12; a new id is in force at once @ {_SDK}
-            lib/libxhand_control.so 1.2.10 takes this alone
-        stated configuration: the joints' stops [deg] @ {_SDK} tests/src/serial_test.cpp:184
-        assumed configuration: calibration is stored, without effect; 12 to the hand itself is for all tips @ {_READ}
-        assumed configuration: a joint without gain p, or in another mode than 3, stays; torque, errors 0; 25 deg C @
-            {_READ}
-        assumed configuration: another length, command, register or target is not answered @ {_READ}
-        assumed timing: answers at once; joints move 5 rad/s; a restart takes 0.5 s @ {_READ}
+        assumed identity: fingertips have the version of the joints; the letters of the serial number @ {_READ}
+        stated configuration: the answers: 10 00 to 16 and 05, 00 to 17, none to 12; a new id takes effect at once @
+            {_SDK} lib/libxhand_control.so 1.2.10 takes this alone
+        stated configuration: the stops of the joints [deg] @ {_SDK} tests/src/serial_test.cpp:184
+        assumed configuration: a calibration is stored without effect; command 12 to the hand itself resets all
+            fingertips @ {_READ}
+        assumed configuration: a joint with a gain p of 0, or in a mode other than 3, does not move; torque and errors
+            are 0, temperatures 25 deg C @ {_READ}
+        assumed configuration: a wrong length, command, register or target gets no answer @ {_READ}
+        assumed timing: the hand answers at once; joints move at 5 rad/s; a restart takes 0.5 s @ {_READ}
     """)
 
     def __init__(

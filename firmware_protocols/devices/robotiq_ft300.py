@@ -86,19 +86,21 @@ class RobotiqFt300(Device):
     )
     documented_with = None
     facts = fact_table(f"""
-        stated touch: 20 4E, six numbers low byte first, CRC @ {COM}:406-431
-        stated touch: 0.01 N and 0.001 Nm @ {COM}:426, 431
-        stated touch: acceleration in 0.001 g, force and torque in registers @ {PYTHON} ft300_modbusrtu.py
-        assumed touch: touched 50 mm above the origin, z out of the tool side, forces act on the tool @ {ALL}
-        assumed touch: values saturate where 16 bits end @ {ALL}
-        stated identity: firmware: three letters, then three numbers, a byte each @ {COM}:651-656
-        stated identity: serial number: three letters, low word, high word @ {COM}:666-682
-        stated identity: firmware begins with F @ {COM}:273-281
-        assumed identity: FTS, firmware 1.0.0, serial number 1, year 2024; 00 where no register is @ {ALL}
-        stated configuration: 50 bytes FF stop it; 0200 in register 410 starts it @ {COM}:70-71, 517
-        stated configuration: it may stream when a driver comes @ {COM}:257-267
-        assumed configuration: it streams from power-up on, answers Modbus while it streams @ {ALL}
-        assumed configuration: other values of register 410 do nothing; other addresses and functions refused @ {ALL}
+        stated touch: a frame is 20 4E, six numbers with their low byte first, and a CRC @ {COM}:406-431
+        stated touch: forces are in 0.01 N, torques in 0.001 Nm @ {COM}:426, 431
+        stated touch: accelerations are in 0.001 g; force and torque are also in registers @ {PYTHON} ft300_modbusrtu.py
+        assumed touch: the tool is touched 50 mm above the origin; z points out of the tool side; forces act on the tool
+            @ {ALL}
+        assumed touch: values saturate at the limits of 16 bits @ {ALL}
+        stated identity: the firmware version is three letters, then three numbers, one byte each @ {COM}:651-656
+        stated identity: the serial number is three letters, then a number, low word first @ {COM}:666-682
+        stated identity: the firmware version begins with F @ {COM}:273-281
+        assumed identity: letters FTS, firmware 1.0.0, serial number 1, year 2024; missing registers read 00 @ {ALL}
+        stated configuration: 50 bytes FF stop the stream; 0200 in register 410 starts it @ {COM}:70-71, 517
+        stated configuration: the sensor may already stream when a driver opens the port @ {COM}:257-267
+        assumed configuration: it streams from power-up on, and answers Modbus requests while it streams @ {ALL}
+        assumed configuration: other values of register 410 have no effect; other addresses and functions are refused @
+            {ALL}
         stated timing: 19200 8N1, unit 9 @ {COM}:812, 1189
         assumed timing: 100 frames a second @ {ALL}
     """)

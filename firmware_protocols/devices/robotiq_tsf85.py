@@ -85,27 +85,30 @@ class RobotiqTsf85(Device):
     origin = f"{PROTOCOL} l.18-22, 119-125"
     documented_with = ("counts_per_newton", "baseline", "static_hz")
     facts = fact_table(f"""
-        stated touch: fields, their types, big-endian @ {PROTOCOL}:172-250
-        stated touch: 7 rows of 4, row-major, first at the top left @ {VENDOR} sdk_cpp/README.md:132-143
-        assumed touch: 5 mm pitch; pads 85 mm apart, 60 mm above the palm, row 0 at the fingertip @ {ALL}
-        assumed touch: 2000 counts/N over 1000; dynamic: change of a finger's static sum / 16 @ {ALL}
+        stated touch: the fields and their types, big-endian @ {PROTOCOL}:172-250
+        stated touch: 7 rows of 4 taxels, row by row, beginning at the top left @ {VENDOR} sdk_cpp/README.md:132-143
+        assumed touch: the pitch is 5 mm; the pads are 85 mm apart and 60 mm above the palm; row 0 is at the fingertip @
+            {ALL}
+        assumed touch: static values have 2000 counts/N, with 1000 at rest; the dynamic value is the change of the
+            finger's static sum, divided by 16 @ {ALL}
         stated touch: an accelerometer at rest reads 44, 16244, 728 @ {VENDOR} sdk_cpp/README.md:70
-        assumed touch: so 16384 per g; which of its axes is up is ours @ {ALL}
-        assumed touch: 131 per deg/s, 100 per deg C; the magnetometer reads 0 @ {ALL}
-        stated identity: 16D0:14CC, older ones 04B4:F232 @ {QUICK}:39-42
-        stated identity: E3 is answered with ASCII @ {PROTOCOL}:112-116
+        assumed touch: hence 16384 counts per g; which of its axes points up is our choice @ {ALL}
+        assumed touch: 131 counts per deg/s, 100 counts per deg C; the magnetometer reads 0 @ {ALL}
+        stated identity: USB ids 16D0:14CC, on older sensors 04B4:F232 @ {QUICK}:39-42
+        stated identity: the answer to E3 is ASCII text @ {PROTOCOL}:112-116
         stated identity: 1.1.8 is the latest firmware @ {VENDOR} firmware/bootloader_host.py:51
-        assumed identity: the answer is nothing but the version @ {ALL}
-        stated configuration: 58 with 0 stops @ {QUICK}:255-262
-        stated configuration: E2 makes it a HID bootloader @ {VENDOR} firmware/bootloader_host.py:41-42, 419-436
-        assumed configuration: here E2 restarts the firmware @ {ALL}
-        stated configuration: the crc8 byte is 00 @ {PROTOCOL}:90
-        assumed configuration: it is not checked; 58 and 59 stream alike, unanswered; other lengths skipped @ {ALL}
-        assumed configuration: both fingers in one packet; drivers take one each, too @ {ALL}
-        stated timing: 1 kHz, static counts at 60 Hz @ {VENDOR} README.md:5-6
-        stated timing: a timestamp of 8 bytes, 2 in older firmware @ {QUICK}:80, 562
-        stated timing: it counts microseconds @ {QUICK}:746-748
-        assumed timing: static counts change with each packet, which static_hz=60 ends @ {ALL}
+        assumed identity: the answer has the version only @ {ALL}
+        stated configuration: command 58 with 0 stops the stream @ {QUICK}:255-262
+        stated configuration: command E2 starts the HID bootloader @ {VENDOR} firmware/bootloader_host.py:41-42, 419-436
+        assumed configuration: in the model E2 restarts the firmware @ {ALL}
+        stated configuration: the CRC-8 byte of a request is 00 @ {PROTOCOL}:90
+        assumed configuration: this byte is not checked; 58 and 59 start the same stream and get no answer; requests of
+            other lengths are skipped @ {ALL}
+        assumed configuration: one packet has both fingers; drivers also accept a packet for each @ {ALL}
+        stated timing: packets come at 1 kHz, static counts change at 60 Hz @ {VENDOR} README.md:5-6
+        stated timing: the timestamp has 8 bytes, in older firmware 2 @ {QUICK}:80, 562
+        stated timing: the timestamp counts microseconds @ {QUICK}:746-748
+        assumed timing: static counts change with each packet (option static_hz=60 makes them change at 60 Hz) @ {ALL}
     """)
 
     def __init__(

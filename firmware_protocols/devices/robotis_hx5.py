@@ -93,33 +93,34 @@ class RobotisHx5(Device):
         origin="hx5_d20_rr.model; packets by dynamixel-sdk 4.1.0",
     )
     facts = fact_table(f"""
-        stated touch: nine raw bytes of each fingertip @ {DHI}{MODELS_AT}/hx5_d20_r_synctable_1_device_5.model
-        stated touch: cells row by row, from the left, from the top @ howon720/robotis_hand_hx5_d20@00b3a75
-            tactile_sensor.cpp
-        assumed touch: pads of 3 x 3 at 4 mm in one plane, normal +z; 50 counts/N @ {LOOKED}
-        stated identity: models 260 and 261, nodes 110..135 and 140..165 @ {DHI}{MODELS_AT}/dynamixel.model:6;
+        stated touch: each fingertip has nine raw bytes @ {DHI}{MODELS_AT}/hx5_d20_r_synctable_1_device_5.model
+        stated touch: cells are numbered row by row, from the left and from the top @
+            howon720/robotis_hand_hx5_d20@00b3a75 tactile_sensor.cpp
+        assumed touch: pads of 3 x 3 cells at a pitch of 4 mm, all in one plane with normal +z; 50 counts/N @ {LOOKED}
+        stated identity: the models 260 and 261, with nodes 110..135 and 140..165 @ {DHI}{MODELS_AT}/dynamixel.model:6;
             {HAND}:231
-        stated identity: motors are XC335-T332, model 1700: no other has the items and addresses that are set @
-            {HAND}:364 read with {DHI}{MODELS_AT}/xc335_t332.model and the other 90
-        assumed identity: firmware 1 of every node, model 0 of the sensors @ {LOOKED}
-        stated configuration: every node answers reboot; controller and motors ping @
+        stated identity: the motors are XC335-T332, model 1700: no other model has the items and addresses that the
+            driver sets @ {HAND}:364 read with {DHI}{MODELS_AT}/xc335_t332.model and the other 90
+        assumed identity: every node has firmware 1, and the sensors model number 0 @ {LOOKED}
+        stated configuration: every node answers a reboot; the controller and the motors answer a ping @
             {DHI}src/dynamixel_hardware_interface.cpp:201
-        stated configuration: data of the slots lie one after the other @
+        stated configuration: the data of the slots follow one another @
             {DHI}scripts/hx_synctable_model_generator.py:178
-        stated configuration: slots, sizes and indirect addresses @ {HAND}:236, 371
-        assumed configuration: at power-up they are as the vendor's driver sets them; sync is 0; a reboot takes no time
-            @ {LOOKED}
-        assumed configuration: tables stand still while sync is 0; goals are passed on while it is 1 @ {LOOKED}
-        assumed configuration: drive mode 8: a goal turns the torque on; offset, direction, profile and gains do nothing
-            @ {LOOKED}
-        assumed configuration: motors: positions 0..4095 at 6 rad/s, no current, currents are not obeyed @ {LOOKED}
-        assumed configuration: watchdog, line speeds, protocol are stored without effect; voltages read 0; no Modbus @
-            {LOOKED}
-        stated configuration: errors 2 instruction, 4 range, 6 value, 7 access @ dynamixel-sdk 4.1.0
+        stated configuration: the slots, their sizes and indirect addresses @ {HAND}:236, 371
+        assumed configuration: after power-up the slots are as the vendor's driver sets them, and sync is 0; a reboot
+            takes no time @ {LOOKED}
+        assumed configuration: tables do not change while sync is 0; goals are passed on while it is 1 @ {LOOKED}
+        assumed configuration: with drive mode 8 a goal turns the torque on; offset, direction, profile and gains have
+            no effect @ {LOOKED}
+        assumed configuration: motors have positions 0..4095 and move at 6 rad/s; currents read 0, and goal currents
+            have no effect @ {LOOKED}
+        assumed configuration: watchdog, line speeds and protocol are stored without effect; voltages read 0; Modbus is
+            not modelled @ {LOOKED}
+        stated configuration: the errors are 2 instruction, 4 range, 6 value, 7 access @ dynamixel-sdk 4.1.0
             protocol2_packet_handler.py:52
-        assumed configuration: which error: unknown instruction 2, bad CRC 3, beyond the tables 4, read only 7 @
-            {LOOKED}
-        assumed timing: 1000 conversions a second; the tick begins at power-up @ {LOOKED}
+        assumed configuration: which error is sent: 2 for an unknown instruction, 3 for a wrong CRC, 4 beyond the
+            tables, 7 for a read-only item @ {LOOKED}
+        assumed timing: 1000 conversions a second; the tick counts from power-up @ {LOOKED}
     """)
 
     def __init__(

@@ -85,18 +85,20 @@ class RobotousRft(Device):
     origin = f"{MANUAL}, 3.6; bytes by {DRIVER} RFT_IF_PACKET_Rev1.2.cpp"
     documented_with = None
     facts = fact_table(f"""
-        stated touch: int16, high byte first; 50 per N, 2000 or 1000 per Nm by model @ {MANUAL}, 3.6.11
-        stated touch: an overload is a component beyond its rated load by more than 20 %; 255 are counted at most
+        stated touch: values are int16, high byte first: 50 counts per N, and 2000 or 1000 per Nm, depending on the
+            model @ {MANUAL}, 3.6.11
+        stated touch: an overload is a component that exceeds its rated load by more than 20 %; the counter ends at 255
             @ {MANUAL}, 3.6.11, 3.6.18, 4.2
-        assumed touch: forces act on the tool, which is touched 50 mm above the origin, beside it; z points out; counts
-            end at those of int16; a reading has the filtered value, less the bias @ {BOTH}
+        assumed touch: forces act on the tool, which is touched 50 mm above the origin and to the side of it; z points
+            out; counts saturate at the limits of int16; a reading is the filtered value minus the bias @ {BOTH}
         stated identity: three texts of 15 characters @ {MANUAL}, 3.6.2 to 3.6.4
-        assumed identity: what they are; zeros behind them @ {BOTH}
-        stated configuration: parameters, error codes, and what is saved @ {MANUAL}, 3.3, 3.6.5 to 3.6.19
-        assumed configuration: commands of CAN are unknown; those that wait for 0C, and wrong sums, get no answer; any
-            bias but 0 is 1; overloads are counted from power-up @ {BOTH}
-        stated timing: 200 Hz, 115200 baud at first; the fastest rate at each baud rate @ {MANUAL}, 3.4, 3.6.16
-        assumed timing: the sensor measures at the rate of its readings, asked or not @ {BOTH}
+        assumed identity: the content of the texts; they are padded with zeros @ {BOTH}
+        stated configuration: the parameters, the error codes, and which settings are saved @ {MANUAL}, 3.3, 3.6.5 to
+            3.6.19
+        assumed configuration: the commands for CAN are unknown; commands that have to wait for 0C, and wrong sums, get
+            no answer; any bias other than 0 counts as 1; overloads are counted from power-up on @ {BOTH}
+        stated timing: 200 Hz and 115200 baud after power-up; the highest rate at each baud rate @ {MANUAL}, 3.4, 3.6.16
+        assumed timing: the sensor measures at the rate of its readings, whether they are requested or not @ {BOTH}
     """)
 
     def __init__(

@@ -197,25 +197,27 @@ class RoHand(Device):
         head="02",
     )
     facts = fact_table(f"""
-        stated touch: dots, parts, bytes of each generation's touch @ {_DEMOS} force_chart.py:120
-        stated touch: forces of fingers are mN (first generation) @ {_DOC}:242
-        assumed touch: second generation: forces are mN, sums over dots; 0 of three-axis points
-        assumed touch: places: flat grids, 9x4, 12x5, 8x4 and 7x8 dots; 2 mm on fingers, 5 mm on the palm (the vendor's
-            drawing has dots that are none); three-axis points 12 mm apart, single ones mid-finger
-        assumed touch: 50 counts/N of a dot, 100 counts/N of a three-axis point, direction 0..359 deg; never invalid
+        stated touch: the dots, parts and bytes of touch in each generation @ {_DEMOS} force_chart.py:120
+        stated touch: forces of fingers are in mN (first generation) @ {_DOC}:242
+        assumed touch: second generation: forces are in mN and are sums over dots; for three-axis points they are 0
+        assumed touch: places: flat grids of 9x4, 12x5, 8x4 and 7x8 dots, at 2 mm on fingers and 5 mm on the palm (the
+            vendor's drawing has dots that do not exist); three-axis points are 12 mm apart, single ones in the middle
+            of a finger
+        assumed touch: a dot has 50 counts/N, a three-axis point 100 counts/N and a direction of 0..359 deg; values are
+            never invalid
         stated identity: hardware 2001 @ {_DEMOS} force_on_rohand/force_chart.py:29
         stated identity: firmware 3.1.309 of the first generation @ {_FIRMWARE} firmware/RELEASE_INFO.md:25
         assumed identity: firmware of the second generation 1.0, boot loader 0
         stated configuration: RS-232 and RS-485, 115200 @ {_DOC}:12
-        stated configuration: registers of the second generation @ {_DEMOS} common/roh_registers_v2.py:7
-        stated configuration: registers and factory defaults of the first generation @ {_DOC}:122
-        stated configuration: a new unit is kept, and restarts the hand @ {_DOC}:127
-        stated configuration: 1014: 0 restarts, else an update @ {_DOC}:136
+        stated configuration: the registers of the second generation @ {_DEMOS} common/roh_registers_v2.py:7
+        stated configuration: the registers and factory defaults of the first generation @ {_DOC}:122
+        stated configuration: a new unit is saved, and the hand restarts @ {_DOC}:127
+        stated configuration: register 1014: 0 restarts the hand, other values start a firmware update @ {_DOC}:136
         assumed configuration: the second generation has the first one's defaults; force targets 15000
-        assumed configuration: limits, gains, calibrating, initialising and stalls do nothing; the hand is ready at
-            once; the zero is forgotten at power-off; reserved registers are stored; others read 0
-        assumed timing: a full stroke takes 1 s at full speed; 200 mA while moving; a restart is 0.1 s later; 100 Hz
-            conversion
+        assumed configuration: limits, gains, calibration, initialisation and stalls have no effect; the hand is ready
+            at once; the zero is lost at power-off; reserved registers are stored; all others read 0
+        assumed timing: a full stroke takes 1 s at full speed; a moving motor draws 200 mA; a restart follows after 0.1
+            s; 100 conversions a second
     """, looked=_READ)  # fmt: skip
 
     def __init__(

@@ -116,15 +116,18 @@ class RohandCan(Device[Any]):
         origin=API,
     )
     facts = fact_table(f"""
-        stated touch: finger, number of dots, a byte each, 60 at most @ {API} HAND_GetFingerForce, constants.py:6
-        assumed touch: dots of the parts as over Modbus, 50 counts/N; part 5 is the palm; zero until power-off
+        stated touch: an answer has the finger, the number of dots, and one byte for each dot, 60 at most @ {API}
+            HAND_GetFingerForce, constants.py:6
+        assumed touch: the parts have the same dots as over Modbus, with 50 counts/N; part 5 is the palm; a zero holds
+            until power-off
         assumed identity: protocol 2.0, firmware 1.1.0, hardware 20 01, boot loader 1.0
-        stated configuration: commands, forms of answers and errors @ {API}; constants.py
-        stated configuration: hand 2, host 1; eight bytes a frame under the receiver's number; 250, 500 kbit/s, 1 Mbit/s
-            @ {SDK} examples/simple_control, src/ohand/interface/can
-        assumed configuration: settings are stored without effect, and forgotten but for the number; absolute positions
-            are the same as others; usage, UID, battery, calibration data and custom commands are unknown
-        assumed timing: 100 conversions a second; a full stroke takes 1 s; answers at once
+        stated configuration: the commands, and the formats of answers and errors @ {API}; constants.py
+        stated configuration: the hand is number 2, the host 1; frames of eight bytes have the receiver's number as id;
+            250 kbit/s, 500 kbit/s or 1 Mbit/s @ {SDK} examples/simple_control, src/ohand/interface/can
+        assumed configuration: settings are stored without effect, and all but the number are lost at power-off;
+            absolute positions are treated like others; usage, UID, battery, calibration data and custom commands are
+            unknown
+        assumed timing: 100 conversions a second; a full stroke takes 1 s; the hand answers at once
     """, looked=f"all of {SDK}")  # fmt: skip
 
     def __init__(

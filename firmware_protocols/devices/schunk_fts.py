@@ -76,20 +76,21 @@ class SchunkFts(Device):
     judge = VENDOR
     origin = f"{LIBRARY}/driver.py, utility.py:268-284"
     facts = fact_table(f"""
-        stated touch: six float32, low byte first, behind id and status @ {LIBRARY}/utility.py:83-99
+        stated touch: six float32, low byte first, after id and status @ {LIBRARY}/utility.py:83-99
         stated touch: N and Nm @ {VENDOR} schunk_fts_library/README.md:32-37
-        stated touch: bits of the status @ {LIBRARY}/driver.py:36-56
-        assumed touch: the id is 1, as in the vendor's tests (its dummy counts); the counter goes on while no reading is
-            sent; {RANGE[0]:g} N and {RANGE[3]:g} Nm; touched at `tool`, z out of the tool side @ {ALL}
-        stated identity: name in 0001/00, FTS or KMS; product id in 0001/03 @ {LIBRARY}/driver.py:123-137;
-            {LIBRARY}/tests/test_parameters.py:24-29
-        assumed identity: four bytes of the product id @ {ALL}
+        stated touch: the bits of the status @ {LIBRARY}/driver.py:36-56
+        assumed touch: the id is 1, as in the vendor's tests (in its dummy sensor the id counts); the counter advances
+            while no reading is sent; the ranges are {RANGE[0]:g} N and {RANGE[3]:g} Nm; the tool is touched at the
+            point `tool`, z points out of the tool side @ {ALL}
+        stated identity: parameter 0001/00 is the name, FTS or KMS; 0001/03 is the product id @
+            {LIBRARY}/driver.py:123-137; {LIBRARY}/tests/test_parameters.py:24-29
+        assumed identity: the four bytes of the product id @ {ALL}
         stated configuration: commands and errors @ {DUMMY}/sensor.rs:16; {VENDOR} schunk_fts_driver/
             schunk_fts_driver/driver.py:44-71; {LIBRARY}/driver.py:208-273
-        stated configuration: parameters are not for every user @ {LIBRARY}/tests/test_parameters.py:40
-        stated configuration: counter of the answers, by connection @ {DUMMY}/tcp.rs:13, 50
-        assumed configuration: 0040 and 0050 are 00; zero and filter are forgotten at power-off; readings end with their
-            connection @ {ALL}
+        stated configuration: not every user may read or write every parameter @ {LIBRARY}/tests/test_parameters.py:40
+        stated configuration: each connection has its own counter of answers @ {DUMMY}/tcp.rs:13, 50
+        assumed configuration: parameters 0040 and 0050 are 00; zero and filter are lost at power-off; readings stop
+            when their connection closes @ {ALL}
         stated timing: ports 82 and 54843 @ {LIBRARY}/driver.py:75-77
         stated timing: 1000 readings a second @ {VENDOR} README.md:24
         assumed timing: a restart takes 0.1 s; the vendor's test waits 5 s @ {ALL}

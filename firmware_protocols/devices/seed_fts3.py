@@ -67,26 +67,27 @@ class SeedFts3(Device):
     )
     documented_with = ("sensors", "counts_per_newton")
     facts = fact_table("""
-        stated touch: whole numbers in mN, up to 3 kg; counts by a command that is not in the model @
+        stated touch: values are whole numbers in mN, up to 3 kg; a command that is not modelled switches to counts @
             kb.seedrobotics.com fts3_pressuresensor; ros_fts README.md:63
-        assumed touch: -32767..32767; z counts a push as positive, x and y act on the skin; fingertips 20 mm apart @
-            kb.seedrobotics.com, SensorTools, ros2_sensor_pkg, ros_fts, all files
-        assumed identity: the version, and that nothing else stands behind #OK @ read_publish_sensor_node.py:213,
+        assumed touch: values are -32767..32767; a push makes z positive, x and y are forces on the skin; fingertips are
+            20 mm apart @ kb.seedrobotics.com, SensorTools, ros2_sensor_pkg, ros_fts, all files
+        assumed identity: the version, and that nothing else follows #OK @ read_publish_sensor_node.py:213,
             SensorTool.py, which look at #OK alone
-        stated configuration: five sensors in each line; empty: a missing sensor, x and y of one with z alone @
-            SensorTools README.md (Data Format), read_publish_sensor_node.py:150-180
-        stated configuration: enabletime, disabletime, calibrate, setepoch, setperiod @ SensorTools README.md
+        stated configuration: each line has five sensors; the fields of a missing sensor are empty, and so are x and y
+            of a sensor that measures z only @ SensorTools README.md (Data Format), read_publish_sensor_node.py:150-180
+        stated configuration: the commands enabletime, disabletime, calibrate, setepoch and setperiod @ SensorTools
+            README.md
         stated configuration: seconds of setepoch and milliseconds of setperiod may have a fraction @ SensorTool.py:98,
             read_publish_sensor_node.py:138-140
         stated configuration: 0403:6010, the second port @ SensorTool.py:26-50
-        assumed configuration: 100 ms of silence end a command; no answer to an unknown one; fractions are cut off @
-            SensorTool.py (waits 0.3 s), read_publish_sensor_node.py; README's example 1781003060, 0
+        assumed configuration: a silence of 100 ms ends a command; an unknown command gets no answer; fractions are
+            truncated @ SensorTool.py (waits 0.3 s), read_publish_sensor_node.py; README's example 1781003060, 0
         assumed configuration: dumpsensors and dumponboard write nothing, so that resume has nothing to do @
             read_publish_sensor_node.py:117-126, which logs what comes; README.md, kb.seedrobotics.com
-        stated timing: lines from power-up, 50 a second, at 1 Mbaud @ kb.seedrobotics.com fts3_pressuresensor
+        stated timing: 50 lines a second from power-up on, at 1 Mbaud @ kb.seedrobotics.com fts3_pressuresensor
         stated timing: at most 50 lines a second @ read_publish_sensor_node.py:141-146, ros_fts README.md:86
-        assumed timing: after power-up with the time, from 0; less than 20 ms is 20 ms @ SensorTool.py and
-            read_publish_sensor_node.py, which set or take both
+        assumed timing: after power-up lines have the time, from 0 on; periods below 20 ms count as 20 ms @
+            SensorTool.py and read_publish_sensor_node.py, which set or take both
     """)
 
     def __init__(

@@ -156,19 +156,22 @@ class SenselMorph(Device):
         origin=origin,
     )
     facts = fact_table(f"""
-        stated touch: a contact is number, state, x, y, force, area; scales are 2 to the power of a register
-            @ {API} sensel-lib/src/sensel_protocol.h; sensel.c:186-251
-        assumed touch: 105 rows of 185 cells on 230 x 130 mm, x to the right, y down; 1/256 mm, 1/8 g, cells @ {ALL}
-        assumed touch: cells that touch by a side are one contact, from the least force on; one that shares a cell with
-            an earlier one goes on; the end has the last values @ {ALL}
-        assumed touch: three int16 for gravity, 16384 per g, of which the driver knows no scale @ {ALL}
-        stated identity: S3NS31 at 00; serial number of 13 characters @ {API} sensel-lib/src/sensel_serial_linux.c:387
+        stated touch: a contact has number, state, x, y, force and area; its scales are 2 to the power of a register @
+            {API} sensel-lib/src/sensel_protocol.h; sensel.c:186-251
+        assumed touch: 105 rows of 185 cells on 230 x 130 mm; x points right, y down; positions are in 1/256 mm, forces
+            in 1/8 g, areas in cells @ {ALL}
+        assumed touch: cells above the least force that share a side form one contact; a contact that shares a cell with
+            an earlier one continues it; the end of a contact repeats its last values @ {ALL}
+        assumed touch: acceleration is three int16, 16384 counts per g (the driver gives no scale) @ {ALL}
+        stated identity: register 00 reads S3NS31; the serial number has 13 characters @ {API}
+            sensel-lib/src/sensel_serial_linux.c:387
         assumed identity: firmware 0.19.298, device 1; the serial number @ {ALL}
-        stated configuration: registers, their sizes; four answers @ {API} sensel-lib/src/sensel_register_map.h
-        assumed configuration: defaults of the registers; 24 LEDs of a byte, 100 at most; 16 contacts @ {ALL}
-        assumed configuration: a wrong sum, another register or a value out of range gets no answer; half
-            a request is discarded after 100 ms @ {ALL}
-        assumed timing: 125 scans a second, or what register 20 says @ {ALL}
+        stated configuration: the registers and their sizes; four kinds of answers @ {API}
+            sensel-lib/src/sensel_register_map.h
+        assumed configuration: the defaults of the registers; 24 LEDs of one byte each, 100 at most; 16 contacts @ {ALL}
+        assumed configuration: a wrong sum, an unknown register or a value out of range gets no answer; an incomplete
+            request is discarded after 100 ms @ {ALL}
+        assumed timing: 125 scans a second, or the rate in register 20 @ {ALL}
     """)
 
     def __init__(self):

@@ -50,13 +50,15 @@ class SensingTexMat(Device):
     sources = (f"{READER} Software/Mat.py",)
     judge = READER
     facts = fact_table(f"""
-        stated touch: columns and rows from 0; values high byte first @ {READER} Software/Mat.py:33-64
-        measured touch: values of 60 and more, but for a 1 in places; 1205 at most under hands; some 200 of 2304 points
-            @ {READER} Software/Results (17 maps)
-        assumed touch: 0 to 4095, 300 per N; cells of 10 mm, row 0 towards +y, column 0 towards -x @ {READER}, all files
-        stated configuration: 115200 baud, R asks @ {READER} Software/Mat.py:21-31
-        assumed configuration: the byte behind N and the two behind the number, which readers skip, are LF
-            @ {READER}, {OTHERS}
+        stated touch: columns and rows are numbered from 0; values are sent high byte first @ {READER}
+            Software/Mat.py:33-64
+        measured touch: the recordings have values of 60 and more, and a few of 1; at most 1205 under hands; about 200
+            of 2304 points @ {READER} Software/Results (17 maps)
+        assumed touch: values are 0 to 4095, with 300 counts per N; cells are 10 mm wide, with row 0 towards +y and
+            column 0 towards -x @ {READER}, all files
+        stated configuration: 115200 baud; R requests a map @ {READER} Software/Mat.py:21-31
+        assumed configuration: the byte after N and the two bytes after the number, which readers skip, are LF @
+            {READER}, {OTHERS}
         assumed timing: 50 maps a second @ {READER}, {OTHERS}
     """)
 

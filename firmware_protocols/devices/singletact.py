@@ -155,29 +155,32 @@ class SingleTact(Device):
     judge = f"{PYTHON}, {ROS2}, i2cdriver 1.0.6"
     documented_with = None
     facts = fact_table(f"""
-        stated touch: 255 is no force, high byte first @ {PI}:303-305
+        stated touch: a value of 255 means no force; values are sent high byte first @ {PI}:303-305
         stated touch: 512 counts are the full range @ {NET} SingleTact Demo/GUI.cs:241, 281
         stated touch: ranges of 1, 10, 100 or 4.5, 45, 450 N @ {NET} SingleTact Demo/GUI.cs:122-140
-        assumed touch: 10 N; a pad of 8 mm; values end at 0 and 1023 @ {ALL}
-        stated touch: frame index, time, value in the six bytes @ {PI}:303-305
-        stated identity: 2341:8036 is the USB board, another 2341 an Arduino @ {NET} ComPortFinder.cs:42-51
+        assumed touch: the range is 10 N; the pad is 8 mm wide; values saturate at 0 and 1023 @ {ALL}
+        stated touch: the six bytes are frame index, time and value @ {PI}:303-305
+        stated identity: USB ids 2341:8036 are the USB board; other products of vendor 2341 are an Arduino @ {NET}
+            ComPortFinder.cs:42-51
         assumed identity: an Arduino Uno, 2341:0043 @ {ALL}
         stated identity: an answer of the USB board begins with AA @ {NET} ArduinoSingleTactDriver.cs:359-362
-        assumed identity: so do its three other bytes, as one driver wants them @ {ALL}; {ROS2} reads AA AA
-        stated identity: where serial number, firmware and gain are @ {NET} SingleTactSettings.cs:19-34
+        assumed identity: its three other header bytes are as one driver expects them @ {ALL}; {ROS2} reads AA AA
+        stated identity: the addresses of serial number, firmware and gain @ {NET} SingleTactSettings.cs:19-34
         assumed identity: serial number 1, firmware 1, timer and current 0 @ {ALL}
-        stated configuration: settings are in flash, which takes 50 ms @ {NET} ArduinoSingleTactDriver.cs:132
+        stated configuration: settings are in flash; writing it takes 50 ms @ {NET} ArduinoSingleTactDriver.cs:132
         stated configuration: a write of settings tares @ {NET} SingleTact.cs:210-214
-        stated configuration: firmware 2 to 254: a sum as last byte @ {NET} SingleTact.cs:70-82
-        assumed configuration: a wrong sum is answered and not obeyed; the tare is forgotten at power-off @ {ALL}
+        stated configuration: with firmware 2 to 254 the last byte is a sum @ {NET} SingleTact.cs:70-82
+        assumed configuration: a request with a wrong sum is answered but not obeyed; the tare is lost at power-off @
+            {ALL}
         stated configuration: scaling is at least 100 @ {NET} SingleTact Demo/GUI.cs:193-195
-        assumed configuration: values follow the scaling, 100 is 1 @ {ALL}
-        stated configuration: 0 to 191 are valid @ {NET} ArduinoSingleTactDriver.cs:239
-        stated configuration: all answer to 4 @ {NET} SingleTact.cs:217
-        stated configuration: 03 and 04 are answered without data @ {FIRMWARE} SingleTactDemo.ino:317-410
-        stated configuration: another address: the old buffer @ {FIRMWARE} SingleTactDemo.ino:277-302
-        assumed configuration: the USB board does as the Arduino; silence beyond 191 @ {ALL}
-        stated configuration: on I2C, a read without a request begins at 128 @ {PI}:295-300
+        assumed configuration: values are multiplied by the scaling, of which 100 is a factor of 1 @ {ALL}
+        stated configuration: the addresses 0 to 191 are valid @ {NET} ArduinoSingleTactDriver.cs:239
+        stated configuration: every sensor answers to address 4 @ {NET} SingleTact.cs:217
+        stated configuration: commands 03 and 04 are answered without data @ {FIRMWARE} SingleTactDemo.ino:317-410
+        stated configuration: a request to another address is answered with the previous content of the buffer @
+            {FIRMWARE} SingleTactDemo.ino:277-302
+        assumed configuration: the USB board behaves like the Arduino; addresses above 191 get no answer @ {ALL}
+        stated configuration: on I2C, a read without a request begins at location 128 @ {PI}:295-300
         stated configuration: on I2C, a request to read is 01, location, count @ {UNO} SingleTactDemo.ino:57-65
         stated configuration: on I2C, a write is 02, location, count, data, FF @ {UNO} SingleTactAddressChange.ino:52-61
         assumed configuration: on I2C, other writes have no effect; nothing waits for the flash @ {ALL}; {UNO} (whole)
@@ -185,7 +188,7 @@ class SingleTact(Device):
             ArduinoSingleTactDriver.cs:63-67
         stated timing: the clock counts 0.1 ms @ {FIRMWARE} SingleTactDemo.ino:114; {NET} SingleTact.cs:184
         stated timing: a write repeats the time of the last read @ {FIRMWARE} SingleTactDemo.ino:226-266
-        assumed timing: 100 conversions a second, which the iteration counts; reads take no time @ {ALL}
+        assumed timing: 100 conversions a second, which the frame index counts; reads take no time @ {ALL}
     """)
 
     def __init__(

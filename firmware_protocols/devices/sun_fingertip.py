@@ -36,18 +36,18 @@ class SunFingertip(Device):
     documented = command_table("? read  61  ..{50}", origin="marcocostanzo/tactile_sensor_ros@149032e")
     documented_with = None
     facts = fact_table(f"""
-        stated touch: 25 values of 12 bits, low byte first, x * 3.3 / 4096 V; rows, columns: parameters @ {DRIVER}
-            src/read_tactile_serial_node.cpp:115-121
-        assumed touch: row by row from the upper left, pitch 3.5 mm; high bits 0, which the driver masks @
-            marcocostanzo/tactile_sensor_ros@149032e, all files (the network of read_wrench_node has no file)
-        assumed touch: 600 counts untouched, 400 counts/N more along each taxel's normal @ remove_bias_node.cpp,
+        stated touch: 25 values of 12 bits, low byte first, of x * 3.3 / 4096 V; the numbers of rows and columns are
+            parameters @ {DRIVER} src/read_tactile_serial_node.cpp:115-121
+        assumed touch: row by row from the upper left, at a pitch of 3.5 mm; the high bits, which the driver masks, are
+            0 @ marcocostanzo/tactile_sensor_ros@149032e, all files (the network of read_wrench_node has no file)
+        assumed touch: 600 counts at rest, and 400 counts/N along each taxel's normal @ remove_bias_node.cpp,
             read_wrench_node.cpp, gen_net_files.m: less a bias, a network does the rest
         stated configuration: 1 000 000 baud for wired fingers; 500 000 without a parameter @ README.md (Run), {DRIVER}
             launch/tactile_serial.launch:5, read_tactile_serial_node.cpp:61
-        assumed configuration: letters but a are not answered; no version, no serial number @
+        assumed configuration: letters other than a get no answer; there is no version and no serial number @
             read_tactile_serial_node.cpp, which sends a alone
-        stated timing: 500 frames a second is full speed @ README.md (Setup)
-        assumed timing: 500 conversions a second; a frame is what was converted last @ README.md, all of src
+        stated timing: 500 frames a second is the full speed @ README.md (Setup)
+        assumed timing: 500 conversions a second; a frame has the latest one @ README.md, all of src
     """)
 
     def __init__(

@@ -61,16 +61,19 @@ class SunriseM8128(Device):
     origin = f"{READER} README.md; {PYFORCE} pyforce/sensor.py"
     documented_with = ("tool",)
     facts = fact_table(f"""
-        stated touch: float32, low byte first, behind a number from 0, high byte first; sum of the data @ {DOCUMENT}
-        measured touch: two frames with right sums @ {CPP}:36-46; a comment of another driver on a serial line
+        stated touch: float32 values, low byte first, after a frame number that counts from 0, high byte first; a sum
+            over the data @ {DOCUMENT}
+        measured touch: the sums of two captured frames are right @ {CPP}:36-46; a comment of another driver on a serial
+            line
         stated touch: force, then torque @ {READER} Single_SRI_sensor.py:71-77
-        assumed touch: N and Nm, of format E; {RANGE[0]:g} N, {RANGE[3]:g} Nm; touched at `tool`, z out of it @ {ALL}
+        assumed touch: units are N and Nm in format E; the ranges are {RANGE[0]:g} N and {RANGE[3]:g} Nm; the tool is
+            touched at the point `tool`, z points out of it @ {ALL}
         stated identity: 192.168.0.108, port 4008 @ {READER} README.md
-        stated configuration: the form of the answers @ {READER} README.md; {DOCUMENT}
-        assumed configuration: $ERROR; one format, one check; the matrix is kept without effect; all but the rate is
-            forgotten at power-off; a stop is answered @ {ALL}
-        stated timing: SMPF is the rate of the frames @ {DOCUMENT}
-        assumed timing: SMPR is, too; 100 Hz at first, {MAX_HZ} at most @ {ALL}
+        stated configuration: the format of the answers @ {READER} README.md; {DOCUMENT}
+        assumed configuration: the text $ERROR; only one data format and one checksum; the matrix is stored without
+            effect; all settings but the rate are lost at power-off; a stop is answered @ {ALL}
+        stated timing: SMPF sets the rate of the frames @ {DOCUMENT}
+        assumed timing: SMPR sets it, too; it is 100 Hz after the first power-up and at most {MAX_HZ} Hz @ {ALL}
     """)
 
     def __init__(self, *, tool: Tool = (0.02, 0.01, 0.05)):

@@ -88,19 +88,20 @@ class Synria60(Device):
     )
     documented_with = ("counts_per_newton", "model", "firmware")
     facts = fact_table(f"""
-        stated touch: ADC values of 12 bits (or 16, as the firmware is); mN end at 65535 @ {_README} l.999
-        stated touch: one module's ADC reads 559 at 100 mN, 2284 at 1000 mN of a point @ {_README} l.975
-        assumed touch: the ADC is linear, mN are exact @ {_READ}
-        stated touch: a point has 25 mm2, 60 of them @ {_README} l.455, l.742
-        assumed touch: 6 x 10 points at 5 mm, normal +z, row by row @ {_READ}
-        stated identity: texts @ tactile-pressure-sdk 2.0.0 tactile_sdk/models.py:25
+        stated touch: ADC values have 12 bits (or 16, depending on the firmware); values in mN saturate at 65535 @
+            {_README} l.999
+        stated touch: the ADC of one module reads 559 at 100 mN and 2284 at 1000 mN on a point @ {_README} l.975
+        assumed touch: the ADC is linear, values in mN are exact @ {_READ}
+        stated touch: there are 60 points of 25 mm2 @ {_README} l.455, l.742
+        assumed touch: 6 x 10 points at a pitch of 5 mm, row by row, with normal +z @ {_READ}
+        stated identity: the texts of model and versions @ tactile-pressure-sdk 2.0.0 tactile_sdk/models.py:25
         stated configuration: 4 000 000 8N1, unit 1; registers 17 and 18 are write-only @ {_README} l.743, l.991
-        stated configuration: 2 in register 18 brings back the zero of power-up @ {_README} l.948
-        assumed configuration: defaults of all registers but 15 and 16; what is written is kept without power, the zero
-            is not @ {_READ}
-        assumed configuration: values that are pushed (register 11) have an undocumented form: they are not sent;
-            calibration is stored, without effect @ {_READ}
-        stated timing: a host reads it 1480 times a second at most @ {_README} l.1000
+        stated configuration: writing 2 to register 18 restores the zero of power-up @ {_README} l.948
+        assumed configuration: the defaults of all registers except 15 and 16; written values survive power-off, the
+            zero does not @ {_READ}
+        assumed configuration: values that the module pushes by itself (register 11) have an undocumented format and are
+            not sent; calibration is stored without effect @ {_READ}
+        stated timing: a host can read it at most 1480 times a second @ {_README} l.1000
         assumed timing: 200 conversions a second, answers at once @ {_READ}
     """)
 

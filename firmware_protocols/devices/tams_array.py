@@ -43,21 +43,23 @@ class TamsArray(Device):
     sources = (READER, f"{REPOSITORY} config/params.yaml", f"{REPOSITORY} config/params_diana.yaml")
     judge = REPOSITORY
     facts = fact_table(f"""
-        stated touch: 36 values of 10 bits, the high bit first @ {READER}:60-63
-        stated touch: drawn as an image of 6 rows, one after the other, the first at the top
-            @ {REPOSITORY} scripts/tactile_visualizer.py:34-42
-        stated touch: a push lowers the values: 1024 less the value is its strength
-            @ {REPOSITORY} scripts/evaluation/extract_csv.py:19
-        stated touch: drawn 3.8 mm apart @ {REPOSITORY} scripts/visualize_markers.py:100-103
-        assumed touch: 1023 at rest; 100 counts/N; linear; the image as seen from outside @ {REPOSITORY}, all files
+        stated touch: 36 values of 10 bits, highest bit first @ {READER}:60-63
+        stated touch: the reader draws them as an image of 6 rows, one after the other, the first at the top @
+            {REPOSITORY} scripts/tactile_visualizer.py:34-42
+        stated touch: a push lowers the values: its strength is 1024 minus the value @ {REPOSITORY}
+            scripts/evaluation/extract_csv.py:19
+        stated touch: the reader draws taxels 3.8 mm apart @ {REPOSITORY} scripts/visualize_markers.py:100-103
+        assumed touch: 1023 at rest, 100 counts/N, linear; the image is seen from outside @ {REPOSITORY}, all files
         stated configuration: 115200 baud @ {REPOSITORY} config/params_diana.yaml:5
-        stated configuration: a frame is the number of its sensor, the values and one byte more @ {READER}:38-58, 85
-        stated configuration: 00 ends a frame @ {READER}:66-73
-        stated configuration: sensors 1 and 2 @ {REPOSITORY} config/params_diana.yaml:8-18
+        stated configuration: a frame has the number of its sensor, the values and one more byte @ {READER}:38-58, 85
+        stated configuration: a byte 00 ends a frame @ {READER}:66-73
+        stated configuration: the sensors have the numbers 1 and 2 @ {REPOSITORY} config/params_diana.yaml:8-18
         stated configuration: sensor 1 on the middle finger, 2 and 3 on the others
             @ {REPOSITORY} config/params.yaml:9-24
-        assumed configuration: fingers 1 and 2 are the links index and ring; where they are @ {REPOSITORY}, all files
-        assumed timing: 50 cycles a second from power-up, one frame right behind the other @ {REPOSITORY}, all files
+        assumed configuration: sensors 1 and 2 are on the links index and ring; the places of these links @
+            {REPOSITORY}, all files
+        assumed timing: 50 cycles a second from power-up on; frames follow one another without a gap @ {REPOSITORY}, all
+            files
     """)
 
     def __init__(

@@ -94,20 +94,22 @@ class TesolloDg(Device):
     origin = f"{CPP}, request written out; README.md"
     documented_with = ("counts_per_newton",)
     facts = fact_table(f"""
-        stated touch: 0.1 N and 1 mNm; 15 bytes or 18 words a finger @ {LIBRARY} README.md:100-109
-        stated touch: axes that are not connected stay in the record @ {HPP}:71-74
-        stated touch: high byte first; all fingers are sent, whatever the mask says @ {CPP}:125-127, 526-563
-        stated touch: cells row by row, in 5 or 6 rows of 3 @ {NODE}:716-736
-        assumed touch: row 0 towards the tip; cells 3 mm apart; 50 counts/N; places of the fingertips;
-            touched 12 mm above and 3 mm beside the origin of their sensor, z out of the pad @ {ALL}
-        stated identity: model, firmware, sensor, mask @ {CPP}:346-353
-        stated identity: numbers of models and sensors; motors, fingers @ {HPP}:44-75; {CPP}:47-102
+        stated touch: units are 0.1 N and 1 mNm; a finger has 15 bytes or 18 words @ {LIBRARY} README.md:100-109
+        stated touch: axes that are not connected still have a place in the record @ {HPP}:71-74
+        stated touch: values are sent high byte first; all fingers are sent, whatever the mask @ {CPP}:125-127, 526-563
+        stated touch: cells are sent row by row, in 5 or 6 rows of 3 @ {NODE}:716-736
+        assumed touch: row 0 is towards the tip; cells are 3 mm apart, with 50 counts/N; the places of the fingertips,
+            which are touched 12 mm above and 3 mm beside the origin of their sensor; z points out of the pad @ {ALL}
+        stated identity: the model, the firmware, the kind of sensor, and the mask @ {CPP}:346-353
+        stated identity: the numbers of models and kinds of sensors, and their motors and fingers @ {HPP}:44-75;
+            {CPP}:47-102
         assumed identity: firmware 1.0 @ {ALL}
-        stated configuration: duty -100 % to 100 % in 0.1 %, motors from 1 @ {NODE}:794-795; {CPP}:585-598
-        stated configuration: 0B is for force-torque sensors @ {CPP}:630-641
-        assumed configuration: a motor turns at {FULL_SPEED_DEG_PER_S:g} deg/s by full duty between -90 and 90 deg, with
-            1 mA by 0.1 %, at 25.0 deg C; outputs read back, the input is 0; parts that are not requested, and codes
-            that are unknown, take no bytes; packets of other lengths get no answer @ {ALL}
+        stated configuration: a duty is -100 % to 100 % in steps of 0.1 %; motors are numbered from 1 @ {NODE}:794-795;
+            {CPP}:585-598
+        stated configuration: code 0B is for force-torque sensors only @ {CPP}:630-641
+        assumed configuration: a motor turns at {FULL_SPEED_DEG_PER_S:g} deg/s at full duty, between -90 and 90 deg,
+            draws 1 mA per 0.1 % and stays at 25.0 deg C; outputs can be read back, the input is 0; parts that are not
+            requested, and unknown codes, take no bytes; packets of other lengths get no answer @ {ALL}
         stated timing: TCP port 502 @ {NODE}:90; the driver waits 3000 ms for 08 and 500 ms for 01 @ {CPP}:334, 419
         assumed timing: 500 conversions a second @ {ALL}
     """)

@@ -108,24 +108,24 @@ class UnitreeDex3(Device):
     )
     documented_with = None
     facts = fact_table("""
-        stated touch: 100000 and more is a value, 30000 none; nine pads of twelve @ vendor page 'Dexterous Hand';
-            unitree_sdk2@21d0a3b g1_dex3_example.cpp:42
-        assumed touch: which slots have a cell (one user's notes; options): the vendor has it in a picture @
-            unitree_sdk2, unitree_sdk2_python, all files; vendor page, its text
-        assumed touch: pads side by side, 25 mm apart, each of 4 rows of 3 slots, 5 mm apart (one user: 3 of 4) @ as
-            above
-        assumed touch: 10000 per N from 100000 at rest, up to 400000 @ as above: 10 g to 2500 g, no law
-        stated identity: only its topics contain left or right @ g1_dex3_example.cpp:35-37
-        stated configuration: status 0 locks, 1 is on; timeout 1: it stops after 1 s without an order @ vendor page
-            'Dexterous Hand' (RIS_Mode_t); g1_dex3_example.cpp:45-49
-        stated configuration: stops of each motor @ g1_dex3_example.cpp:26-29
-        stated configuration: orders that stop have q 0 and no stiffness @ g1_dex3_example.cpp:179-203
-        assumed configuration: one time constant of 0.1 s, for any kp and kd; dq and tau are ignored; a motor's state
-            has the mode of its order; other numbers of motors than 7 are ignored @ unitree_sdk2, unitree_sdk2_python,
-            all files
-        assumed configuration: no volts, amperes, torques; all temperatures 25; the IMU is level and at rest; nothing
-            lost, no errors @ as above
-        assumed timing: 250 states a second, every 25th also as the slower copy @ as above, and the vendor page
+        stated touch: 100000 and more is a value, 30000 means no cell; nine pads of twelve slots @ vendor page
+            'Dexterous Hand'; unitree_sdk2@21d0a3b g1_dex3_example.cpp:42
+        assumed touch: which slots have a cell (by one user's notes; an option changes it): the vendor shows it in a
+            picture only @ unitree_sdk2, unitree_sdk2_python, all files; vendor page, its text
+        assumed touch: pads lie side by side, 25 mm apart; each has 4 rows of 3 slots, 5 mm apart (according to one user
+            3 rows of 4) @ as above
+        assumed touch: 100000 at rest, 10000 counts per N, at most 400000 @ as above: 10 g to 2500 g, no law
+        stated identity: only the names of its topics contain left or right @ g1_dex3_example.cpp:35-37
+        stated configuration: status 0 locks a motor, 1 switches it on; timeout 1: the motor stops after 1 s without a
+            command @ vendor page 'Dexterous Hand' (RIS_Mode_t); g1_dex3_example.cpp:45-49
+        stated configuration: the stops of each motor @ g1_dex3_example.cpp:26-29
+        stated configuration: commands that stop a motor have q 0 and no stiffness @ g1_dex3_example.cpp:179-203
+        assumed configuration: motors have a time constant of 0.1 s for any kp and kd; dq and tau are ignored; a motor's
+            state repeats the mode of its command; commands for a number of motors other than 7 are ignored @
+            unitree_sdk2, unitree_sdk2_python, all files
+        assumed configuration: voltages, currents and torques are 0, all temperatures 25 deg C; the IMU is level and at
+            rest; no packet is lost, and there are no errors @ as above
+        assumed timing: 250 states a second; every 25th is also sent on the slower topic @ as above, and the vendor page
     """)
 
     def __init__(

@@ -182,30 +182,35 @@ class WeissDsacon32m(Device):
     )
     documented_with = None
     facts = fact_table(f"""
-        stated touch: texels row by row, matrix by matrix @ {SDH}dsa.cpp:488, 973
-        stated touch: matrix = 2 finger + part, proximal before distal @ {SDH}dsa.h:644
-        measured touch: 14 x 6 and 13 x 6 texels of 3.4 mm in turn @ {RECORDINGS}
+        stated touch: texels are sent row by row, matrix by matrix @ {SDH}dsa.cpp:488, 973
+        stated touch: the number of a matrix is 2 x finger + part; the proximal part comes before the distal one @
+            {SDH}dsa.h:644
+        measured touch: matrices have 14 x 6 and 13 x 6 texels of 3.4 mm, alternately @ {RECORDINGS}
         measured touch: a texel below the threshold reads 0 @ {RECORDINGS}
         measured touch: counts follow the sensitivity linearly from 0.1 to 1 @ {RECORDINGS}
-        measured touch: the corners of a 13 x 6 do not exist and read 0; here they are texels @ {RECORDINGS}
-        assumed touch: 1000 counts/N at the factory's sensitivity; full scale 4095; flat, 40 mm apart @ {BOTH}
-        stated identity: 18 bytes of the host's 19 answer 01 @ {SDH}dsa.cpp:319-324
-        stated identity: software is a release, such as 268 or 288 @ {SDH}dsa.cpp:424, 908, 936
-        stated identity: firmware 2.9.0.0 has sound single frames: release 290 here @ {SDH}dsa.h:536-539
-        assumed identity: serial number 1001, hardware 1, everything else in the answers 0 @ {BOTH}
-        stated configuration: one frame with rate 0; any other rate: 30 a second @ {SDH}dsa.h:521-524
-        stated configuration: up to 288, but for 269, it streams instead @ {SDH}dsa.cpp:424
-        stated configuration: layouts of 0F and 13, their flags @ {SDH}dsa.cpp:845-867, 912-923
-        stated configuration: what is kept gets no answer @ {SDH}dsa.cpp:870, 925
-        stated configuration: factory's sensitivity 0.5; the user may change it @ {SDH}dsa.h:209, 570
+        measured touch: the corners of a 13 x 6 matrix do not exist and read 0; in the model they are texels @
+            {RECORDINGS}
+        assumed touch: 1000 counts/N at the sensitivity set by the factory; the full scale is 4095; matrices lie in one
+            plane, 40 mm apart @ {BOTH}
+        stated identity: the answer to 01 has 18 of the 19 bytes that the host's structure has @ {SDH}dsa.cpp:319-324
+        stated identity: the software version is a release number, such as 268 or 288 @ {SDH}dsa.cpp:424, 908, 936
+        stated identity: single frames work from firmware 2.9.0.0 on: the model has release 290 @ {SDH}dsa.h:536-539
+        assumed identity: serial number 1001, hardware 1; all other values in the answers are 0 @ {BOTH}
+        stated configuration: rate 0 requests one frame; any other rate gives 30 frames a second @ {SDH}dsa.h:521-524
+        stated configuration: releases up to 288, except 269, stream instead of sending one frame @ {SDH}dsa.cpp:424
+        stated configuration: the layouts of 0F and 13, and their flags @ {SDH}dsa.cpp:845-867, 912-923
+        stated configuration: commands whose settings are saved get no answer @ {SDH}dsa.cpp:870, 925
+        stated configuration: the sensitivity set by the factory is 0.5; the user may change it @ {SDH}dsa.h:209, 570
         stated configuration: error codes @ {SDH}dsa.h:120-147
-        assumed configuration: the meaning of each error; factory's threshold 0; bad CRCs get no answer @ {BOTH}
+        assumed configuration: the meaning of each error; the threshold set by the factory is 0; a request with a wrong
+            CRC gets no answer @ {BOTH}
         assumed configuration: bit 0 of a frame's flags is that of the request @ {BOTH}
         stated timing: 115200 baud @ {SDH}dsa.cpp:617
-        stated timing: mute for 8 s, 1B 5B 35 6E three times in 0.82 s @ {SDH}dsa.cpp:681-684
-        assumed timing: the three come at once, when it begins to answer @ {BOTH}
-        measured timing: a frame each 32 ms @ {RECORDINGS}
-        assumed timing: it scans 30 times a second all the time; one frame is that of the next scan @ {BOTH}
+        stated timing: after power-up it does not answer for 8 s, and sends 1B 5B 35 6E three times within 0.82 s @
+            {SDH}dsa.cpp:681-684
+        assumed timing: in the model the three come at once, when it begins to answer @ {BOTH}
+        measured timing: a frame every 32 ms @ {RECORDINGS}
+        assumed timing: it always scans 30 times a second; a single frame is that of the next scan @ {BOTH}
     """)
 
     def __init__(

@@ -109,24 +109,25 @@ class WeissWts(Device):
     documented_with = ("values", "counts_per_newton")
     facts = fact_table(f"""
         stated touch: words of several bytes are sent low byte first @ {MANUAL}, page 4
-        stated touch: values low byte first from byte 5 of a frame @ {CPP} src/wts_driver.cpp:349
-        stated touch: wts-ft reads 16 times as much, high byte first @ {PYTHON} wts_ft_interface.py:106
-        stated touch: 8 rows of 4, row by row @ {PYTHON} wts_ft_interface.py:62-63, 104-106
-        assumed touch: texels of 3.4 mm; 14 rows of 6 by default; 1000 counts/N; full scale 4095 @ {BOTH}
+        stated touch: values begin at byte 5 of a frame, low byte first @ {CPP} src/wts_driver.cpp:349
+        stated touch: wts-ft reads them high byte first, which gives 16 times the value @ {PYTHON}
+            wts_ft_interface.py:106
+        stated touch: 8 rows of 4 texels, row by row @ {PYTHON} wts_ft_interface.py:62-63, 104-106
+        assumed touch: texels are 3.4 mm wide; 14 rows of 6 by default; 1000 counts/N; the full scale is 4095 @ {BOTH}
         assumed touch: no frame is compressed, whatever the flags @ {BOTH}
-        stated identity: tag and type are text behind the status @ {CPP} src/wts_driver.cpp:410, 415
-        stated identity: layout of the system information @ {CPP} src/common.cpp:115-136
+        stated identity: tag and type are text after the status @ {CPP} src/wts_driver.cpp:410, 415
+        stated identity: the layout of the system information @ {CPP} src/common.cpp:115-136
         stated identity: a type has 14 characters @ {PYTHON} wts_ft_interface.py:85
         assumed identity: the texts; hardware 1, firmware 1.0.0, serial number 1 @ {BOTH}
-        stated configuration: status 0 to 30; 12 to 14 among them @ {CPP} include/wts_driver/common.hpp:45-76
-        stated configuration: 34 takes two bytes, 36 one @ {PYTHON} wts_ft_interface.py:54, 60
-        assumed configuration: a threshold makes less than itself 0; a gain is kept without effect @ {BOTH}
-        assumed configuration: wrong CRCs get no answer; the tag alone survives power-off @ {BOTH}
+        stated configuration: status codes are 0 to 30, including 12 to 14 @ {CPP} include/wts_driver/common.hpp:45-76
+        stated configuration: command 34 takes two bytes, 36 one @ {PYTHON} wts_ft_interface.py:54, 60
+        assumed configuration: values below the threshold read 0; a gain is stored without effect @ {BOTH}
+        assumed configuration: a request with a wrong CRC gets no answer; only the tag survives power-off @ {BOTH}
         stated timing: a UART, or a virtual COM port on USB @ {MANUAL}, page 4
         stated timing: /dev/ttyACM0 at 115200 @ {CPP} src/main.cpp:9; launch/wts_one_sensor.launch:2; {PYTHON}
             wts_ft_interface.py:52-53
-        stated timing: time of a frame in ms @ {CPP} src/wts_driver.cpp:333-336
-        assumed timing: a scan every 10 ms, and as often as frames are pushed @ {BOTH}
+        stated timing: the time of a frame is in ms @ {CPP} src/wts_driver.cpp:333-336
+        assumed timing: a scan every 10 ms, or as often as frames are pushed @ {BOTH}
     """)
 
     def __init__(

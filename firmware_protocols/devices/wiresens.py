@@ -54,18 +54,19 @@ class Wiresens(Device):
     sources = (f"{CPP} (the board's firmware)", f"{PYTHON} GenericReceiver.py, Sensor.py, utils.py")
     judge = PYTHON
     facts = fact_table(f"""
-        stated touch: row by row: y is the ground wire, x the read wire @ {CPP}:566-640
-        stated touch: the rest of a scan is at the head of the next packet @ {CPP}:566-640; {PYTHON} Sensor.py:86-104
-        stated touch: a push lowers the value, 0 is saturated @ {CPP}:509-522
-        stated touch: 2.5 V is no push, 3.3 V are 4096 @ {CPP}:523-530
+        stated touch: values are sent row by row; y is the ground wire, x the read wire @ {CPP}:566-640
+        stated touch: the remainder of a scan is at the start of the next packet @ {CPP}:566-640; {PYTHON}
+            Sensor.py:86-104
+        stated touch: a push lowers the value; 0 is saturation @ {CPP}:509-522
+        stated touch: 2.5 V is the value without a push, 3.3 V are 4096 counts @ {CPP}:523-530
         assumed touch: 16 x 16 taxels, 5 mm apart; a push of 1 N halves the value, linearly @ {BOTH}
         stated identity: sensor id 1 as shipped @ {PYTHON} WiSensConfigClean.json, WiSensConfig.json
-        stated configuration: JSON on a line sets id and values in a packet @ {CPP}:98-131
-        stated configuration: the host sends it without an end of line @ {PYTHON} utils.py:69
-        stated configuration: the board's text before it @ {CPP}:78-117, 282
-        stated configuration: 120 values as shipped @ {PYTHON} WiSensConfigClean.json
-        assumed configuration: 64 values by default, which fill 16 x 16 @ {BOTH}
-        assumed configuration: a matrix of another size is refused; intermittent sending is not there @ {BOTH}
+        stated configuration: a line of JSON sets the id and the number of values in a packet @ {CPP}:98-131
+        stated configuration: the host sends this line without an end of line @ {PYTHON} utils.py:69
+        stated configuration: the text that the board prints first @ {CPP}:78-117, 282
+        stated configuration: 120 values in a packet as shipped @ {PYTHON} WiSensConfigClean.json
+        assumed configuration: 64 values by default, so that whole packets fill 16 x 16 @ {BOTH}
+        assumed configuration: a matrix of another size is refused; intermittent sending is not modelled @ {BOTH}
         stated timing: 250000 baud @ {FIRMWARE} README.md; {PYTHON} WiSensConfigClean.json
         stated timing: packets are numbered from 0 @ {FIRMWARE} src/WiSensToolkit.h:559
         assumed timing: 30 scans a second @ {BOTH}

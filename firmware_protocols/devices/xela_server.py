@@ -59,22 +59,22 @@ class XelaServer(Device):
     )
     judge = "mcsix/xela_server_ros2@3a890cf, penn-figueroa-lab/xela_setup@34d1dc1, websocket-client 1.9.2"
     facts = fact_table("""
-        stated touch: X,Y,Z of each taxel, from the top left, line by line; whole numbers 0..65535 @
+        stated touch: X, Y, Z of each taxel, from the top left, line by line, as whole numbers 0..65535 @
             mcsix/xela_server_ros2@3a890cf readme.md (Components), msg/Taxel.msg
         stated touch: forces X and Y have a sign for the direction; Z, a normal pressure, has none: a push is positive
             (one figure of an example is negative) @ xela_server_ros2 readme.md; xela_setup README.md
-        assumed touch: raw counts and gains as of xela_uskin, taxels 4.7 mm apart, sensors 10 mm; N in the taxel's own
-            frame, four decimals @ xela_server_ros2, xela_server_ros, xela_setup, all files
+        assumed touch: raw counts and gains are those of xela_uskin; taxels are 4.7 mm apart, sensors 10 mm; forces are
+            in N in the taxel's own frame, with four decimals @ xela_server_ros2, xela_server_ros, xela_setup, all files
         stated identity: model, position and number of taxels of each sensor, and nothing else @
             xela_server_ros2@3a890cf scripts/xela_service:456-486
-        assumed identity: rows and columns of the models but uSPa44 and uSPa46; curved and other models, extradots and
-            temperatures are left out @ xela_server_ros2, xela_server_ros, xela_setup, all files
-        stated configuration: forces only of sensors that have them, and if enabled in xServ.ini @
+        assumed identity: the rows and columns of all models except uSPa44 and uSPa46; curved models, extra dots and
+            temperatures are not modelled @ xela_server_ros2, xela_server_ros, xela_setup, all files
+        stated configuration: forces are sent only of sensors that have them, and only if xServ.ini enables them @
             xela_server_ros2@3a890cf readme.md (xServStream)
-        assumed configuration: the greeting has no other key; what a client sends changes nothing @
+        assumed configuration: the greeting has no other key; messages from a client have no effect @
             scripts/xela_service:520-545, which looks at its key message alone, and sends nothing
-        stated timing: the time is Unix time, of the server @ xela_server_ros2@3a890cf readme.md (1695690788.83)
-        assumed timing: 100 messages a second, counted from 1, also without a client @ xela_server_ros2,
+        stated timing: the time is the Unix time of the server @ xela_server_ros2@3a890cf readme.md (1695690788.83)
+        assumed timing: 100 messages a second, numbered from 1, even without a client @ xela_server_ros2,
             xela_server_ros, xela_setup, all files (messages 1476 and 5548 are shown)
     """)
 

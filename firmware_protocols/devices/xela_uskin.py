@@ -47,10 +47,10 @@ GAIN_UT_PER_N = (300.0, 300.0, -500.0)
 Board = Annotated[int, Option("number set by the switches of the board", low=1, high=15)]
 _ARQ = "uskin_can_drivers@081807b"
 _ASSUMED = fact_table("""
-    assumed touch: 0.1 uT per count, 300 uT/N in the plane, 500 uT/N along the normal, 24000/24000/21000 counts at rest
-        @ both drivers (maxima by trial: 45000, 25000, 25600; Z at least 18300), xela_models
-    assumed touch: unused bytes 0 @ both drivers, which do not look at them
-    assumed configuration: silent after power-up; whatever else is sent gets silence @ both drivers
+    assumed touch: 0.1 uT per count, 300 uT/N in the plane and 500 uT/N along the normal; 24000, 24000 and 21000 counts
+        at rest @ both drivers (maxima by trial: 45000, 25000, 25600; Z at least 18300), xela_models
+    assumed touch: unused bytes are 0 @ both drivers, which do not look at them
+    assumed configuration: the sensor is silent after power-up; other messages get no answer @ both drivers
     assumed timing: 100 Hz @ both drivers
 """)
 
@@ -80,10 +80,12 @@ class XelaUskin(Device[CanFrame]):
     facts = (
         *_ASSUMED,
         *fact_table("""
-        stated touch: a frame for a taxel, three numbers, high byte first, ids 710 on @ xela_sensor.py:37-52
+        stated touch: each taxel has a frame of three numbers, high byte first, with ids from 710 on @
+            xela_sensor.py:37-52
         stated touch: 4.7 mm from taxel to taxel @ ur-o2as xela_sensor_node.py taxel_area
-        assumed touch: a 4x4 product with ids 'grid' (that generation's known product is 4x6) @ both drivers
-        stated configuration: 07 00 starts @ xela_sensor.py:23
+        assumed touch: the 4x4 product with option ids 'grid' (the known product of that generation is 4x6) @ both
+            drivers
+        stated configuration: 07 00 starts the stream @ xela_sensor.py:23
         """),
     )
 
@@ -140,10 +142,12 @@ class XelaUskin4x6(XelaUskin):
     facts = (
         *_ASSUMED,
         *fact_table(f"""
-        stated touch: ids by row and column, column by column; 135 ends a sample @ {_ARQ} uskinCanDriver.cpp:133-150
+        stated touch: identifiers follow row and column, column by column; 135 ends a sample @ {_ARQ}
+            uskinCanDriver.cpp:133-150
         stated touch: three numbers, high byte first @ {_ARQ} can_communication.cpp convert_16bit_hex_to_dec
-        assumed touch: the pitch of the 4x4 @ {_ARQ}, all files
-        stated configuration: 07 00 starts, 07 01 stops, to 201 @ {_ARQ} can_communication.cpp requestData, stopData
+        assumed touch: the pitch is that of the 4x4 @ {_ARQ}, all files
+        stated configuration: 07 00 to identifier 201 starts the stream, 07 01 stops it @ {_ARQ} can_communication.cpp
+            requestData, stopData
         """),
     )
 
