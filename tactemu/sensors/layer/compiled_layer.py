@@ -327,7 +327,8 @@ class CompiledLayer:
         return self._blocks(kernel, [over, self.windows.struct, self.pressed])
 
     def _friction(self) -> Callable[[], None]:
-        kernel = friction_kernel(self.real, self.lanes, self.is_coupled, self.is_shared, self.weakens)
+        creeps = self.weakens and self.relaxing is not None
+        kernel = friction_kernel(self.real, self.lanes, self.is_coupled, self.is_shared, self.weakens, creeps)
         return self._blocks(kernel, [self.over, self.pressed, self.friction_windows.struct, self.state])
 
     def _surface(self) -> Callable[[], None]:

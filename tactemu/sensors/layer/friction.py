@@ -8,7 +8,8 @@ where they end up. ``q`` acts on the skin, so a sliding object drags the skin al
 
 With a kinetic coefficient the bound falls while a cell slips. Its coefficient in a step follows from the distance ``w``
 that it had slipped before, since it stuck: ``mu = mu_k + (mu_s - mu_k) max(1 - w / slip_distance, 0)``. A cell sticks
-again, with ``w = 0``, where its traction is below the bound, and where nothing moves during a step.
+again, with ``w = 0``, where its traction is below the bound, and where nothing moves during a step. A skin that relaxes
+may creep under an object that rests; there a slip of less than the tolerance times the displacement is none.
 
 The solver uses conjugate gradients on the circles ``|q| = mu p`` and the discs inside them: where a cell slips, the
 gradient is taken along the circle, whose curvature adds the stiffness ``|gap| / (mu p)``. The layer's own inverse
@@ -56,15 +57,16 @@ def square(a: Any, b: Any):
 
 
 @functools.cache
-def friction_kernel(real, lanes: int, coupled: bool, is_shared: bool, weakens: bool = False):
+def friction_kernel(real, lanes: int, coupled: bool, is_shared: bool, weakens: bool = False, creeps: bool = False):
     """Return the kernel that solves every environment; ``coupled``: pressure also moves the surface tangentially;
-    ``is_shared``: a block of threads iterates in its shared memory; ``weakens``: the coefficient falls with slip."""
+    ``is_shared``: a block of threads iterates in its shared memory; ``weakens``: the coefficient falls with slip;
+    ``creeps``: the surface of a skin that weakens may move while the object rests."""
     layer_struct, overlap_struct, pressed_struct = layer_type(real), overlap_type(real), pressure_state_type(real)
     windows, state_struct = friction_windows_type(real), friction_state_type(real)
     functions = convolution_functions(real, lanes, False)
     forward, inverse, convolve = functions.forward, functions.inverse, functions.convolve
     tangential_compliance, publish = tangential_functions(real, lanes, False), publish_function(real)
-    settle, mark = memory_functions(real, weakens)
+    settle, mark = memory_functions(real, weakens, creeps)
     norm, free_gap, products, direct, curvature, advance = friction_cells(real, lanes, is_shared)
     block_sum, _max = block_functions(lanes)
     complex_field, window = complex_memory(real, SHARED_WINDOWS)
@@ -325,7 +327,7 @@ def friction_kernel(real, lanes: int, coupled: bool, is_shared: bool, weakens: b
                     # iteration.
                     floor = wp.float64(1.0e-6) * block_sum(load)
                     residual, iteration = solve(layer, win, at, floor)
-                    settle(win, at, box, state, env)
+                    settle(win, at, box, over.slide[env], real(layer.tolerance), state, env)
                 if wp.static(weakens):
                     if not work:
                         heal(state, at, box, env)

@@ -80,15 +80,23 @@ def friction_state_type(real):
 
 
 @functools.cache
-def memory_functions(real, weakens: bool):
+def memory_functions(real, weakens: bool, creeps: bool):
     """Return the functions ``(settle, mark)``, which keep a solved window for the next step; ``weakens``: also how far
-    cells have slipped."""
+    cells have slipped; ``creeps``: without a slip that is less than the solver resolves, where the object rests."""
     windows, state_struct = friction_windows_type(real), friction_state_type(real)
     vec2 = wp.types.vector(2, real)
     int_grid = wp.array2d(dtype=wp.int32)
 
     @wp.func
-    def settle(win: windows, at: Window, box: wp.vec4i, state: state_struct, env: int):
+    def settle(
+        win: windows,
+        at: Window,
+        box: wp.vec4i,
+        slide: wp.array2d(dtype=vec2),
+        tolerance: real,
+        state: state_struct,
+        env: int,
+    ):
         """Store into ``hold`` where cells are held from now on: free cells where they are, slipping ones as far as they
         slip against their traction. Any other remaining gap is the solver's error, which the next step closes; if kept,
         it would accumulate."""
@@ -105,6 +113,11 @@ def memory_functions(real, weakens: bool):
                     if wp.static(weakens):
                         before = state.slipped[env, box[0] + y, box[1] + x]
                         far = wp.where(along < real(0.0), before + wp.length(slipped), real(0.0))
+                        if wp.static(creeps):
+                            size = wp.length(vec2(win.hold_x[at.slot, y, x], win.hold_y[at.slot, y, x]))
+                            rests = wp.length(slide[box[0] + y, box[1] + x]) == real(0.0)
+                            if rests and wp.length(slipped) <= tolerance * size:
+                                far = real(0.0)
                         state.slipped[env, box[0] + y, box[1] + x] = far
                 win.hold_x[at.slot, y, x] = win.hold_x[at.slot, y, x] + slipped[0]
                 win.hold_y[at.slot, y, x] = win.hold_y[at.slot, y, x] + slipped[1]
