@@ -4,22 +4,30 @@ Every setting for what the device senses is run on the user's own scene: its rea
 layer solution of the same contacts (:mod:`tactemu.tune.errors`), and its steps and samples are timed
 (:mod:`tactemu.tune.cost`). Models with a free strength get one gain, fitted on the first half of the contacts and
 evaluated on the second.
+
+The transducers of a skin are the same in all settings: readings are compared before them, and timed behind them.
 """
 
 from __future__ import annotations
 
+import copy
+import dataclasses
 from collections.abc import Callable, Iterable
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 
+from firmware_protocols import Device
+from firmware_protocols.senses import Quantity
 from tactemu.base.errors import SceneError
-from tactemu.scene.building import build_scene, make_devices
+from tactemu.scene.building import build_scene, make_devices, model_name, transducers_of
 from tactemu.scene.file import LoadedScene, load
 from tactemu.scene.schema import SkinTable
 from tactemu.sensors.models import model_class
 from tactemu.sensors.sensor_model import Setting
 from tactemu.sensors.signs import require_on_skin
+from tactemu.transducers.chain import Chain
 from tactemu.tune.choice import Choice, Measured, Pace, pick, report_choice
 from tactemu.tune.cost import measure_cost, measure_loop
 from tactemu.tune.errors import ERRORS, Comparison, Criterion
@@ -102,12 +110,14 @@ class Tuner:
         self.pace = Pace(rate_hz, loaded.tables.scene.dt)
         self.compute = device or loaded.tables.scene.compute
         self.device = make_devices(loaded)[skin.title]
+        self._bare = _without_transducers(loaded, skin)
+        self._compared = _device_before_transducers(self.device, skin) if skin.transducer else self.device
 
     def choose(self, progress) -> Choice:
         """Measure all settings and return the choice."""
         layout = self.device.layout
         side = max(max(patch.rows, patch.cols if patch.rows else 1) for patch in layout.patches)
-        settings = settings_for(self.device.contact[0])
+        settings = settings_for(self._compared.contact[0])
         truth, name = self._truth(side)
         in_contact = np.flatnonzero(np.abs(truth).reshape(MOMENTS, -1).any(axis=1))
         if not len(in_contact):
@@ -117,7 +127,7 @@ class Tuner:
             )
         half = in_contact[: max(len(in_contact) // 2, 1)]
         judged = in_contact[len(half) :] if len(in_contact) > 1 else in_contact
-        comparison = Comparison(truth[judged], self.device)
+        comparison = Comparison(truth[judged], self._compared)
         criterion = self._criterion(comparison)
         # Costs are measured while the contact changes, because a constant one is not solved again.
         pace = np.linalg.norm(np.diff(truth, axis=0).reshape(MOMENTS - 1, -1), axis=1)
@@ -129,11 +139,12 @@ class Tuner:
         for setting in progress(settings, self.skin.title, len(settings)):
             try:
                 readings = self._readings(setting)
+                timed = self._build(setting, self.loaded, self.device)
             except SceneError:
                 continue  # a layer model refuses a skin that is no flat grid
             gain = _gain(setting, readings[half], truth[half])
             wrong = comparison.errors(gain * readings[judged])
-            cost = measure_cost(*self._build(setting), self.device.contact[0], moment, loop)
+            cost = measure_cost(*timed, self.device.contact[0], moment, loop)
             measured.append(Measured(setting, cost, self.pace, criterion.error(wrong), gain, wrong))
         return pick(self.skin.title, name, self.pace, loop.line_hz, measured, criterion)
 
@@ -152,16 +163,16 @@ class Tuner:
         """Return the readings of the first possible truth and its name: the finest layer; for a skin that is no flat
         grid, or senses depth, the best of the settings in float64."""
         reasons = []
-        for setting in truth_settings(self.device.contact[0], side):
+        for setting in truth_settings(self._compared.contact[0], side):
             try:
                 return self._readings(setting), setting.name
             except SceneError as error:
                 reasons.append(error)
         raise reasons[-1]
 
-    def _build(self, setting: Setting):
-        loaded = scene_with(setting, self.loaded, self.skin.title)
-        scene, skins = build_scene(loaded, {self.skin.title: self.device} | make_devices(loaded))
+    def _build(self, setting: Setting, loaded: LoadedScene, device: Device):
+        loaded = scene_with(setting, loaded, self.skin.title)
+        scene, skins = build_scene(loaded, make_devices(loaded) | {self.skin.title: device})
         sensors = (part.sensor for part in skins[self.skin.title].parts)
         require_on_skin(sensors, f"skin {self.skin.title!r}: devices measure")
         world = loaded.tables.scene
@@ -169,13 +180,31 @@ class Tuner:
         return sim, skins[self.skin.title]
 
     def _readings(self, setting: Setting) -> np.ndarray:
-        """Return what the device would sense without imperfections at :data:`MOMENTS` times of the scene."""
-        sim, sensor = self._build(setting)
+        """Return what the device, or its first transducer, would sense without imperfections at :data:`MOMENTS` times
+        of the scene."""
+        sim, sensor = self._build(setting, self._bare, self._compared)
         frames = []
         for _ in range(MOMENTS):
             sim.step(dt=self.seconds / MOMENTS)
-            frames.append(np.asarray(sensor.quantity(self.device.contact[0], ground_truth=True), float))
+            frames.append(np.asarray(sensor.quantity(self._compared.contact[0], ground_truth=True), float))
         return np.stack(frames)
+
+
+def _without_transducers(loaded: LoadedScene, skin: SkinTable) -> LoadedScene:
+    bare = skin.model_copy(update={"transducer": ()})
+    skins = tuple(bare if each is skin else each for each in loaded.tables.skin)
+    return dataclasses.replace(loaded, tables=loaded.tables.model_copy(update={"skin": skins}))
+
+
+def _device_before_transducers(device: Device, skin: SkinTable) -> Device:
+    """Return a device that senses what the first transducer of the skin takes from its model."""
+    model = model_class(model_name(skin, device))
+    taken = Chain(f"skin {skin.title!r}", transducers_of(skin), model.layouts).taken.quantity
+    if taken == device.contact[0]:
+        return device
+    bare = copy.copy(device)
+    bare.senses = (cast(Quantity, taken),)
+    return bare
 
 
 def _gain(setting: Setting, got: np.ndarray, truth: np.ndarray) -> float:

@@ -244,6 +244,17 @@ def test_a_scene_without_contact_is_refused(tmp_path):
         run_tune(str(file), 20.0, report=lambda _text: None, seconds=0.1)
 
 
+@pytest.mark.parametrize("kind", ["magnetic", "material"])
+def test_a_skin_with_a_transducer_is_compared_before_it_and_timed_behind_it(tmp_path, monkeypatch, kind):
+    monkeypatch.setattr("tactemu.tune.tuner.settings_for", lambda senses: settings_for(senses)[:1])
+    skin = f'[[skin]]\ndevice = "anyskin"\nlink = "pad"\ntransducer = [{{ kind = "{kind}" }}]\n'
+    file = Path(tmp_path) / "hand.toml"
+    file.write_text(SCENE.split("[[skin]]")[0] + skin)
+    (choice,) = run_tune(str(file), 20.0, report=lambda _text: None, seconds=1.0)
+    assert choice.chosen.setting.model == "kinematic_taxel" and 0 < choice.chosen.error < 2
+    assert load(str(file)).tables.skin[0].transducer == ({"kind": kind},)
+
+
 @pytest.mark.idle("it runs at the highest rate that was measured to be kept")
 def test_a_run_at_the_choice_keeps_its_samples(tmp_path):
     rate_hz = 500.0
