@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping
 from typing import Any
 
@@ -13,11 +14,18 @@ def shown(value: object) -> str:
 
 
 def nearest(name: object, known: Iterable[str]) -> str:
-    """Return the hint of a message about an unknown name: ``"; did you mean 'x'?"``, or an empty text."""
+    """Return the hint of a message about an unknown name: ``"; did you mean 'x'?"``, or an empty text.
+
+    Near are a name with a slip of the keyboard or two, else at most three names that have ``name`` as one of their
+    words.
+    """
     from difflib import get_close_matches
 
-    near = get_close_matches(str(name), list(known), n=1, cutoff=0.5)
-    return f"; did you mean {near[0]!r}?" if near else ""
+    text, names = str(name).lower(), {each.lower(): each for each in known}
+    cutoff = 0.75 if len(text) > 3 else 0.66  # one letter in three may differ, or one in four
+    near = get_close_matches(text, names, n=1, cutoff=cutoff)
+    near = near or [each for each in names if text and text in re.split(r"[_.]", each)][:3]
+    return f"; did you mean {' or '.join(repr(names[each]) for each in near)}?" if near else ""
 
 
 def error_message(entry: Mapping[str, Any]) -> str:

@@ -15,6 +15,7 @@ import firmware_protocols as fp
 import tactemu as tt
 from firmware_protocols.bounds import LARGEST, LARGEST_INT, Bounds
 from firmware_protocols.messages import error_message, nearest
+from firmware_protocols.registry import DEVICES
 from tactemu.base import units
 from tactemu.base.options import check_declared, number
 from tactemu.emulator.options import AssemblyOptions
@@ -218,4 +219,39 @@ def test_a_scene_built_in_python_has_the_defaults_of_a_scene_file():
 
 def test_the_nearest_name_is_a_hint():
     assert nearest("radus", ["radius", "length"]) == "; did you mean 'radius'?"
-    assert nearest("xyz", ["radius", "length"]) == "" == nearest(3, ["radius"])
+    assert nearest("xyz", ["radius", "length"]) == "" == nearest(3, ["radius"]) == nearest("", ["_a"])
+
+
+@pytest.mark.parametrize(
+    ("name", "near"),
+    [
+        ("anyskn", "'anyskin'"),
+        ("AnySkin", "'anyskin'"),
+        ("singltact", "'singletact'"),
+        ("xela", "'xela_server' or 'xela_uskin' or 'xela_uskin_4x6'"),
+        ("hello", ""),
+        ("sensor", ""),
+        ("robot", ""),
+        ("reskin", ""),
+        ("teensy", ""),
+        ("force", ""),
+    ],
+)
+def test_of_devices_only_near_names_are_proposed(name, near):
+    assert nearest(name, DEVICES) == (f"; did you mean {near}?" if near else "")
+
+
+@pytest.mark.parametrize(
+    ("name", "known", "near"),
+    [
+        ("dorp", ("drop", "delay"), "'drop'"),
+        ("dup", ("drop", "duplicate"), ""),
+        ("boom", ("brownout",), ""),
+        ("friction", ("positions",), ""),
+        ("mass", ("normals",), ""),
+        ("pat", ("pad",), "'pad'"),
+        ("walk", ("random_walk",), "'random_walk'"),
+    ],
+)
+def test_of_other_names_only_near_ones_are_proposed(name, known, near):
+    assert nearest(name, known) == (f"; did you mean {near}?" if near else "")
