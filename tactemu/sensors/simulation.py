@@ -107,6 +107,10 @@ class Simulation(PoseInput):
         for attach in attachments:
             attach()
 
+    def __dir__(self) -> list[str]:
+        """Return the attributes that an interactive shell offers, without those of the emulator's loop."""
+        return [name for name in super().__dir__() if name not in ("TRANSIENT_FIELDS", "context", "posers")]
+
     # -- building ---------------------------------------------------------------------------------------------------
 
     def _compile(self, why_threads: str) -> list[Callable[[], None]]:
