@@ -142,7 +142,7 @@ class Outcome:
     @property
     def doubt(self) -> str:
         """The reason why its findings do not count, for the reports; empty where they do."""
-        return f" ({self.untried or 'once, and not again'})" if self.confirmed is False else ""
+        return f" (not counted: {self.untried or 'a second run did not show it'})" if self.confirmed is False else ""
 
     def fails(self, kinds: Sequence[str]) -> bool:
         """Return True if a finding of these kinds counts, so that the run fails."""

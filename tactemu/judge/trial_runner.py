@@ -98,7 +98,7 @@ class Judge(DriverSession):
             if not outcome.confirmed:
                 outcome.seen_again(judge_record(self.run_trial(trial)), kinds)
         except BudgetSpentError:
-            outcome.untried = "once, and no time was left to try again"
+            outcome.untried = "no time was left for a second run"
         finally:
             self.budget.end()
 
@@ -125,12 +125,12 @@ class Judge(DriverSession):
         if not first.findings or not self.options.shrink:
             return self._save_columns(first)
         if why := self.budget.lacks(1.2 * (time.monotonic() - began)):
-            first.confirmed, first.untried = False, f"once; a second run {why}"
+            first.confirmed, first.untried = False, f"a second run {why}"
             return self._save_columns(first)
         self.report_progress("running without faults again")
         again = self._clean()
         if not again.findings:
-            again.verdict += f" (once, and not again: {first.verdict})"
+            again.verdict += f" (not counted, as only the first of two runs showed it: {first.verdict})"
             return self._save_columns(again)
         nothing, nothing_again = not kept[0].values, not self.columns.values
         if nothing and nothing_again:

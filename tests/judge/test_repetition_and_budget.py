@@ -40,10 +40,10 @@ def judge_that_sees(monkeypatch, *outcomes, **options):
 @pytest.mark.parametrize(
     ("first", "again", "counts", "verdict"),
     [
-        (["wrong"], [], [], "right (once, and not again: silent wrong values: so)"),
+        (["wrong"], [], [], "right (not counted, as only the first of two runs showed it: silent wrong values: so)"),
         (["wrong"], ["wrong"], ["wrong"], "silent wrong values: so"),
         (["wrong", "late"], ["late"], ["late"], "late: so"),
-        (["died"], [], [], "right (once, and not again: died: so)"),
+        (["died"], [], [], "right (not counted, as only the first of two runs showed it: died: so)"),
         (["died"], ["died"], ["died"], "died: so"),
         (["loses"], ["died"], [], "loses readings: so"),
         (["died"], ["loses"], [], "loses readings: so"),
@@ -54,6 +54,7 @@ def test_a_finding_without_faults_must_come_again(monkeypatch, first, again, cou
     outcome = judge.clean()
     assert not left and outcome.verdict == verdict
     assert [f.kind for f in outcome.findings if outcome.confirmed is not False] == counts
+    assert outcome.doubt in ("", " (not counted: a second run did not show it)")
     assert outcome.fails(FAILING) == (bool(counts) and counts[0] in FAILING)
     assert bool(judge.columns.values) == ("died" not in counts), "the columns are those of a run that had some"
 
@@ -63,7 +64,8 @@ def test_without_a_finding_or_without_time_there_is_no_second_look(monkeypatch):
     assert judge.clean().verdict == "right" and len(left) == 1
     judge, left = judge_that_sees(monkeypatch, outcome_with("wrong"), outcome_with(), budget_s=0.4)
     outcome = judge.clean()
-    assert len(left) == 1 and not outcome.fails(FAILING) and "of the budget are left" in outcome.doubt
+    assert len(left) == 1 and not outcome.fails(FAILING)
+    assert outcome.doubt.startswith(" (not counted: a second run takes ") and "of the budget are left" in outcome.doubt
 
 
 def test_of_several_findings_those_that_come_again_count():
@@ -116,7 +118,11 @@ def test_a_finding_that_could_not_be_tried_again_does_not_count(monkeypatch):
 
     monkeypatch.setattr(judge, "run_trial", run_trial)
     outcome = judge.judge(Trial("hang", "why", action="hang", takes_s=0.1))
-    assert outcome.has("died") and not outcome.fails(FAILING) and "no time was left" in outcome.doubt
+    assert (
+        outcome.has("died")
+        and not outcome.fails(FAILING)
+        and outcome.doubt == " (not counted: no time was left for a second run)"
+    )
 
 
 def test_a_budget_learns_how_slow_trials_are():
