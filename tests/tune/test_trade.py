@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from tactemu.base.errors import TactemuError
+from tactemu.sensors.layer.elastic_layer_taxel import ElasticLayerTaxel
 from tactemu.sensors.sensor_model import Setting
 from tactemu.tune.trade import cases as trade_cases
 from tactemu.tune.trade import trade
@@ -15,7 +16,7 @@ from tactemu.tune.trade.picture import draw, places
 from tactemu.tune.trade.report import read_table, summarise
 from tactemu.tune.trade.settings import ladder, make_model
 from tactemu.tune.trade.trade import TradeOptions
-from tactemu.tune.trade.truth import Truths
+from tactemu.tune.trade.truth import Truths, fine_skin
 
 SKIN = TestSkin(side=16, pitch=1e-3)
 POSITIONS = SKIN.positions()[..., :2].reshape(-1, 2)
@@ -156,6 +157,22 @@ def test_refining_the_grid_is_an_improvement_over_all_places_though_not_at_each(
         wrong.append(together(found)["normal force"])
     assert wrong[0]["rms"] > 1.5 * wrong[1]["rms"] > 3 * wrong[2]["rms"]
     assert wrong[0]["low"] < 0 < wrong[0]["high"], "at some place it is smaller than with finer cells"
+
+
+def test_the_force_of_a_slide_lacks_what_finer_steps_have_not_what_finer_cells_have():
+    """A ball that slides in full: cells that it reaches within a step bear no traction in it."""
+    case, lacking = Case("sphere", 5e-4, "slide"), {}
+    for split, steps in ((4, 1), (8, 1), (4, 4), (8, 4)):
+        fine = fine_skin(SKIN, split)
+        options = {"iterations": 100, "displacement": False}
+        sim, body, sensor = build(fine, case, ElasticLayerTaxel(positions=fine.positions(), **fine.layer, **options))
+        for pose in case.poses(steps):
+            sim.set_pose(body, **pose)
+            sim.step()
+        force = sensor.read().force.reshape(-1, 3).sum(0)
+        lacking[split, steps] = 1 + force[0] / (fine.friction * force[2])
+    assert lacking[8, 1] > lacking[4, 1] > 8e-3
+    assert max(lacking[4, 4], lacking[8, 4]) < 3e-3
 
 
 def test_names_in_the_picture_lie_on_no_point_and_on_no_other_name():

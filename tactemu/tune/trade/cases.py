@@ -41,6 +41,8 @@ OFFSET_STEPS = 8
 """Number of steps of an offset in a taxel."""
 PRESS_STEPS = 2
 MOVE_STEPS = 6
+"""Number of steps of a slide or a roll. They are larger than the cells of the truth, so that the force of a slide
+lacks up to 4 % in it (docs/accuracy.md says how much, and what smaller steps change)."""
 SLIDE = 6e-4
 """Distance of a slide and of a roll [m]."""
 ROCK = np.radians(3.0)
