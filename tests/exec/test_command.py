@@ -69,7 +69,7 @@ def test_a_signal_goes_to_the_driver_and_its_end_is_ours():
         run.send_signal(signal.SIGHUP)
         begin = time.monotonic()
         while "/dev/ptmx" in open_files(run.pid):
-            assert time.monotonic() - begin < 1.0, "the emulator has its port still"
+            assert time.monotonic() - begin < 10, "the emulator has its port still"
             time.sleep(0.01)
         assert run.wait(10) == 128 + signal.SIGHUP
 

@@ -50,7 +50,7 @@ def test_nobody_is_waited_for():
     began = time.monotonic()
     with create("dds:82") as port:
         assert not port.write(DdsEnd.frame) and port.poll() == []
-    assert time.monotonic() - began < 2
+    assert time.monotonic() - began < 10
 
 
 def test_what_is_no_sample_is_not_sent():
