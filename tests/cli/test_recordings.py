@@ -25,7 +25,7 @@ def recording(tmp_path):
 
 
 def wait_for(path):
-    for _ in range(500):
+    for _ in range(2500):
         if path.is_symlink():
             return str(path)
         time.sleep(0.02)

@@ -117,10 +117,10 @@ def test_lerobot_finds_the_port_that_is_unplugged(exec_environment):
     tool = Path(python_with("lerobot")).with_name("lerobot-find-port")
     with env.popen([tool], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdin and process.stdout
-        while "press Enter" not in process.stdout.readline():
-            pass
-        env.devices[0].inject_event(fault="unplug for 1s")
-        out, _ = process.communicate("\n", timeout=20)
+        while "press Enter" not in (line := process.stdout.readline()):
+            assert line, "the tool has ended"
+        env.devices[0].inject_event(fault="unplug for 4s")  # it looks half a second after Enter
+        out, _ = process.communicate("\n", timeout=60)
     assert "The port of this MotorsBus is '/dev/ttyUSB0'" in out
 
 

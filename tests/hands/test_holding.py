@@ -5,7 +5,7 @@ import pytest
 
 from tests.hands.holding import ALL, OBJECTS, hold, newtons_of, poses
 
-pytestmark = [pytest.mark.driver, pytest.mark.timeout(60)]
+pytestmark = [pytest.mark.driver, pytest.mark.timeout(180)]
 L6 = ALL["linker_l6"]
 
 
