@@ -122,7 +122,7 @@ class Device(Generic[F]):
     judge: str = "none"
     """The unmodified driver (package and version) that has read this device."""
     facts: tuple[Fact, ...] = ()
-    """The facts beside the byte tables, each with its basis."""
+    """The facts besides the byte tables, each with its basis."""
     documented: tuple[Command, ...] = ()
     """Documented commands beside those of methods, of a device with default options."""
     origin: str = ""

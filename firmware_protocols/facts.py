@@ -1,4 +1,4 @@
-"""The facts about a sensor beside its byte tables, each with its basis.
+"""The facts about a sensor besides its byte tables, each with its basis.
 
 A device declares them in a table, or one by one (:func:`stated`, :func:`measured`, :func:`assumed`)::
 

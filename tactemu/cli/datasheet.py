@@ -111,7 +111,7 @@ def _facts(device: Device) -> list[str]:
     """Return the number of facts of each part by their basis, then every fact."""
     facts = device.facts
     bases = typing.get_args(Basis)
-    lines = ["", "Beside the byte tables", f"  {'':<14}" + "".join(f"{basis:>10}" for basis in bases)]
+    lines = ["", "Facts besides the byte tables", f"  {'':<14}" + "".join(f"{basis:>10}" for basis in bases)]
     for part in typing.get_args(Part):
         numbers = [sum(fact.part == part and fact.basis == basis for fact in facts) for basis in bases]
         lines.append(f"  {part:<14}" + "".join(f"{number:>10}" for number in numbers))

@@ -17,6 +17,7 @@ from pathlib import Path
 from textwrap import fill
 from typing import Any
 
+from scripts.contents import anchor
 from tactemu.judge import smallest_case
 from tactemu.judge.outcome import FAILING
 
@@ -170,9 +171,14 @@ def page(reports: Mapping[str, Mapping[str, Any]]) -> str:
     rows = [[f"`{trial}`", *(cells[name].get(trial, "") for name in reports)] for trial in tried]
     parts = [
         INTRO.format(machine=machine, page=PAGE, script=SCRIPT.relative_to(ROOT)),
-        table(["trial", *reports], rows),
+        table(["trial", *(f"[{name}](#{anchor(heading(name))})" for name in reports)], rows),
     ]
     return "".join([*parts, "\n## Driver by driver\n", *(driver(name, report) for name, report in reports.items())])
+
+
+def heading(name: str) -> str:
+    """Return the heading of a driver's section."""
+    return f"{name} {importlib.metadata.version(name)} on `{CARDS[name].device}`"
 
 
 def driver(name: str, report: Mapping[str, Any]) -> str:
@@ -190,7 +196,7 @@ def driver(name: str, report: Mapping[str, Any]) -> str:
         for trial in tried
         if trial["case"]
     )
-    head = f"\n### {name} {importlib.metadata.version(name)} on `{card.device}`\n\n{''.join(notes)}\n"
+    head = f"\n### {heading(name)}\n\n{''.join(notes)}\n"
     return f"{head}{table(['trial', 'what happens', 'verdict'], rows)}{not_tried}{cases}"
 
 
