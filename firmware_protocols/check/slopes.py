@@ -17,7 +17,7 @@ from firmware_protocols.check.host import SECOND_NS, Host, Subject
 from firmware_protocols.check.readings import reading_of
 from firmware_protocols.check.report import Fault
 from firmware_protocols.device import Device
-from firmware_protocols.senses import AXES, VECTORS, Column, Sense
+from firmware_protocols.senses import AXES, QUANTITY_UNITS, TOUCH, VECTORS, Column, Sense
 
 UNITS = {"acceleration": 0.980665, "angular_velocity": 0.1, "temperature": 1.0, "depth": 1e-4, "displacement": 1e-4}
 """The amount by which a quantity is changed, SI; 1 for others."""
@@ -27,8 +27,6 @@ MIN_COUNTS = 8
 """The smallest expected change, so that rounding does not hide a wrong scale."""
 MAX_SHARE = 0.4
 """The largest expected change, as a share of the column's range."""
-UNIT_OF = {"force": "N", "pressure": "Pa", "depth": "m", "displacement": "m"}
-"""The unit of a column that counts the quantity itself; a column of another unit has a law of its own."""
 TOLERANCE = 0.02
 
 
@@ -85,7 +83,8 @@ def _slope_fault(subject: Subject, stream: str, sense: Sense, columns: list[Colu
     """Return the fault of one column, pressed at the first, a middle and the last point."""
     column = columns[k]
     amount = _amount(column, sense)
-    if amount is None or (column.unit and column.unit != UNIT_OF.get(sense.quantity, column.unit)):
+    has_own_law = column.unit and sense.quantity in TOUCH and column.unit != QUANTITY_UNITS[sense.quantity]
+    if amount is None or has_own_law:
         return ""
     if (component := _component(column, columns, sense)) is None:
         return ""
@@ -181,7 +180,7 @@ def _described(
     expected: float,
 ) -> str:
     column, name = columns[k], subject.cls.name
-    unit = column.unit or {"force": "N", "pressure": "Pa"}.get(sense.quantity, "")
+    unit = column.unit or (QUANTITY_UNITS[sense.quantity] if sense.quantity in TOUCH else "")
     along = f" along {column.axis}" if column.axis and sense.quantity != "wrench" else ""
     what = f"{amount:.4g} {unit}{along} on point {point} of {sense.key!r}"
     others = [j for j in range(len(columns)) if j != k and not _differs(abs(change[point, j]), abs(expected), column)]

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import warp as wp
 
-from firmware_protocols.senses import VECTORS
+from firmware_protocols.senses import QUANTITY_UNITS, VECTORS
 from tactemu.base.errors import TactemuError
 from tactemu.datasets.shards import STATE, Column, RowBuffer, Shard, Writer, saved, shards_of
 from tactemu.datasets.spec import DatasetSpec
@@ -23,7 +23,6 @@ from tactemu.scene.placement import PlacedSkin
 from tactemu.sensors.arrays import pick
 from tactemu.sensors.sensor import Sensor, reading_array
 
-UNITS = {"force": "N", "pressure": "Pa", "depth": "m", "displacement": "m", "torque": "N m", "touch": ""}
 IS_TRUTH = {"ideal": True, "measured": False}
 """The kinds of readings in a dataset, and whether they are without imperfections."""
 MAX_WRITER_THREADS = 6
@@ -157,7 +156,7 @@ class _QuantityReader:
         kind_of = "bool" if quantity == "touch" else dtype
         signs = "" if all(sensor.on_skin for sensor, _ in self.sensors) else ", with the signs of Genesis"
         meaning = f"{quantity} on each taxel{frame}{signs}, {words}"
-        self.column = Column(f"{name}.{quantity}.{kind}", shape, UNITS.get(quantity, ""), meaning, kind_of)
+        self.column = Column(f"{name}.{quantity}.{kind}", shape, QUANTITY_UNITS[quantity], meaning, kind_of)
 
     def read(self, hosts: dict[tuple[Sensor, bool], wp.array]) -> np.ndarray:
         """Return the values in all environments, shape ``(n_envs, n_taxels[, 3])``."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from firmware_protocols.senses import QUANTITY_UNITS
 from tactemu.fit.estimates import Findings, linear
 from tactemu.fit.recording import Recorded
 
@@ -114,7 +115,7 @@ def step_of(values: np.ndarray) -> float:
 
 def find_noise(x: np.ndarray, untouched: np.ndarray, pairs: np.ndarray, recorded: Recorded, found: Findings) -> None:
     """Add white noise and its slow part, mean over the channels (by axis if there are three), and the resolution."""
-    unit = "" if recorded.kind == "counts" else _si(recorded.kind)
+    unit = QUANTITY_UNITS.get(recorded.kind, "")
     alive = (np.diff(x, axis=0) != 0).any(axis=0)
     steps = np.array([step_of(x[:, k]) if alive[k] else 0.0 for k in range(x.shape[1])])
     axes = [slice(k, None, 3) for k in range(3)] if recorded.kind == "field" and x.shape[1] % 3 == 0 else [slice(None)]
@@ -145,14 +146,10 @@ def find_noise(x: np.ndarray, untouched: np.ndarray, pairs: np.ndarray, recorded
             found.add(f"slow rows{label}", float(below[0] if below else n // 10), 0.5 * n / 10, "rows", "its memory")
 
 
-def _si(kind: str) -> str:
-    return {"field": "T", "pressure": "Pa", "capacitance": "F", "resistance": "Ohm"}.get(kind, "")
-
-
 def find_drift(recorded: Recorded, untouched: np.ndarray, found: Findings) -> None:
     """Add the drift over time, or the dependence on temperature, mean over the channels."""
     y = recorded.readings[untouched].mean(axis=1)
-    unit = _si(recorded.kind)
+    unit = QUANTITY_UNITS.get(recorded.kind, "")
     warm = recorded.truth.get("temperature")
     if warm is not None and np.ptp(warm[untouched]) >= MIN_WARMING_K:
         degrees = warm[untouched] - warm[untouched].mean()

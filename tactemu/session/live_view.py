@@ -12,6 +12,7 @@ from rich.live import Live
 from rich.panel import Panel
 from rich.text import Text
 
+from firmware_protocols.senses import QUANTITY_UNITS
 from tactemu.base.frame_text import text
 from tactemu.base.statistics import counter_words
 from tactemu.emulator.emulator import Channel, Emulator
@@ -22,7 +23,8 @@ PAUSE_PER_DRAWING_TIME = 5
 """Ratio of pause to drawing time, at least; large pictures are therefore drawn less often."""
 SWITCH_INTERVAL_S = 5e-4
 """Longest time for which the drawing thread keeps the interpreter when the loop's deadline passes."""
-UNITS = {"force": ("N", 1.0), "pressure": ("kPa", 1e-3), "depth": ("mm", 1e3), "displacement": ("mm", 1e3)}
+SHOWN_UNITS = {"pressure": ("kPa", 1e-3), "depth": ("mm", 1e3), "displacement": ("mm", 1e3)}
+"""The units of quantities that are not shown in their SI unit, each with its number per SI unit."""
 MAX_MISSED_SHARE = 0.01
 """Share of missed samples above which their number is red."""
 BORDER_ROWS = 2
@@ -93,7 +95,7 @@ class LiveView:
             else np.zeros(len(device.layout))
         )
         peak = self._peaks[channel.name] = max(self._peaks.get(channel.name, 0.0), float(np.max(values, initial=0.0)))
-        unit, scale = UNITS.get(device.contact[0], ("", 1.0))
+        unit, scale = SHOWN_UNITS.get(device.contact[0], (QUANTITY_UNITS[device.contact[0]], 1.0))
         summary = f"sum {values.sum() * scale:.4g} {unit}   peak {max(values.max(initial=0.0), 0.0) * scale:.4g} {unit}"
         inside = width - BORDER_COLUMNS
         words = [Text(summary), *_numbers(channel, inside), self._last_frame(channel, inside)]

@@ -25,7 +25,7 @@ from tactemu.transports.transport import (
     SerialSetting,
     Transport,
 )  # fmt: skip
-from tactemu.transports.usb.chip import Chip
+from tactemu.transports.usb.chip import MAX_TO_HOST_BYTES, Chip
 from tactemu.transports.usb.devices import device_of
 from tactemu.transports.usb.functionfs import FunctionFs
 from tactemu.transports.usb.raw_devices import HidDevice
@@ -33,8 +33,6 @@ from tactemu.transports.usb.serial_chips import CdcAcm, Ft232R
 
 GADGETS = Path("/sys/kernel/config/usb_gadget")
 CONTROLLERS = Path("/sys/class/udc")
-MAX_TO_HOST_BYTES = 4096
-"""Maximum number of bytes that wait for the host; a frame that finds no room is dropped whole."""
 
 
 def mount_of(name: str) -> Path:

@@ -10,6 +10,10 @@ A pseudo terminal differs from a serial port; this module compensates for it:
 * It stays exclusive when the driver that made it so (``TIOCEXCL``) has closed it: then another takes its place.
 * It does not report that it was opened: inotify does. The other side is not held open, so that ``fuser`` lists only the
   driver, and ``POLLHUP`` and ``EIO`` mean that the driver has closed.
+* Its number ``/dev/pts/N`` is free again once it is unplugged and the driver has closed it: the kernel gives it to the
+  next pseudo terminal of any process, and a driver that reopens the number may open another's terminal. Use a ``PATH``
+  where a driver reopens the port: its link is missing while the port is unplugged. A driver that keeps an unplugged
+  port open gets end of file, ``EIO`` and ``POLLHUP``, and keeps its number from being reused.
 * It has no modem lines (``TIOCMGET`` fails): they follow open and close, as the kernel moves those of a port, and what
   a driver in this process sets by :meth:`PtyTransport.set_lines`. ``rfc2217:`` has them.
 """

@@ -27,7 +27,7 @@ from tactemu.transports.transport import (
     SerialSetting,
     Transport,
 )  # fmt: skip
-from tactemu.transports.usb.chip import Chip
+from tactemu.transports.usb.chip import MAX_TO_HOST_BYTES, Chip
 from tactemu.transports.usb.devices import device_of
 from tactemu.transports.usb.link import HostLink
 from tactemu.transports.usb.serial_chips import CHIPS
@@ -35,8 +35,6 @@ from tactemu.transports.usb.shared_device import SharedDevice
 from tactemu.transports.usb.usbip_server import UsbIpServer, shared_server
 
 USUAL_PORT = 3240
-MAX_TO_HOST_BYTES = 4096
-"""Maximum number of bytes that wait for the host; a frame that finds no room is dropped whole."""
 
 
 class UsbIpPort(Transport):

@@ -1,5 +1,8 @@
 """The live picture where there is little room: what is said stays on the screen, whatever the size of the skin."""
 
+import re
+from dataclasses import replace
+
 import pytest
 from rich.console import Console
 
@@ -16,6 +19,19 @@ def hand():
     with emulator:
         emulator.run(0.5)
         yield emulator
+
+
+def test_a_field_is_shown_in_its_unit():
+    loaded = load("anyskin")
+    (skin,) = loaded.tables.skin
+    skin = skin.model_copy(update={"transducer": ({"kind": "magnetic"},)})
+    loaded = replace(loaded, tables=loaded.tables.model_copy(update={"skin": (skin,)}))
+    console = Console(width=80, height=24, force_terminal=True, color_system=None)
+    emulator = assemble(loaded, AssemblyOptions(port="memory:"), clock=VirtualClock()).emulator
+    with emulator, console.capture() as capture:
+        emulator.run(0.5)
+        console.print(LiveView(emulator, console).picture())
+    assert re.search(r"sum \S+ T   peak \S+ T ", capture.get())
 
 
 @pytest.mark.parametrize(("width", "height"), [(80, 24), (40, 24), (40, 12), (120, 50)])

@@ -17,7 +17,7 @@ import tactemu as tt
 from tactemu.base.errors import TactemuError
 from tactemu.datasets import generation
 from tactemu.datasets.generation import begin, make
-from tactemu.datasets.partition import load_scene
+from tactemu.datasets.partition import Partition, load_scene
 from tactemu.datasets.spec import DatasetSpec
 from tactemu.datasets.start_poses import StartPoses
 from tests.cli.command import here
@@ -41,6 +41,14 @@ options = { noise = 0.02, gain_range = [0.8, 1.2], dead_taxel_probability = 0.05
 """
 )
 COLUMN = "flexitac.force"
+FIELD = (
+    SCENE.split("[[skin]]")[0]
+    + """[[skin]]
+device = "anyskin"
+link = "pad"
+transducer = [{ kind = "magnetic" }]
+"""
+)
 MODEL = """
 <mujoco>
   <option timestep="0.002"/>
@@ -298,3 +306,13 @@ def test_the_command(spec, tmp_path):
         assert "1 shards, at most" in done.stdout and "done" in done.stdout
     assert "ball by up to" in (out / "README.md").read_text()
     assert len(read(out)["env"]) == 200
+
+
+def test_a_field_has_its_unit(tmp_path):
+    path = tmp_path / "field.toml"
+    path.write_text(FIELD)
+    columns = Partition(DatasetSpec(target=str(path), envs=1, steps=1, bytes_envs=0), 0, 1).columns
+    assert {each.name: each.unit for each in columns if "field" in each.name} == {
+        "anyskin.field.ideal": "T",
+        "anyskin.field.measured": "T",
+    }

@@ -187,6 +187,23 @@ def test_pulling_the_cable(port):
         assert driver.read(4) == b"back"
 
 
+def test_a_driver_never_reads_another_terminal_through_the_port_it_kept_open():
+    port = create("pty:")
+    port.open()
+    driver = os.open(port.address, os.O_RDWR | os.O_NOCTTY)
+    port.close()
+    other = create("pty:")
+    other.open()
+    try:
+        assert other.address != port.address and not Path(port.address).exists()
+        assert os.read(driver, 1) == b""
+        with pytest.raises(OSError, match="Input/output error"):
+            os.write(driver, b"x")
+    finally:
+        os.close(driver)
+        other.close()
+
+
 def test_a_file_in_the_way_is_left_alone(tmp_path):
     (tmp_path / "file").write_text("mine")
     (tmp_path / "link").symlink_to("file")

@@ -9,12 +9,11 @@ from typing import Any
 import numpy as np
 
 from firmware_protocols import Column, Device
+from firmware_protocols.senses import QUANTITY_UNITS
 from tactemu.judge.compare.presses import Course
 
 MIN_VALUES = 20
 """Least number of values for the noise of a channel."""
-UNITS = {"force": "N", "pressure": "Pa", "depth": "m", "displacement": "m", "field": "T", "wrench": "N"}
-"""The units in which scenes give the noise of a quantity."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,7 +96,7 @@ def measured_table(device: Device, specimen: Specimen, source: str) -> str:
 
 def _noise_in_units(device: Device, specimen: Specimen) -> tuple[float, str] | None:
     """Return the median noise of the channels whose column has a scale in the unit of the scene, and the unit."""
-    unit = UNITS.get(device.contact[0], "")
+    unit = QUANTITY_UNITS[device.contact[0]]
     scales = {c.name: c.counts_per_unit for c in device.columns if c.unit == unit and c.counts_per_unit}
     single = next(iter(scales.values())) if len(scales) == 1 == len(_of_touch(device)) else None
     values = []

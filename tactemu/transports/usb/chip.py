@@ -14,6 +14,8 @@ from tactemu.transports.usb.descriptors import CONFIGURATION, DEVICE, STRING, De
 TO_HOST = 0x80
 """The bit of ``bmRequestType`` that is set if the data of a request go to the host."""
 STANDARD, CLASS, VENDOR = 0x00, 0x20, 0x40
+MAX_TO_HOST_BYTES = 4096
+"""Maximum number of bytes that wait for the host; a frame that finds no room is dropped whole."""
 DONE = b""
 """The answer to a request without data that the device carries out."""
 
