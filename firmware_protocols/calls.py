@@ -62,7 +62,8 @@ def transmissions(device: Device, method: str, *args: Any, port: str = "") -> Se
     connectors = (device.connector(port),) if port else device.ports
     can = isinstance(connectors[0], Can)
     for out in found:
-        is_ordinary = _is_classic_frame(out) if can else type(out) is bytes and out
+        frame = out.frame if type(out) is Sent and not out.port else out
+        is_ordinary = _is_classic_frame(frame) if can else type(frame) is bytes and frame
         if not is_ordinary and (fault := _fault(device, out, connectors)):
             raise error_of_result(device, method, fault)
     return list(found)

@@ -12,15 +12,12 @@ another one is made by :meth:`CanRequests.frame`.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import Any, cast
 
 from firmware_protocols.frames import CanFrame, with_payload
 from firmware_protocols.framing import Cutter
 from firmware_protocols.table_lines import Identifier
-
-REMOTE = -1
-"""The length of the data of a remote frame, which has none."""
 
 
 class CanRequests(Cutter):
@@ -40,14 +37,9 @@ class CanRequests(Cutter):
         self._is_extended = ident is not None and ident.extended
         self.unknown = "ignored" if by == "id" else "unknown_command"
 
-    @property
-    def open_field(self) -> str:
-        """The field that holds the data of a request."""
-        return "data"
-
-    def cut(self, frame: CanFrame, t_ns: int = 0) -> Iterator[CanFrame]:
-        """Yield the frame."""
-        yield frame
+    def cut(self, data: CanFrame, t_ns: int = 0) -> list[CanFrame]:
+        """Return the frame."""
+        return [data]
 
     def fields(self, content: CanFrame) -> dict[str, Any] | None:
         """Return identifier, its parts and data; ``None`` for a frame of another kind, or under other identifiers."""
@@ -60,9 +52,9 @@ class CanRequests(Cutter):
             else {**parts, "id": content.arbitration_id, "data": None if content.is_remote_frame else content.data}
         )
 
-    def size_of(self, fields: Mapping[str, Any]) -> int:
-        """Return the length of a request's data, :data:`REMOTE` for a remote frame."""
-        return REMOTE if fields["data"] is None else len(fields["data"])
+    def data(self, fields: Mapping[str, Any]) -> bytes | None:
+        """Return the data of a request, ``None`` for a remote frame."""
+        return fields["data"]
 
     def frame(self, ident: int, data: bytes = b"") -> CanFrame:
         """Return a frame of the same kind, of CAN-FD padded with zeros to a valid length."""

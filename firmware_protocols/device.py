@@ -285,7 +285,7 @@ class Device(Generic[F]):
         if not hasattr(self, "packets"):
             self.counters["ignored"] += 1
             return ()
-        return list(requests.answers(self, data, t_ns, port))
+        return requests.answers(self, data, t_ns, port)
 
     def obey(self, request: F, t_ns: int, port: str = "") -> Transmissions[F]:
         """Return the answers to one whole request, such as one that a silence has ended."""

@@ -14,7 +14,7 @@ All are plain data, so that a device can be saved: the functions must be functio
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any
 
 from firmware_protocols.tables import Frame
@@ -67,10 +67,13 @@ class Cutter:
     counts_requests: bool = False
     """True if it counts ``requests``; else those are counted that a method answers."""
 
-    @property
-    def open_field(self) -> str:
-        """The field that holds the data of a request, empty if there is none."""
-        return self.table.open_field or "" if self.table else ""
+    def requests(self, data: Any, t_ns: int = 0) -> Iterable[tuple[Any, dict[str, Any] | None]]:
+        """Yield the requests that these data complete, each with its fields; ``None``: they are not read yet."""
+        return [(packet, None) for packet in self.cut(data, t_ns)]
+
+    def cut(self, data: Any, t_ns: int = 0) -> list[Any]:
+        """Return the requests that these data complete, in order."""
+        raise NotImplementedError
 
     def content(self, frame: Any) -> Any:
         """Return the request in a frame of the driver, as it is cut."""
@@ -85,9 +88,9 @@ class Cutter:
         values = tuple(map(fields.get, self.by.split()))
         return values[0] if len(values) == 1 else values
 
-    def size_of(self, fields: Mapping[str, Any]) -> int:
-        """Return the length of a request's data."""
-        return len(fields.get(self.open_field, b""))
+    def data(self, fields: Mapping[str, Any]) -> bytes | None:
+        """Return the data of a request: its field of open length; ``None`` for a remote frame on CAN."""
+        return fields.get(self.table.open_field or "", b"") if self.table else b""
 
 
 class Packets(Cutter):
@@ -157,46 +160,46 @@ class Packets(Cutter):
 
     def cut(self, data: bytes, t_ns: int = 0) -> list[bytes]:
         """Return the packets that these bytes complete, in order."""
-        packets = []
-        self.feed(data, t_ns)
-        while (packet := self.take()) is not None:
-            packets.append(packet)
-        return packets
+        return [packet for packet, _ in self.requests(data, t_ns)]
 
-    def feed(self, data: bytes, t_ns: int = 0) -> None:
-        """Add bytes, for :meth:`take`."""
+    def requests(self, data: bytes, t_ns: int = 0) -> Iterator[tuple[bytes, dict[str, Any] | None]]:
+        """Yield the packets that these bytes complete, one by one, as a request may decide what follows.
+
+        Each comes with its fields where the table has checked it, else with ``None``.
+        """
         if self._gap_ns and (self._buffer or self._stage) and t_ns - self._received_ns > self._gap_ns:
             self._counters["broken_frames"] += 1
             self.reset()
         self._received_ns = t_ns
         self._buffer += data
+        while self._buffer and (found := self._next()) is not None:
+            yield found
 
-    def take(self) -> bytes | None:
-        """Return the next packet, ``None`` until it is complete; one by one where a request decides what follows."""
+    def _next(self) -> tuple[bytes, dict[str, Any] | None] | None:
+        """Return the next packet with its fields, ``None`` until it is complete."""
         if self._stage:
             if len(self._buffer) < self._stage:
                 return None
             stage, self._buffer, self._stage = self._buffer[: self._stage], self._buffer[self._stage :], 0
-            return Stage(stage)
-        buffer, at, packet = self._buffer, 0, None
-        while packet is None and at < len(buffer):
+            return Stage(stage), None
+        buffer, at, found = self._buffer, 0, None
+        while found is None and at < len(buffer):
             start = self._find(buffer, at)
             if start > at:
                 self._counters[NO_PACKET] += start - at
             at = start
-            found = self._take(buffer[at : at + self._longest])
-            if found is None:
+            if (found := self._read(buffer[at : at + self._longest])) is None:
                 break
-            if isinstance(found, Broken):
-                self._counters[found.why] += self._step if found.why == NO_PACKET else 1
+            packet, _ = found
+            if isinstance(packet, Broken):
+                self._counters[packet.why] += self._step if packet.why == NO_PACKET else 1
                 at += self._step
-                packet = found if self._broken and found.why != NO_PACKET else None
+                found = found if self._broken and packet.why != NO_PACKET else None
             else:
                 self._counters["requests"] += 1
-                at += len(found)
-                packet = found
+                at += len(packet)
         self._buffer = buffer[at:]
-        return packet
+        return found
 
     def _find(self, buffer: bytes, at: int) -> int:
         """Return the index of the next head, or of its first bytes at the end of ``buffer``."""
@@ -206,21 +209,26 @@ class Packets(Cutter):
         tails = range(max(at, len(buffer) - len(head) + 1), len(buffer))
         return next((start for start in tails if head.startswith(buffer[start:])), len(buffer))
 
-    def _take(self, data: bytes) -> bytes | None:
-        """Return the packet that begins ``data``, :class:`Broken` if there is none, ``None`` until it is complete."""
+    def _read(self, data: bytes) -> tuple[bytes, dict[str, Any] | None] | None:
+        """Return the packet that begins ``data`` with its fields, ``None`` until it is complete.
+
+        It is :class:`Broken` where there is none.
+        """
         if len(data) < len(self._head):
             return None
         size = self._size(data) if self._size is not None else self.table.length_of(data, self._max_data)  # type: ignore[union-attr]
         if isinstance(size, str):
-            return Broken(data, size)
+            return Broken(data, size), None
         if size > self._longest or (size == MORE and len(data) >= self._longest):
-            return Broken(data, "bad_length")
+            return Broken(data, "bad_length"), None
         if size == MORE or len(data) < size:
             return None
-        fault = self._check(data[:size])
-        if self.table is not None and not fault and self._check is sound:
-            fault = self.table.flaw(data[:size])
-        return Broken(data[:size], fault) if fault else data[:size]
+        packet, fields = data[:size], None
+        if self.table is not None and self._check is sound:
+            fields, fault = self.table.read(packet)
+        else:
+            fault = self._check(packet)
+        return (Broken(packet, fault) if fault else packet), fields
 
 
 def _require_name(function: Callable) -> None:

@@ -11,14 +11,16 @@ from __future__ import annotations
 
 import re
 import struct
-from collections.abc import Hashable, Iterator, Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from firmware_protocols.commands import Handled, handled_in
-from firmware_protocols.framing import Broken, Packets, Stage
+from firmware_protocols.framing import Broken, Stage
 from firmware_protocols.registers import Refused
 
+REMOTE = -1
+"""The length of the data of a remote frame, which has none."""
 Device = Any
 """A device: :mod:`firmware_protocols.device` imports this module, not the other way round."""
 
@@ -70,42 +72,37 @@ class Handler:
     sizes: frozenset[int]
     """The lengths of the data in its examples."""
 
-    def accepts(self, size: int) -> bool:
-        """Return True if data of this length is valid."""
-        if (form := self.handled.data) is None:
-            return not self.sizes or size in self.sizes
-        needed = struct.calcsize(form.rstrip("*"))
-        return size >= needed if form.endswith("*") else size == needed
-
     @property
     def wanted(self) -> int:
         """The valid length, the greatest if there are several."""
         form = self.handled.data
         return max(self.sizes, default=0) if form is None else struct.calcsize(form.rstrip("*"))
 
-    def values(self, data: bytes) -> tuple[Any, ...]:
-        """Return the numbers in data of a valid length."""
-        return struct.unpack_from((self.handled.data or "").rstrip("*"), data)
+    def values(self, data: bytes | None) -> tuple[Any, ...] | None:
+        """Return the numbers in the data of a request, ``None`` if their length is not valid."""
+        form = self.handled.data
+        if form is None:
+            return () if not self.sizes or (REMOTE if data is None else len(data)) in self.sizes else None
+        needed = struct.calcsize(form.rstrip("*"))
+        if data is None or len(data) < needed or (len(data) > needed and not form.endswith("*")):
+            return None
+        return struct.unpack_from(form.rstrip("*"), data)
 
 
 _HANDLERS: dict[tuple[type, str], tuple[dict[Hashable, Handler], list[Handler]]] = {}
 """The handlers of each class: by key, and those with a pattern."""
 
 
-def answers(device: Device, data: Any, t_ns: int, port: str) -> Iterator[Any]:
-    """Yield what a device does with bytes that arrive, request by request."""
-    cutter = device.packets
-    if not isinstance(cutter, Packets):
-        for packet in cutter.cut(data, t_ns):
-            yield from answer(device, packet, t_ns, port)
-        return
-    cutter.feed(data, t_ns)
-    while (packet := cutter.take()) is not None:
-        yield from answer(device, packet, t_ns, port)
+def answers(device: Device, data: Any, t_ns: int, port: str) -> list[Any]:
+    """Return what a device does with data that arrive, request by request."""
+    done: list[Any] = []
+    for packet, fields in device.packets.requests(data, t_ns):
+        done += answer(device, packet, t_ns, port, fields)
+    return done
 
 
-def answer(device: Device, packet: Any, t_ns: int, port: str) -> Sequence[Any]:
-    """Return what a device does with one request."""
+def answer(device: Device, packet: Any, t_ns: int, port: str, fields: dict[str, Any] | None = None) -> Sequence[Any]:
+    """Return what a device does with one request, whose fields are given if they have been read."""
     cutter = device.packets
     if isinstance(packet, Broken):
         return device.refused(Request(packet, t_ns, port, {}), packet.why)
@@ -113,7 +110,7 @@ def answer(device: Device, packet: Any, t_ns: int, port: str) -> Sequence[Any]:
         return _called(device, "staged", Request(packet, t_ns, port, {}))
     if not cutter.by:
         return _matched(device, Request(packet, t_ns, port, {}))
-    if (fields := cutter.fields(packet)) is None and cutter.misfit:
+    if fields is None and (fields := cutter.fields(packet)) is None and cutter.misfit:
         device.counters[cutter.misfit] += 1
         return ()
     request = Request(packet, t_ns, port, fields or {})
@@ -149,19 +146,22 @@ def _key_of(cutter: Any, frame: Any) -> tuple[Hashable, int | None]:
     if not cutter.by:
         return content, None
     fields = cutter.fields(content)
-    return (None, None) if fields is None else (cutter.key(fields), cutter.size_of(fields))
+    if fields is None:
+        return None, None
+    data = cutter.data(fields)
+    return cutter.key(fields), REMOTE if data is None else len(data)
 
 
 def _handled(device: Device, request: Request) -> Sequence[Any]:
     cutter = device.packets
     fields = request.fields
     found = handlers(device)[0].get(cutter.key(fields))
-    if found is None or not found.accepts(cutter.size_of(fields)):
+    if found is None or (values := found.values(cutter.data(fields))) is None:
         why = cutter.unknown if found is None else "bad_length"
         device.counters[why] += 1
         request.wanted = found.wanted if found else 0
         return device.refused(request, why)
-    request.take(found.values(fields.get(cutter.open_field) or b""))
+    request.take(values)
     device.counters["requests"] += not cutter.counts_requests
     return _called(device, found.method, request)
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -153,10 +153,10 @@ class Dle(Packets):
         super().__init__(b"\x10\x02", _dle_size, _dle_check, by=by, counters=counters, broken=broken, longest=512)
         self.table = table
 
-    def take(self) -> bytes | None:
-        """Return the next content."""
-        packet = super().take()
-        return packet if packet is None or isinstance(packet, Broken) else self.content(packet)
+    def requests(self, data: bytes, t_ns: int = 0) -> Iterator[tuple[bytes, dict[str, Any] | None]]:
+        """Yield the contents of the packets that these bytes complete."""
+        for packet, fields in super().requests(data, t_ns):
+            yield packet if isinstance(packet, Broken) else self.content(packet), fields
 
     def content(self, frame: bytes) -> bytes:
         """Return the content of a frame."""

@@ -37,6 +37,8 @@ class FixedFields:
         """Return the function that converts a value for the struct; ``None`` if it needs none."""
         if is_direct:
             return None if field.policy == "strict" else lambda value: int(field.fitted(self._frame, np.asarray(value)))
+        if field.is_single and field.policy == "strict":
+            return struct.Struct(field.byte_order + field.code).pack
         if field.kind == "bytes":
             return lambda value: self._exactly(field, bytes(value))
         if order is not None:

@@ -37,7 +37,9 @@ offset          as the source gives it, decimal. It must equal the end of the fi
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Mapping
+from functools import cached_property
 from itertools import groupby
 from typing import Any, NoReturn
 
@@ -115,13 +117,12 @@ class Frame:
         self._refuse_unknown(fields)
         self.fields = tuple(field.bound(bound) for field in fields)
         is_open = next((field for field in self.fields if field.is_open), None)
-        self._open = self.open_field = is_open.name if is_open else None
+        self.open_field = is_open.name if is_open else None
         self._unit = is_open.record.size if is_open and is_open.record else 1
-        self._counts = {field.name for field in self.fields if field.formula.startswith("count")}
         sizes = [0 if field.is_open else field.size for field in self.fields]
         self._fixed = None if None in sizes else sum(size or 0 for size in sizes)
-        self.size = None if self._open is not None else self._fixed
-        self._lengths = self._length_offsets()
+        self.size = None if self.open_field is not None else self._fixed
+        self._lengths = self._find_lengths()
         self.head = next((field.const for field in self.fields[:1] if field.kind == "const"), b"")
         self._parts = [] if self._fixed is None else self._build_parts()
         self._names = {f.name for f in self.fields if f.kind in ("number", "bytes", "records")}
@@ -144,8 +145,9 @@ class Frame:
     def _permutes(self) -> bool:
         return self._wire_order is not None and not np.array_equal(self._wire_order, np.arange(len(self._wire_order)))
 
-    def _length_offsets(self) -> dict[str, int]:
-        """Return for each length the number to add to the open field's size; make lengths that are fixed constants."""
+    def _find_lengths(self) -> dict[str, tuple[int, int]]:
+        """Return the unit of each length in bytes of the open field, and the number to add; make those that are fixed
+        constants."""
         if self._fixed is None:
             return {}
         lengths, fields = {}, list(self.fields)
@@ -155,8 +157,8 @@ class Frame:
             of, more = length_formula(field.formula)
             other = next((f for f in fields if f.name == of), None)
             value = more + (self._fixed if of == "total" else 0 if other is None or other.is_open else other.size or 0)
-            if self._open is not None and of in ("total", self._open):
-                lengths[field.name] = value
+            if self.open_field is not None and of in ("total", self.open_field):
+                lengths[field.name] = self._unit if field.formula.startswith("count") else 1, value
             else:
                 fields[k] = field.constant(value)
         self.fields = tuple(fields)
@@ -185,10 +187,10 @@ class Frame:
             TypeError: a field has no value, a value no field, or a float is given for an integer.
             ValueError: an array has another shape, or a count is not bound.
         """
-        if self._open is not None:
-            n = len(values.setdefault(self._open, b"")) if self._open else 0
-            for name, more in self._lengths.items():
-                values[name] = self._length(name, n * self._unit, more)
+        if self.open_field is not None:
+            n = len(values.setdefault(self.open_field, b"")) if self.open_field else 0
+            for name, (unit, more) in self._lengths.items():
+                values[name] = n * self._unit // unit + more
         if values.keys() != self._names or not self._parts:
             self._refuse(values)
         data = b""
@@ -209,25 +211,32 @@ class Frame:
 
         This cannot verify :meth:`pack`: both share every mistake in the table.
         """
+        return self.read(data)[0]
+
+    def read(self, data: bytes) -> tuple[dict[str, Any] | None, str]:
+        """Return what :meth:`unpack` returns, and the counter of the frame's flaw.
+
+        The flaw is ``bad_checksum``, then ``bad_tail``; it is empty where only the size or a length does not fit.
+        """
         if not self._parts:
             self._refuse({})
-        size = len(data) - (self._fixed or 0)
-        if size < 0 or (size and self._open is None):
-            return None
+        size, at, flaw = len(data) - (self._fixed or 0), 0, ""
+        if size < 0 or (size and self.open_field is None):
+            return None, ""
         values: dict[str, Any] = {}
-        at = 0
         for part in self._parts:
             end = at + (size if part.size is None else part.size)
             if not part.unpack(data, at, end, values):
-                return None
+                if isinstance(part, SumField):
+                    return None, "bad_checksum"
+                flaw = "bad_tail"
             at = end
-        if any(values[name] != self._length(name, size, more) for name, more in self._lengths.items()):
-            return None
-        return values
-
-    def _length(self, name: str, size: int, more: int) -> int:
-        """Return the value of a length or a count, where the open field has ``size`` bytes."""
-        return (size // self._unit if name in self._counts else size) + more
+        if flaw:
+            return None, flaw
+        for name, (unit, more) in self._lengths.items():
+            if values[name] != size // unit + more:
+                return None, ""
+        return values, ""
 
     def length_of(self, data: bytes, most: int | None = None) -> int | str:
         """Return the length of the frame that begins ``data``, 0 while its length field is missing.
@@ -244,26 +253,19 @@ class Frame:
         """
         if self.size is not None:
             return self.size
-        for name, more in self._lengths.items():
-            place = self.slice_of(name)
-            if len(data) < place.stop:
-                return 0
-            dtype = next(field.dtype for field in self.fields if field.name == name)
-            size = (int(np.frombuffer(data[place], dtype)[0]) - more) * (self._unit if name in self._counts else 1)
-            return "bad_length" if size < 0 or (most is not None and size > most) else (self._fixed or 0) + size
-        raise TypeError(f"{self.name}: no field states its length: write `= len({self._open})` or `= total`")
+        stop, packer, unit, more = self._stated_length
+        if len(data) < stop:
+            return 0
+        size = (packer.unpack_from(data, stop - packer.size)[0] - more) * unit
+        return "bad_length" if size < 0 or (most is not None and size > most) else (self._fixed or 0) + size
 
-    def flaw(self, data: bytes) -> str:
-        """Return the counter of the first flaw of a frame: ``bad_checksum``, then ``bad_tail``; empty for none."""
-        size, at, flaw, values = len(data) - (self._fixed or 0), 0, "", {}
-        for part in self._parts:
-            end = at + (size if part.size is None else part.size)
-            if not part.unpack(data, at, end, values):
-                if isinstance(part, SumField):
-                    return "bad_checksum"
-                flaw = flaw or "bad_tail"
-            at = end
-        return flaw
+    @cached_property
+    def _stated_length(self) -> tuple[int, struct.Struct, int, int]:
+        """The end and the format of the first length, its unit, and the number that it adds."""
+        for name, (unit, more) in self._lengths.items():
+            field = next(field for field in self.fields if field.name == name)
+            return self.slice_of(name).stop, struct.Struct((field.byte_order or "<") + field.code), unit, more
+        raise TypeError(f"{self.name}: no field states its length: write `= len({self.open_field})` or `= total`")
 
     def pack_many(self, n: int, **values: ArrayLike) -> list[bytes]:
         """Return ``n`` frames; each value is one for all, or has a first axis of ``n``.
@@ -272,9 +274,9 @@ class Frame:
             OverflowError, TypeError: as :meth:`pack`.
             ValueError: as :meth:`pack`, or the frame has an open length.
         """
-        if self._open is not None:
+        if self.open_field is not None:
             raise ValueError(
-                f"{self.name}: pack_many() needs a frame of fixed size, {self._open!r} is open: use pack()"
+                f"{self.name}: pack_many() needs a frame of fixed size, {self.open_field!r} is open: use pack()"
             )
         if values.keys() != self._names or self.size is None:
             self._refuse(values)

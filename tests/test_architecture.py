@@ -18,7 +18,7 @@ MAX_CALLS = 188
 MAX_SYSTEM_CALLS = 3
 """Number of calls of the system for one sample on a pseudo terminal that a driver reads; it may only fall."""
 
-MAX_ANSWER_CALLS = 137
+MAX_ANSWER_CALLS = 105
 """Number of Python calls from a request to its reply; it may only fall."""
 
 

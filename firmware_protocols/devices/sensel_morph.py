@@ -250,7 +250,7 @@ class SenselMorph(Device):
 
     def staged(self, request: Request) -> Transmissions[bytes]:
         """Take the packet."""
-        if (fields := PACKET.unpack(request.packet)) is None or PACKET.flaw(request.packet):
+        if (fields := PACKET.unpack(request.packet)) is None:
             raise Refused("value")
         self.any_length[LEDS] = fields["data"]
         return (bytes([LONG_ACK]),)

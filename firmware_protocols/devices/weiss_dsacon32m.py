@@ -49,13 +49,9 @@ class Message(Frame):
         """Return the length of the message that begins these bytes."""
         return 6 if data[4:6] == b"\0\0" else super().length_of(data, most)
 
-    def unpack(self, data: bytes) -> dict[str, Any] | None:
-        """Return the values by field."""
-        return super().unpack(data + crc16_weiss(data[3:]).to_bytes(2, "little") if len(data) == 6 else data)
-
-    def flaw(self, data: bytes) -> str:
-        """Return the counter of the flaw of a message."""
-        return "" if len(data) == 6 else super().flaw(data)
+    def read(self, data: bytes) -> tuple[dict[str, Any] | None, str]:
+        """Return the values by field, and the counter of the flaw of a message."""
+        return super().read(data + crc16_weiss(data[3:]).to_bytes(2, "little") if len(data) == 6 else data)
 
 
 MESSAGE = Message("""

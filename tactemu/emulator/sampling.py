@@ -89,7 +89,7 @@ class SampleClock:
         counted = shown_ns - self._shown_at_start
         return self.start_ns + counted + (self._lateness_ns(counted) if counted > 0 else 0)
 
-    @property
+    @cached_property
     def _shown_at_start(self) -> int:
         return self.start_ns if self.shown_ns is None else self.shown_ns
 

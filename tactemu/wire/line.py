@@ -110,6 +110,10 @@ class LineModel(ABC):
     """True where each node has a queue of its own; else all frames wait in one."""
     has_turns: ClassVar[bool] = False
     """True where frames leave by the turn that their device gives them, and only then by the time they are ready."""
+    turnaround_ns: int = 0
+    """The minimum time between the end of a request and the answer to it [ns]."""
+    has_echo: bool = False
+    """True where the driver receives what it sends."""
     is_byte_stream: ClassVar[bool] = True
     """True where frames stay in order: those after a frame that a fault holds back wait for it."""
 
@@ -142,10 +146,6 @@ class LineModel(ABC):
         """Return the sort key of a queue that is ready; the smallest goes first."""
         return (pending.ready_ns, pending.number)
 
-    def turnaround_ns(self) -> int:
-        """Return the minimum time between the end of a request and the answer to it [ns]."""
-        return 0
-
     def as_received(self, frame: WireFrame, connector: Any, setting: Any, *, to_driver: bool) -> WireFrame:
         """Return what arrives of a frame between a device's connector and a driver with this setting of its port."""
         return frame
@@ -165,10 +165,6 @@ class LineModel(ABC):
     def filters(self, connectors: Iterable[Any]) -> list[CanFilter]:
         """Return the filters of all devices with these connectors, for ports that can filter; empty: no filter."""
         return []
-
-    def echoes(self) -> bool:
-        """Return True if the driver receives what it sends."""
-        return False
 
     def carries(self, frame: WireFrame) -> bool:
         """Return True if a frame is of the line's kind."""
@@ -283,7 +279,9 @@ class Line:
 
     def take(self, now_ns: int) -> Pending | None:
         """Return the next frame whose last bit has gone by ``now_ns``, or ``None``."""
-        if (self._sending is None and not self._start(now_ns)) or self._handover_ns > now_ns:
+        if self._sending is None and (waiting := [*filter(None, self._lanes.values())]):
+            self._start(waiting, now_ns)
+        if self._sending is None or self._handover_ns > now_ns:
             return None
         sent, self._sending = self._sending, None
         self.free_ns = max(self.free_ns, now_ns - self._catch_up_ns)
@@ -326,12 +324,10 @@ class Line:
             withdrawn += own
         return withdrawn
 
-    def _start(self, now_ns: int) -> bool:
-        """Start the frame that wins among those that are ready when the line falls idle; return False if that moment
-        has not come."""
-        waiting = [*filter(None, self._lanes.values())]
-        if not waiting or (start := self._next_start_ns(waiting)) > now_ns:
-            return False
+    def _start(self, waiting: list[list[Pending]], now_ns: int) -> None:
+        """Start the frame of these lanes that wins when the line falls idle, if that moment has come."""
+        if (start := self._next_start_ns(waiting)) > now_ns:
+            return
         lane = waiting[0]
         if len(waiting) > 1:
             ready = [each for each in waiting if each[0].ready_ns <= start]
@@ -345,7 +341,6 @@ class Line:
         self._handover_ns = start if self.is_paced_by_port else pending.end_ns
         self.busy_ns += pending.duration_ns
         self._sending = pending
-        return True
 
     def _next_start_ns(self, waiting: list[list[Pending]]) -> int:
         """Return when the next frame of these lanes, none of which is empty, starts."""

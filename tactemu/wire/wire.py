@@ -124,9 +124,7 @@ class Wire(WirePort):
         ``sample`` is the number of the sample that the frames carry.
         """
         self._source = source
-        seen_ns = (
-            min(now_ns, self._flushed_ns) if self.is_real_time else now_ns
-        )  # a real loop may be late with the line
+        seen_ns = min(now_ns, self._flushed_ns) if self.is_real_time else now_ns  # a real loop may be late
         if not self.transport.has_reader:
             counter, why = "unheard", "no reader"
         elif self._down is not None:
@@ -146,7 +144,7 @@ class Wire(WirePort):
         if is_undisturbed and isinstance(frames, CanFrames):
             self.line.put_run(frames, now_ns, source, sample=sample)
             return
-        least = self.line_model.turnaround_ns()
+        least = self.line_model.turnaround_ns
         for each in frames:
             frame, delay_ns, turn = (each.frame, each.delay_ns, each.turn) if isinstance(each, Sent) else (each, 0, 0)
             ready_ns = now_ns + (delay_ns if delay_ns > least else least)
@@ -217,7 +215,7 @@ class Wire(WirePort):
         if pending.source == DRIVER:
             if self.line_model.carries(frame) and not getattr(frame, "is_error_frame", False):
                 self._arrived.append((pending.end_ns, ReceivedData(frame)))
-                if self.line_model.echoes() and not self.line.is_paced_by_port:  # a real adapter does so itself
+                if self.line_model.has_echo and not self.line.is_paced_by_port:  # a real adapter does so itself
                     self.transport.write(frame)
             return 0
         if len(self.connectors) > 1:
@@ -357,30 +355,31 @@ class Wire(WirePort):
 
     def _arrive(self, data: WireFrame, now_ns: int) -> None:
         """Put the driver's data on the inbound line, on which they take their time."""
-        for part, held_ns in self._injector.corrupt(data, now_ns, self._owner, "from_driver"):
+        faults = self._injector
+        parts = faults.corrupt(data, now_ns, self._owner, "from_driver") if faults.frame_faults else [(data, 0)]
+        for part, held_ns in parts:
             if self.inbound.waiting_ns(DRIVER) > MAX_LEFT_BEHIND_NS:
                 self.counters["overrun"] += 1
-            elif self.line_model.collides(self.line.sender(now_ns)):
+            elif self.line_model.is_half_duplex and self.line_model.collides(self.line.sender(now_ns)):
                 self.counters["collision"] += 1
             else:
-                at = self._after_held("from_driver", now_ns, held_ns)
-                setting, is_paced = self.transport.setting, self.transport.is_paced
-                took_ns = 0 if is_paced else self.line_model.driver_ns(part, setting)
+                port, at = self.transport, self._after_held("from_driver", now_ns, held_ns)
+                took_ns = 0 if port.is_paced else self.line_model.driver_ns(part, port.setting)
                 self.inbound.put(part, at, DRIVER, took_ns=took_ns)
 
     def _deliver_due(self, now_ns: int | None, events: list[Event | ReceivedData]) -> None:
-        size = 0
+        size, owner = 0, self._owner
         while self._arrived and (now_ns is None or self._arrived[0][0] <= now_ns) and size < MAX_READ_BYTES_PER_TURN:
             end_ns, received = self._arrived.popleft()
-            size += len(payload(received.data))
             if received.source == DRIVER:
                 if len(self.connectors) < 2:  # else the settings of each device apply, in `received_by`
-                    received = ReceivedData(self._as_received(received.data, self._owner, to_driver=False))
+                    received = ReceivedData(self._as_received(received.data, owner, to_driver=False))
                     if received.data == b"":
                         continue
                 self.counters["received"] += 1
                 self.counters["received_bytes"] += len(payload(received.data))
-                self.truth.received(end_ns, self._owner, received.data)
+                self.truth.received(end_ns, owner, received.data)
+            size += len(payload(received.data))
             events.append(received)
 
     def received_by(self, source: str, received: ReceivedData) -> WireFrame | None:

@@ -341,9 +341,11 @@ def test_a_frame_states_its_length_and_its_flaw():
     frame = MESSAGE.pack(command=5, data=b"abc")
     assert [MESSAGE.length_of(frame[:n]) for n in (2, 3)] == [0, len(frame)]
     assert MESSAGE.length_of(frame, 2) == "bad_length"
-    assert MESSAGE.flaw(frame) == ""
-    assert MESSAGE.flaw(frame[:-3] + b"x" + frame[-2:]) == "bad_checksum"
-    assert MESSAGE.flaw(frame[:-1] + b"x") == "bad_tail"
+    assert MESSAGE.read(frame) == ({"command": 5, "size": 3, "data": b"abc"}, "")
+    assert MESSAGE.read(frame[:-3] + b"x" + frame[-2:]) == (None, "bad_checksum")
+    assert MESSAGE.read(frame[:-1] + b"x") == (None, "bad_tail")
+    longer = frame[:2] + b"\x04" + frame[3:-2] + bytes([frame[-2] + 1]) + frame[-1:]
+    assert MESSAGE.read(longer) == (None, ""), "the cutter finds a wrong length"
     with pytest.raises(TypeError, match="no field states its length"):
         Frame("open\n0  bytes  data").length_of(b"abc")
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from firmware_protocols import Connector, Rs485, WireFrame
-from tactemu.wire.line import DRIVER
+from tactemu.wire.line import DRIVER, Pacing
 from tactemu.wire.line_models.serial import SerialLine
 
 
@@ -19,9 +19,9 @@ class Rs485Line(SerialLine, connector=Rs485):
     is_half_duplex = True
     has_turns = True
 
-    def turnaround_ns(self) -> int:
-        """Return the turnaround time of the connector [ns]."""
-        return self.connector.turnaround_ns
+    def __init__(self, connector: Any, *, pacing: Pacing = True):
+        super().__init__(connector, pacing=pacing)
+        self.turnaround_ns, self.has_echo = connector.turnaround_ns, connector.echo
 
     def accepts(self, connector: Any, frame: WireFrame, *, of_peer: bool) -> bool:
         """Return True: every device receives all that is sent on the line."""
@@ -30,10 +30,6 @@ class Rs485Line(SerialLine, connector=Rs485):
     def collides(self, sender: str) -> bool:
         """Return True if a device is sending: what the driver sends meanwhile is lost to all."""
         return sender not in ("", DRIVER)
-
-    def echoes(self) -> bool:
-        """Return True if the adapter echoes, as the connector declares."""
-        return self.connector.echo
 
     def agrees(self, other: Connector) -> bool:
         """Return True if the other connector is RS-485, whatever its settings."""
