@@ -13,7 +13,7 @@ MAX_FILES_ON_THE_WAY = 18
 """Number of files through which one sample passes; it may only fall."""
 MAX_FILES = 23
 """Number of all files that it visits, also those of the loop's tools and of the log; it may only fall."""
-MAX_CALLS = 188
+MAX_CALLS = 184
 """Number of Python calls of one sample with its ten steps of the physics; it may only fall."""
 MAX_SYSTEM_CALLS = 3
 """Number of calls of the system for one sample on a pseudo terminal that a driver reads; it may only fall."""
