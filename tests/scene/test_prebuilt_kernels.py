@@ -11,7 +11,6 @@ from tactemu.base import cpu_code
 from tests.cli.command import environment
 
 ROOT = Path(__file__).parents[2]
-DEMO = str(ROOT / "tactemu/scene/demo.toml")
 needs_level = pytest.mark.skipif(cpu_code.compiler_flags() is None, reason="a processor of another level")
 START = """
 import sys
@@ -46,9 +45,15 @@ def run(name: str, cache: Path, prebuilt: Path, code: str = "portable", *, secon
 
 @needs_level
 @pytest.mark.each_device
-@pytest.mark.parametrize("name", [*firmware_protocols.names(), DEMO])
-def test_a_scene_starts_without_the_compiler(name, prebuilt, tmp_path):
+@pytest.mark.parametrize("name", firmware_protocols.names())
+def test_a_default_scene_starts_without_the_compiler(name, prebuilt, tmp_path):
     _, compiled = run(name, tmp_path, prebuilt, seconds=0.1)
+    assert compiled == 0
+
+
+@needs_level
+def test_so_does_the_demo(prebuilt, tmp_path):
+    _, compiled = run(str(ROOT / "tactemu/scene/demo.toml"), tmp_path, prebuilt, seconds=0.1)
     assert compiled == 0
 
 
