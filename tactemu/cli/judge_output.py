@@ -34,13 +34,18 @@ NOT_JUDGED = 3
 """The exit code if there was nothing to judge, or a task never succeeds without a fault."""
 
 
+def words_of(texts: Sequence[str]) -> tuple[str, ...]:
+    """Return the words of an option that may be repeated, and takes several with commas."""
+    return tuple(word.strip() for text in texts for word in text.split(",") if word.strip())
+
+
 def kinds_of(words: Sequence[str]) -> tuple[str, ...]:
     """Return the kinds of finding that fail a run.
 
     Raises:
         TactemuError: there is no such kind.
     """
-    kinds = [word.strip().replace("-", " ") for text in words for word in text.split(",")]
+    kinds = [word.replace("-", " ") for word in words_of(words)]
     if not kinds:
         return FAILING
     if unknown := [kind for kind in kinds if kind not in ABOUT and kind not in ("none", "all")]:
@@ -85,6 +90,12 @@ class ReportFiles:
     command: str = ""
     """The command line, which the page shows."""
 
+    def check(self) -> None:
+        """Raise TactemuError for a report that could not be written when all trials have run."""
+        for path in filter(None, (self.html, self.junit, self.json)):
+            if not path.parent.is_dir():
+                raise TactemuError(f"{path} cannot be written: there is no folder {path.parent}")
+
 
 def judge_driver(target: str, command: Sequence[str], options: JudgeOptions, files: ReportFiles) -> int:
     """Judge a driver, print and write the report, and return the exit code.
@@ -97,6 +108,7 @@ def judge_driver(target: str, command: Sequence[str], options: JudgeOptions, fil
         options, budget_s=began + limit - time.monotonic() if limit else None,
         every=(limit or 0.0) >= EVERY_POSITION_BUDGET_S,
     )  # fmt: skip
+    files.check()
     report = Report(target, list(command), options.seed, options.fail_on)
     if files.baseline is not None:
         report.compare(files.baseline)
@@ -122,7 +134,14 @@ def judge_driver(target: str, command: Sequence[str], options: JudgeOptions, fil
     _print_end(console, report)
     if interrupted:
         return INTERRUPTED
-    return FAILED if report.failed and report.is_judged else NOT_JUDGED if not report.is_judged else 0
+    if report.is_judged and report.failed:
+        return FAILED
+    return 0 if report.is_judged and not _none_tried(report) else NOT_JUDGED
+
+
+def _none_tried(report: Report) -> bool:
+    """Return True if every trial after the one without faults was left out."""
+    return len(report.outcomes) > 1 and all(outcome.skipped for outcome in report.outcomes[1:])
 
 
 def _replayed(judge: Judge, case: dict):
@@ -166,10 +185,12 @@ def _print_end(console: Console, report: Report) -> None:
         console.print(smallest_case.in_words(case), markup=False, highlight=False)
     if report.left_behind:
         console.print(f"{report.left_behind} processes of the driver had left its session; tactemu ended them")
-    failed = len(report.failed)
-    words = f"[red]{failed} of {len(report.outcomes)} trials fail[/]" if failed else "[green]nothing fails[/]"
-    tried = sum(not outcome.skipped for outcome in report.outcomes)
-    console.print(f"{words}; {tried} trials in {report.seconds:.1f} s")
+    failed, left_out = len(report.failed), sum(bool(outcome.skipped) for outcome in report.outcomes)
+    tried = len(report.outcomes) - left_out
+    words = f"[red]{failed} of {tried} trials fail[/]" if failed else "[green]nothing fails[/]"
+    if _none_tried(report):
+        words += ", but only the run without faults was tried: raise --budget, or name other trials in --only"
+    console.print(f"{words}; {tried} trials in {report.seconds:.1f} s, {left_out} not tried")
 
 
 def _write(report: Report, files: ReportFiles) -> None:

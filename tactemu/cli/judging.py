@@ -37,7 +37,10 @@ def judge(
         typer.Option(metavar="T", help="Time for all trials, such as 30s or 5m; with 2m or more every byte is tried."),
     ] = None,
     only: Annotated[
-        list[str] | None, typer.Option("--only", metavar="TRIAL", help="Run only trials of this name; repeatable.")
+        list[str] | None,
+        typer.Option(
+            "--only", metavar="TRIALS", help="Run only trials of these names, such as flipped,hang; repeatable."
+        ),
     ] = None,
     fail_on: Annotated[
         list[str] | None,
@@ -109,11 +112,18 @@ def judge(
     Exit code 0 if nothing fails, 1 if something fails, 2 for an error in the command, 3 if there was nothing to judge.
     See docs/judge.md.
     """
-    from tactemu.cli.judge_output import ReportFiles, judge_driver, judge_success, kinds_of, reading_or_program
+    from tactemu.cli.judge_output import (
+        ReportFiles,
+        judge_driver,
+        judge_success,
+        kinds_of,
+        reading_or_program,
+        words_of,
+    )
     from tactemu.judge.options import JudgeOptions
 
     chosen = JudgeOptions(
-        no_contact_s=no_contact, seed=seed or 0, budget_s=budget_of(budget), only=only or (), columns=columns,
+        no_contact_s=no_contact, seed=seed or 0, budget_s=budget_of(budget), only=words_of(only or ()), columns=columns,
         fail_on=kinds_of(fail_on or ()), record=record, device_options=options_of(options or ()),
         port=ports_of(port or ()), patience_s=patience,
     )  # fmt: skip

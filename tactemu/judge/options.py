@@ -30,7 +30,7 @@ class JudgeOptions:
     shrink: bool = True
     """True: repeat trials with findings, and search for the smallest case."""
     only: Sequence[str] = ()
-    """Words of which the name of a trial must contain one; empty: all trials."""
+    """Names of the trials to run after the one without faults, or words of them; empty: all trials."""
     columns: Path | None = None
     """File of the columns: read if it exists, written otherwise."""
     record: Path | None = None

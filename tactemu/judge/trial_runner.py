@@ -14,7 +14,7 @@ from tactemu.judge.driver_session import POLL_PERIOD_S, DriverSession
 from tactemu.judge.excitation import STEP
 from tactemu.judge.options import JudgeOptions
 from tactemu.judge.outcome import ABOUT, CleanRun, Outcome
-from tactemu.judge.plan import LineFacts, Plan, Trial
+from tactemu.judge.plan import CLEAN, LineFacts, Plan, Trial, chosen
 from tactemu.judge.rollover_counter import RolloverCounter
 from tactemu.judge.trial_record import TrialRecord
 from tactemu.judge.verdicts import judge_record, measure_clean_run
@@ -57,9 +57,7 @@ class Judge(DriverSession):
         opts = self.options
         every = opts.every or (opts.budget_s or 0.0) >= EVERY_POSITION_BUDGET_S
         trials = ordered(Plan(self.facts, opts.seed, every).trials())
-        if opts.only:
-            trials = [trial for trial in trials if any(word in trial.name for word in opts.only)]
-        return trials
+        return chosen(trials, opts.only) if opts.only else trials
 
     def judge(self, trial: Trial) -> Outcome:
         """Run a trial and confirm its findings; if edits of frames cause them, search for the smallest case."""
@@ -223,13 +221,13 @@ class Judge(DriverSession):
 
     def _clean_record(self, on: int) -> TrialRecord:
         record = self._observed(on - round(BEFORE_S * 1e9))
-        record.name, record.on = "clean", on
+        record.name, record.on = CLEAN, on
         record.off = record.end = time.monotonic_ns()
-        record.trial = {"name": "clean", "action": "clean", "why": "no fault", "recovers": False}
+        record.trial = {"name": CLEAN, "action": "clean", "why": "no fault", "recovers": False}
         return record
 
     def _unjudgeable(self, why: str) -> Outcome:
-        record = TrialRecord("clean", {"name": "clean", "action": "clean"}, asdict(self.known), trouble=why)
+        record = TrialRecord(CLEAN, {"name": CLEAN, "action": "clean"}, asdict(self.known), trouble=why)
         if self.driver is not None:
             record.rows, record.notes = self.driver.rows[:50], self.driver.notes[:50]
             record.exit = self.driver.exit

@@ -96,7 +96,10 @@ def test_pymodbus_raises_for_every_fault_and_hands_out_no_wrong_register(tmp_pat
     ):
         assert live.settles()
         for fault in ("drop 10%", "drop 10% from_driver", "flip 10%"):
-            since, said = len(live.rows), len(live.notes)
-            n = inject(live, fault, 1.5)
-            assert len(live.notes) - said >= n, "each is said; an answer that a busy machine sends too late is one more"
-            assert not {"wrong", "older"} & live.story(since).keys(), fault
+            for _ in range(3):  # an answer that a busy machine sends too late is one error more
+                since, said = len(live.rows), len(live.notes)
+                n = inject(live, fault, 1.5)
+                assert not {"wrong", "older"} & live.story(since).keys(), fault
+                if len(live.notes) - said == n:
+                    break
+            assert len(live.notes) - said == n, (fault, live.notes[said:])

@@ -48,6 +48,20 @@ def test_a_sum_that_nobody_checks_with_report_case_and_replay(tmp_path):
     assert len(list((tmp_path / "records").iterdir())) == 2
 
 
+FLAWED = [
+    (["--only=flapped"], 3, "no trial of this name here; did you mean 'flipped'?"),
+    (["--html=/no/such/folder/r.html"], 2, "there is no folder /no/such/folder"),
+    (["--budget=1s"], 3, "only the run without faults was tried"),
+    (["--only=clean"], 0, "nothing fails"),
+]
+
+
+@pytest.mark.parametrize(("options", "status", "says"), FLAWED)
+def test_a_request_that_would_judge_nothing_does_not_pass(options, status, says):
+    done = ended([sys.executable, "-m", "tactemu", "judge", "optoforce", *options, "--", *NO_SUM])
+    assert done.returncode == status and says in " ".join(done.stderr.split()), done.stderr
+
+
 @pytest.mark.nightly
 def test_a_case_is_tried_alone_and_a_baseline_forgives_it(tmp_path):
     base = [sys.executable, "-m", "tactemu", "judge", "optoforce"]
@@ -78,7 +92,7 @@ def test_a_reader_in_python_is_called_and_may_be_late(tmp_path):
         patch.chdir(tmp_path)
         from tactemu.judge.driver import reading_command
 
-        with Judge("optoforce", reading_command("mine:read"), JudgeOptions(only=["none"])) as judge:
+        with Judge("optoforce", reading_command("mine:read"), JudgeOptions(only=["clean"])) as judge:
             (outcome,) = judge.run()
     assert [column.channel for column in judge.columns.values] == [0, 1, 2]
     assert outcome.p50_ms is not None and 20.0 < outcome.p50_ms < 30.0

@@ -8,7 +8,7 @@ import pytest
 from firmware_protocols import Can, Rollover, Serial, Tcp
 from firmware_protocols.sums import crc16_modbus
 from tactemu.judge import forged_replies
-from tactemu.judge.plan import LineFacts, Plan, positions
+from tactemu.judge.plan import LineFacts, Plan, chosen, positions
 from tactemu.wire.faults import check_fits, parse
 from tactemu.wire.line_models import line_model_for
 
@@ -47,6 +47,14 @@ def test_what_makes_no_sense_says_why():
     assert plan(STREAM)["counter wraps"].preset == "counter" and plan(CAN)["counter wraps"].skipped
     assert "nothing that sets it" in plan(STREAM)["tick wraps"].skipped and not plan(STREAM)["counter wraps"].skipped
     assert "one taxel" in plan(STREAM)["dead taxel"].skipped
+
+
+def test_trials_are_chosen_by_name_else_by_words_and_one_that_is_none_says_so():
+    trials = Plan(STREAM).trials()
+    assert [trial.name for trial in chosen(trials, ["byte lost", "clean"])] == ["byte lost"]
+    assert {trial.name for trial in chosen(trials, ["wraps", "cut"])} == {"counter wraps", "tick wraps", "cut"}
+    hang, none = chosen(trials, ["flip", "hang"])
+    assert hang.name == "hang" and not hang.skipped and none.name == "flip" and "no trial of this name" in none.skipped
 
 
 @pytest.mark.parametrize("size", [1, 16, 30, 31, 82, 1000])
