@@ -13,8 +13,9 @@ FINGERS = ("thumb", "index", "middle", "ring", "pinky")
 
 
 def identity(hand):
-    """The SDK waits 20 ms for each answer: on a busy machine that can be too short."""
-    for _ in range(20):
+    """The SDK waits 20 ms for each answer: on a busy machine that can be too short. It may ask for 20 s."""
+    end = time.monotonic() + 20.0
+    while time.monotonic() < end:
         try:
             return hand.version.get_device_info()
         except TimeoutError:
