@@ -83,8 +83,10 @@ class Px6axDevice(Device):
 
     def memory(self, module: int, address: int, count: int) -> bytes | None:
         """Return ``count`` bytes of region 7B, or None outside of it."""
-        resultant = _to_bytes(self.resultant(module)).ljust(TAXEL_ADDRESS - RESULTANT_ADDRESS, b"\0")
-        content, start = resultant + self.taxels(module), address - RESULTANT_ADDRESS
+        start = address - RESULTANT_ADDRESS
+        content = _to_bytes(self.resultant(module)).ljust(TAXEL_ADDRESS - RESULTANT_ADDRESS, b"\0")
+        if start + count > len(content):  # the resultant alone needs no taxel
+            content += self.taxels(module)
         return content[start : start + count] if 0 <= start and start + count <= len(content) else None
 
 
