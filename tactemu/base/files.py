@@ -11,7 +11,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO
 
-from tactemu.base.errors import TactemuError
+from tactemu.base.errors import TactemuError, reason_of
 
 
 def check_writable(path: str | Path, what: str) -> None:
@@ -30,6 +30,21 @@ def check_writable(path: str | Path, what: str) -> None:
         problem = "permission denied"
     if problem:
         raise TactemuError(f"{path}: cannot write {what}: {problem}")
+
+
+def check_folder(path: str | Path, what: str) -> None:
+    """Raise if files cannot be written to a folder; make nothing. The folder need not exist, and gets its parents.
+
+    Raises:
+        TactemuError: a part of the path is no folder, or permission is missing.
+    """
+    there = _behind_links(path)
+    while not os.path.exists(there):
+        there = there.parent
+    try:
+        tempfile.TemporaryFile(dir=there).close()
+    except OSError as error:
+        raise TactemuError(f"{path}: cannot write {what}: {there}: {reason_of(error)}") from None
 
 
 @contextmanager

@@ -63,12 +63,20 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Declare the marker, and refuse a wrong seed before any test runs."""
+    """Declare the marker, and refuse a wrong seed and a folder that cannot be written before any test runs."""
     config.addinivalue_line(
         "markers",
         "tactemu(**options): a test that uses tactile_device; the options are those of its devices, as for serve()",
     )
     _seed(config)
+    if folder := _setting(config, "tactemu_truth_dir"):
+        from tactemu.base.errors import TactemuError
+        from tactemu.base.files import check_folder
+
+        try:
+            check_folder(folder, "truth logs of failed tests")
+        except TactemuError as error:
+            raise pytest.UsageError(f"--tactemu-truth-dir: {error}") from None
 
 
 def pytest_itemcollected(item: pytest.Item) -> None:

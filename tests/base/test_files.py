@@ -7,7 +7,7 @@ import threading
 import pytest
 
 from tactemu.base.errors import TactemuError
-from tactemu.base.files import check_writable, move_into_place, writing
+from tactemu.base.files import check_folder, check_writable, move_into_place, writing
 from tests.cli.command import tactemu
 
 
@@ -60,6 +60,17 @@ def test_a_path_that_cannot_be_written_is_refused_before(tmp_path):
         with pytest.raises(TactemuError, match=f"{path}: cannot write the state: .*{why}"):
             check_writable(path, "the state")
     check_writable(tmp_path / "x", "the state")
+
+
+def test_a_folder_that_cannot_be_written_is_refused_and_none_is_made(tmp_path):
+    file = tmp_path / "file"
+    file.touch()
+    for path in (file, file / "folder", file / "folder" / "in_it"):
+        with pytest.raises(TactemuError, match=f"^{path}: cannot write logs: {file}: Not a directory$"):
+            check_folder(path, "logs")
+    for path in (tmp_path, tmp_path / "new" / "folder"):
+        check_folder(path, "logs")
+    assert list(tmp_path.iterdir()) == [file]
 
 
 @pytest.mark.skipif(os.getuid() != 0, reason="only root makes device nodes")

@@ -96,6 +96,14 @@ def test_a_seed_that_is_none_is_refused_before_any_test_runs(tmp_path):
     assert done.returncode == 4 and "--tactemu-seed: expected a whole number, got 'x'" in done.stderr
 
 
+def test_a_folder_that_cannot_be_written_is_refused_before_any_test_runs(tmp_path):
+    (tmp_path / "test_it.py").write_text(FAILING)
+    for arguments in (["--tactemu-truth-dir", "test_it.py/kept"], ["-o", "tactemu_truth_dir=test_it.py", "-n", "2"]):
+        done = run_pytest(tmp_path, *arguments)
+        assert done.returncode == 4 and "Traceback" not in done.stderr + done.stdout, done.stdout
+        assert "cannot write truth logs of failed tests" in done.stderr and "Not a directory" in done.stderr
+
+
 MARKED = """
 import pytest
 
