@@ -14,8 +14,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from tactemu.judge.checks import is_named
-from tactemu.judge.columns import ABSOLUTE, TRANSFORMS, Channel, Column, Columns
-from tactemu.judge.line_fits import is_line, is_monotone, line, ranks
+from tactemu.judge.columns import ABSOLUTE, TABLES, TRANSFORMS, Channel, Column, Columns
+from tactemu.judge.line_fits import Line, distinct, is_line, is_monotone, line, ranks
 from tactemu.judge.trial_record import DriverRow
 from tactemu.truth import Passage, Sample
 
@@ -105,10 +105,11 @@ class _ColumnFitter:
         self.columns_ = [_role(name, self.y[:, k]) for k, name in enumerate(names)]
         self.open = [k for k, column in enumerate(self.columns_) if column.role == "other"]
         self.live = np.flatnonzero(np.ptp(self.x, axis=0) > 0) if len(self.x) else np.zeros(0, int)
+        self.distinct, self.equal = distinct(self.x, self.live)
         self.newest = self._newest(samples, frames)
         if steps:
             self._keep_settled_rows()
-        self.ranked = ranks(self.x[:, self.live]) if len(self.live) else np.zeros((0, 0))
+        self.ranked = ranks(self.x[:, self.distinct]) if len(self.distinct) else np.zeros((0, 0))
 
     def _newest(self, samples: Sequence[Sample], frames: Sequence[Passage]) -> np.ndarray:
         """Return the sample index of the last frame before each row; without frames, the last sample before it."""
@@ -176,9 +177,9 @@ class _ColumnFitter:
 
     def _tried(self, how: str, x: np.ndarray) -> np.ndarray:
         """Return the channels that are tried after a mistake; without integer counts, only for an absolute value."""
-        live = self.live[:8]
-        applies = how == ABSOLUTE or np.array_equal(x[:, live], np.rint(x[:, live]))
-        return self.live[:256] if applies else np.zeros(0, int)
+        first = self.distinct[:8]
+        applies = how == ABSOLUTE or np.array_equal(x[:, first], np.rint(x[:, first]))
+        return self.distinct[:256] if applies else np.zeros(0, int)
 
     def _by_sequence(self, width: int = 9) -> np.ndarray | None:
         """Return the sample index of each row under a drifting delay, or None.
@@ -193,7 +194,7 @@ class _ColumnFitter:
                 y = self.y[i : i + width, k] - self.y[i : i + width, k].mean()
                 if not y.any():
                     continue
-                for c in self.live[:64]:
+                for c in self.distinct[:64]:
                     windows = np.lib.stride_tricks.sliding_window_view(self.x[low : high + width, c], width)
                     centred = windows - windows.mean(axis=1, keepdims=True)
                     like = centred @ y / np.maximum(np.linalg.norm(centred, axis=1) * np.linalg.norm(y), 1e-12)
@@ -240,7 +241,7 @@ class _ColumnFitter:
         for how, transform in TRANSFORMS.items():
             if how == "line":
                 first = np.argsort(-like.round(9), kind="stable")[:3]
-                likely = self.live[first[like[first] > ALIKE * like[first[0]]]]
+                likely = self.distinct[first[like[first] > ALIKE * like[first[0]]]]
             else:
                 tried = self._tried(how, x)
                 turned = self._turned(how, x, tried) if len(tried) else np.zeros((len(y), 0))
@@ -255,34 +256,33 @@ class _ColumnFitter:
                 closer = min(share, best.share) > self.min_share and off < _CLOSER * residual
                 if share > best.share + 0.02 or closer:
                     best, residual = found, off
-                    same = [
-                        (int(k), fit) for k, fit in fits if min(share, fit[3]) > self.min_share and k != best.channel
-                    ]
-                    best.also = [k for k, _ in same]
-                    self._decide_by_name(best, same)
+                    self._add_equal(best, [fit for fit in fits if min(share, fit[1][3]) > self.min_share])
             if how == "line" and best.share > self.min_share:
                 break
         if best.share < self.min_share:
             best = self._clipped(k, x, y, like) or best
         if best.share < self.min_share:
-            best = self._curve(k, x, y, int(self.live[np.argmax(like)])) or best
-        if best.share < least:
-            return Column(self.names[k])
-        if best.also:  # two channels are equal: the column may hold either
-            best.also = [best.channel, *best.also]
-        return best
+            best = self._curve(k, x, y, int(self.distinct[np.argmax(like)])) or best
+        if best.how in TABLES:
+            self._add_equal(best)
+        return best if best.share >= least else Column(self.names[k])
 
-    def _decide_by_name(self, best: Column, same: list[tuple[int, tuple[float, float, float, float]]]) -> None:
-        """Give a column that could hold several channels the one that its name states."""
-        named = [
-            k for k in (best.channel, *best.also) if k < len(self.channels) and is_named(best.name, self.channels[k])
-        ]
-        if not best.also or len(named) != 1:
+    def _add_equal(self, best: Column, fits: Sequence[tuple[int, Line]] = ()) -> None:
+        """Add the channels that a column could hold just as well, or give it the one of them that its name states.
+
+        Args:
+            best: the column, with one of its channels.
+            fits: lines of other channels that fit as well.
+        """
+        lines = {best.channel: (best.gain, best.offset, best.tolerance, best.share)} | {int(c): fit for c, fit in fits}
+        alike = {int(k): fit for c, fit in lines.items() for k in self.equal[c]}
+        if len(alike) < 2:
             return
-        best.also = []
-        for k, (gain, offset, tolerance, share) in same:
-            if k == named[0]:
-                best.channel, best.gain, best.offset, best.tolerance, best.share = k, gain, offset, tolerance, share
+        named = [k for k in alike if k < len(self.channels) and is_named(best.name, self.channels[k])]
+        if len(named) == 1:
+            best.channel, (best.gain, best.offset, best.tolerance, best.share) = named[0], alike[named[0]]
+        else:
+            best.also = list(alike)
 
     def _turned(self, how: str, x: np.ndarray, channels: np.ndarray) -> np.ndarray:
         """Return the ranks of the channels after a mistake; cached, since every column needs them."""
@@ -314,7 +314,7 @@ class _ColumnFitter:
         if not ends or inner.sum() < _MIN_INNER_ROWS:
             return None
         first = np.argsort(-like)[:3]
-        for c in self.live[first[like[first] > ALIKE * like[first[0]]]]:
+        for c in self.distinct[first[like[first] > ALIKE * like[first[0]]]]:
             counts = x[:, c]
             gain, offset, tolerance, share = line(counts[inner], y[inner], self.random, steps=self.steps)
             if share < self.min_share:

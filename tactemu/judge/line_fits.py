@@ -1,4 +1,4 @@
-"""Robust line fits, checks of curves, and ranks."""
+"""Robust line fits, checks of curves, ranks, and channels that are equal."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ import numpy as np
 
 FILTERED = 3e-3
 """Largest remaining distance of a filter from its final value when a sample was held, as a share of the span."""
+Line = tuple[float, float, float, float]
+"""Gain, offset, tolerance and explained share of a line."""
 _MIN_LEVELS = 5
 """A column with fewer distinct values is not taken for a rounded one."""
 _SMOOTHED_ROWS = 5
@@ -14,9 +16,7 @@ _MAX_FALL_BACK = 0.05
 """Largest fall-back that noise may cause, as a share of the span."""
 
 
-def line(
-    x: np.ndarray, y: np.ndarray, random: np.random.Generator, tries: int = 60, steps: bool = False
-) -> tuple[float, float, float, float]:
+def line(x: np.ndarray, y: np.ndarray, random: np.random.Generator, tries: int = 60, steps: bool = False) -> Line:
     """Return gain, offset, tolerance and explained share of the rows for the line with the most rows; zeros for none.
 
     With integer counts the tolerance is less than half a count, unless the driver prints fewer digits than that or
@@ -100,3 +100,12 @@ def ranks(values: np.ndarray) -> np.ndarray:
     np.put_along_axis(ranks, order, (low + high) / 2, axis=0)
     ranks -= ranks.mean(axis=0)
     return ranks / np.maximum(ranks.std(axis=0), 1e-12)
+
+
+def distinct(x: np.ndarray, channels: np.ndarray) -> tuple[np.ndarray, dict[int, np.ndarray]]:
+    """Return the first of all equal channels, in order, and by each of them the channels with these counts."""
+    if not len(channels):
+        return channels, {}
+    _, first, group = np.unique(x[:, channels], axis=1, return_index=True, return_inverse=True)
+    equal = {int(channels[at]): channels[group.ravel() == k] for k, at in enumerate(first)}
+    return channels[np.sort(first)], equal

@@ -208,13 +208,6 @@ def test_flags_counters_clocks_and_what_is_nothing():
     assert dict(columns.describe())["x"] == "cannot be told"
 
 
-def test_two_channels_that_are_one_are_both_named():
-    taken = [sample_of(s.t_ns, s.number, np.array([*s.counts[:8], s.counts[0]])) for s in samples()]
-    columns = learned(lambda x, k: {"a": x[0], "b": x[1]}, taken=taken)
-    assert columns.values[0].also == [0, 8] and not columns.values[1].also
-    assert "pad[2].z" in dict(columns.describe())["a"], "an ambiguous mapping is shown"
-
-
 def test_many_small_numbers():
     """Check 96 channels of 8 bits, where a column alone identifies no sample."""
     random = np.random.default_rng(2)
@@ -277,14 +270,6 @@ def test_a_wrench_whose_components_are_exchanged_or_mirrored():
     assert mirrored(wrench_of(times(1, 1, 1, 1, 1, -1))) == ["the sign of 'tz' goes with no frame of the other columns"]
     for turned in ((1, -1, -1, 1, -1, -1), (-1, -1, -1, -1, -1, -1), (-1, 1, 1, 1, -1, 1)):
         assert mirrored(wrench_of(times(*turned))) == [], "another frame, or the reaction"
-
-
-def test_of_channels_that_are_one_the_name_of_the_column_decides():
-    """Check equal channels: a force on one point of contact changes Fx and My together."""
-    taken = [sample_of(s.t_ns, s.number, s.counts[[0, 1, 2, 1, 0, 5]] * [1, 1, 1, -1, 1, 1]) for s in samples(6)]
-    columns = wrench_of(taken=taken)
-    assert [column.channel for column in columns.values] == list(range(6)) and misnamed(columns) == []
-    assert not any(column.also for column in columns.values)
 
 
 @pytest.mark.parametrize(
