@@ -37,6 +37,7 @@ class LoadstarDi(Device):
     title = "Loadstar DI-100U load cell"
     kind = "force-torque sensor"
     rate_hz = 100.0
+    lacks_checksum = True
     evidence = ("driver",)
     sources = (FILE,)
     judge = DRIVER

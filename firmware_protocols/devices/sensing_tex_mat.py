@@ -46,6 +46,7 @@ class SensingTexMat(Device):
     kind = "skin"
     ports = (Serial(baud=115200, usb=True),)
     rate_hz = 50.0
+    lacks_checksum = True
     evidence = ("driver",)
     sources = (f"{READER} Software/Mat.py",)
     judge = READER

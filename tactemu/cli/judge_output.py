@@ -123,7 +123,7 @@ def judge_driver(target: str, command: Sequence[str], options: JudgeOptions, fil
                     if len(report.outcomes) == 1:
                         report.columns, report.asks = judge.columns.describe(), judge.known.asks
                         _print_columns(console, report)
-                    _print_outcome(console, report, outcome)
+                    print_outcome(console, report, outcome)
             except KeyboardInterrupt:
                 interrupted = True
                 console.print("interrupted: the other trials were not run")
@@ -163,7 +163,8 @@ def _print_columns(console: Console, report: Report) -> None:
     console.print(table)
 
 
-def _print_outcome(console: Console, report: Report, outcome: Outcome) -> None:
+def print_outcome(console: Console, report: Report, outcome: Outcome) -> None:
+    """Print the outcome of a trial."""
     failing = report.failures(outcome)
     color = "red" if failing else "yellow" if outcome.findings else "dim" if outcome.skipped else "green"
     mark = "✗" if failing else "!" if outcome.findings else "-" if outcome.skipped else "✓"
@@ -175,6 +176,8 @@ def _print_outcome(console: Console, report: Report, outcome: Outcome) -> None:
     )
     words = escape(outcome.verdict + outcome.doubt)
     console.print(f"[{color}]{mark} {outcome.name:18}[/] {words}{known}{late}", highlight=False)
+    if outcome.remark:
+        console.print(f"  [dim]{escape(outcome.remark)}[/]", highlight=False)
     if outcome.said and outcome.verdict.startswith("noticed"):
         console.print(f"  {'':18} [dim]{escape(outcome.said[0])}[/]", highlight=False)
 

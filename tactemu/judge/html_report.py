@@ -76,6 +76,7 @@ def _verdict(report: Report, outcome: Outcome) -> str:
         known = " (as in the baseline)" if (outcome.name, finding.kind) in report.known else ""
         mark = "bad" if finding.kind in failing else "odd"
         words.append(f'<span class="{mark}">{escape(str(finding))}{known}{escape(outcome.doubt)}</span>')
+    words += [f'<span class="soft">{escape(outcome.remark)}</span>'] if outcome.remark else []
     return "<br>".join(words)
 
 

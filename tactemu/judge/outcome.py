@@ -124,6 +124,8 @@ class Outcome:
     """The reason why there was no second run, although findings do not count without one."""
     skipped: str = ""
     """The reason why the trial was not tried."""
+    remark: str = ""
+    """A reason for the wrong values that is not the driver's."""
     case: dict[str, Any] | None = None
     """The smallest case, from :mod:`tactemu.judge.smallest_case`."""
 

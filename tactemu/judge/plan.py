@@ -21,6 +21,11 @@ CLEAN = "clean"
 """The name of the run without faults, before all trials."""
 GAP = 4
 """Number of readings from edit to edit, so that the losses of one edit are told from those of the next."""
+NO_CHECKSUM = (
+    "the frames of this device have no checksum, so no driver can recognise a flipped bit in a value; "
+    "--baseline with this report as JSON (--json) accepts it"
+)
+"""The remark on flipped bits that no driver can recognise."""
 EDGE_FIRST = 10
 """Number of positions at the head of a frame that are always tried."""
 EDGE_LAST = 4
@@ -57,6 +62,8 @@ class Trial:
     """True if the driver should recover afterwards, in the same process."""
     skipped: str = ""
     """The reason why it is not tried."""
+    remark: str = ""
+    """A reason for wrong values that is not the driver's."""
     takes_s: float = 0.0
     """Estimated duration [s]."""
 
@@ -101,6 +108,8 @@ class LineFacts:
     """Constant answers of the device to commands, as hex."""
     identifiers: Sequence[int] = ()
     """CAN identifiers in use."""
+    lacks_checksum: bool = False
+    """True if no driver can recognise a flipped bit."""
     taxels: int = 1
     """Number of taxels."""
     numbered: bool = False
@@ -210,7 +219,8 @@ class Plan:
         """Yield the trials with single frames on any line."""
         why = "one bit is flipped, at each position of a frame in turn"
         if self._meets(frames.Flip):
-            yield Trial("flipped", why, self._at_each(lambda n, at, bit: frames.Flip(frames=n, byte=at, bit=bit)))
+            flips = self._at_each(lambda n, at, bit: frames.Flip(frames=n, byte=at, bit=bit))
+            yield Trial("flipped", why, flips, remark=NO_CHECKSUM if self.facts.lacks_checksum else "")
         else:
             yield Trial("flipped", why, skipped=self._own_checksum)
         if self._meets(frames.Truncate):

@@ -58,7 +58,7 @@ def find(
     def fails(some: Sequence[Sequence[FrameFault]]) -> tuple[TrialRecord, Outcome] | None:
         nonlocal runs
         runs += 1
-        alone = Trial(trial.name, trial.why, _numbered_anew(some), takes_s=1.0)
+        alone = Trial(trial.name, trial.why, _numbered_anew(some), remark=trial.remark, takes_s=1.0)
         seen = run(alone)
         return seen if seen[1].has(kind) else None
 
@@ -123,7 +123,8 @@ def _case(
     bad = next((bad for bad in outcome.bad), None)
     return {
         "version": VERSION, "device": target, "command": list(command), "trial": trial.name, "finding": kind,
-        "verdict": outcome.verdict, "faults": list(map(str, _numbered_anew(groups))), "runs": runs,
+        "verdict": outcome.verdict, "remark": outcome.remark, "faults": list(map(str, _numbered_anew(groups))),
+        "runs": runs,
         "bytes": [{"fault": c.fault, "before": c.before, "after": list(c.after)} for c in changes[:4]],
         "row": None if bad is None else bad["row"], "truth": None if bad is None else bad["truth"],
         "odd": [] if bad is None else bad["odd"],
@@ -168,7 +169,8 @@ def read(path: Path) -> dict[str, Any]:
 
 def trial_of(case: dict[str, Any]) -> Trial:
     """Return the trial of a case."""
-    return Trial(case["trial"], "the smallest case", [parse(str(fault)) for fault in case["faults"]], takes_s=1.0)
+    faults = [parse(str(fault)) for fault in case["faults"]]
+    return Trial(case["trial"], "the smallest case", faults, remark=case.get("remark", ""), takes_s=1.0)
 
 
 def in_words(case: dict[str, Any]) -> str:
@@ -179,6 +181,7 @@ def in_words(case: dict[str, Any]) -> str:
         sent, *arrived = _around(each["before"], each["after"])
         lines += [f"  sent:    {sent}", f"  arrived: {' + '.join(arrived) or 'nothing'}"]
     lines += [f"Verdict: {case['verdict']}"]
+    lines += [f"Note: {case['remark']}"] if case.get("remark") else []
     if case["row"]:
         names = case["odd"] or list(case["row"])
         shown = [name for name in names if name in case["row"]][:4]

@@ -75,6 +75,7 @@ def judge_record(record: TrialRecord) -> Outcome:
     measure_resources(out, record)
     out.recovered_s = recovered(record, tracker.matches, known, record.off, left)
     out.findings = _FindingRules(out, record, tracker, columns, known).findings()
+    out.remark = trial.get("remark", "") if out.has("wrong") else ""
     out.skipped = "" if out.findings else proof.missing(record, columns, known)
     out.verdict = "; ".join(map(str, out.findings)) or _otherwise(out, known)
     return out

@@ -8,7 +8,7 @@ import pytest
 from firmware_protocols import Can, Rollover, Serial, Tcp
 from firmware_protocols.sums import crc16_modbus
 from tactemu.judge import forged_replies
-from tactemu.judge.plan import LineFacts, Plan, chosen, positions
+from tactemu.judge.plan import NO_CHECKSUM, LineFacts, Plan, chosen, positions
 from tactemu.wire.faults import check_fits, parse
 from tactemu.wire.line_models import line_model_for
 
@@ -108,3 +108,9 @@ def test_answers_that_lie_are_whole():
     assert forged["short answer"][:9] == bytes.fromhex("002900000007010304") and len(forged["short answer"]) == 13
     assert forged["another transaction"][:2] == b"\x00\x28" and forged["another unit"][6] == 0
     assert forged_replies.forged_values(["aa07080a"], with_checksum=True) == []
+
+
+def test_flipped_bits_of_a_device_without_a_checksum_have_a_remark():
+    trials = plan(replace(STREAM, lacks_checksum=True))
+    assert [name for name, trial in trials.items() if trial.remark] == ["flipped"]
+    assert trials["flipped"].as_dict()["remark"] == NO_CHECKSUM and not plan(STREAM)["flipped"].remark

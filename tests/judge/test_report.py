@@ -2,11 +2,14 @@
 
 import json
 import re
+import sys
 from xml.etree import ElementTree
 
 import pytest
+from rich.console import Console
 
 from tactemu.base.errors import TactemuError
+from tactemu.cli.judge_output import print_outcome
 from tactemu.judge import smallest_case
 from tactemu.judge.html_report import html_report
 from tactemu.judge.junit_report import junit_report
@@ -41,6 +44,18 @@ def test_a_page_holds_everything_and_asks_for_nothing(report):
     assert "&lt;flipped&gt;" in text and "<flipped>" not in text and "USB &amp; all" in text
     assert "7777" in text and "<mark>" in text and "<svg" in text and "1 trials fail" in text
     assert not re.search(r"<script|src=|url\(|https?://", text)
+
+
+def test_a_remark_on_wrong_values_stands_in_every_report(capsys):
+    rows = [*usual(without=[110]), (110.1, row(110, fy=7777.0))]
+    wrong = judge_record(record_of(rows, name="flipped", trial={"remark": "no checksum <here>"}))
+    right = judge_record(record_of(usual(), name="flipped", trial={"remark": "no checksum <here>"}))
+    wrong.case = CASE | {"remark": wrong.remark}
+    report = Report("optoforce", ["./reader"], outcomes=[wrong])
+    assert "no checksum &lt;here&gt;" in html_report(report) and "no checksum &lt;here&gt;" in junit_report(report)
+    assert report.as_dict()["trials"][0]["remark"] == "no checksum <here>" and not right.remark
+    print_outcome(Console(file=sys.stdout, width=200), report, wrong)
+    assert "no checksum <here>" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(("width", "scheme"), [(1440, "light"), (400, "dark")])
