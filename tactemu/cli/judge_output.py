@@ -18,7 +18,7 @@ from tactemu.cli import INTERRUPTED
 from tactemu.cli.signals import ended_by_signals, interrupt
 from tactemu.judge import smallest_case
 from tactemu.judge.budget import EVERY_POSITION_BUDGET_S
-from tactemu.judge.driver import reading_command
+from tactemu.judge.driver import check_finds_port, reading_command
 from tactemu.judge.html_report import html_report
 from tactemu.judge.junit_report import junit_report
 from tactemu.judge.outcome import ABOUT, FAILING, Outcome
@@ -55,18 +55,24 @@ def kinds_of(words: Sequence[str]) -> tuple[str, ...]:
     return tuple(kind for kind in kinds if kind != "none")
 
 
-def reading_or_program(target: str, command: Sequence[str], reads: str | None) -> list[str]:
+def reading_or_program(target: str, command: Sequence[str], reads: str | None, port: object = None) -> list[str]:
     """Return the driver's command line: the given one, or that of the Python function ``reads``.
 
+    ``port``: the addresses of --port, if there are any; the driver may know them without a placeholder.
+
     Raises:
-        TactemuError: there is neither, or both.
+        TactemuError: there is neither, or both; or nothing tells the driver the port.
     """
     if bool(command) == bool(reads):
         raise TactemuError(
             f"name the driver's command after --, as in `tactemu judge {target} -- python driver.py {{port}}`, "
             "or give --reads package.module:function"
         )
-    return reading_command(reads) if reads else _program(command)
+    if reads:
+        return reading_command(reads)
+    if not port:
+        check_finds_port(command)
+    return _program(command)
 
 
 def _program(command: Sequence[str]) -> list[str]:
@@ -175,7 +181,11 @@ def print_outcome(console: Console, report: Report, outcome: Outcome) -> None:
         else ""
     )
     words = escape(outcome.verdict + outcome.doubt)
-    console.print(f"[{color}]{mark} {outcome.name:18}[/] {words}{known}{late}", highlight=False)
+    is_cut = bool(outcome.skipped) and console.is_terminal  # one line each: the reason is in the files of the report
+    console.print(
+        f"[{color}]{mark} {outcome.name:18}[/] {words}{known}{late}", highlight=False, no_wrap=is_cut,
+        overflow="ellipsis" if is_cut else None, soft_wrap=bool(outcome.skipped) and not is_cut,
+    )  # fmt: skip
     if outcome.remark:
         console.print(f"  [dim]{escape(outcome.remark)}[/]", highlight=False)
     if outcome.said and outcome.verdict.startswith("noticed"):
@@ -219,6 +229,8 @@ def judge_success(
     """
     if not command:
         raise TactemuError(f"name the task's command after --, as in `tactemu judge {target} --success ... -- COMMAND`")
+    if not options.port:
+        check_finds_port(command)
     points, interrupted = {}, False
     with ended_by_signals(interrupt), Console(stderr=True).status("starting") as status:
         trials = success_curve(target, _program(command), read_script(script), options, status.update)

@@ -129,7 +129,7 @@ def judge(
     )  # fmt: skip
     if success is not None:
         raise typer.Exit(judge_success(target, context.obj or (), success, chosen, json))
-    command = reading_or_program(target, context.obj or (), reads)
+    command = reading_or_program(target, context.obj or (), reads, chosen.port)
     files = ReportFiles(
         html=html, junit=junit, json=json, baseline=baseline, cases=cases, replay=replay, command=typed_command()
     )

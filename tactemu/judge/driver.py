@@ -7,6 +7,7 @@ import os
 import re
 import secrets
 import select
+import shutil
 import signal
 import subprocess
 import sys
@@ -14,8 +15,9 @@ import termios
 import threading
 import time
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 
-from tactemu.base.errors import TactemuError
+from tactemu.base.errors import TactemuError, nearest
 from tactemu.judge import processes
 from tactemu.judge.lateness import SchedulingDelay
 from tactemu.judge.row_parser import MAX_LINE_LENGTH, RowParser
@@ -31,6 +33,9 @@ MAX_NOTE_LENGTH = 300
 """Maximum length of a kept note [characters]."""
 RESOURCE_PERIOD_S = 0.05
 """Time between two measurements of the driver's memory and processor time [s]."""
+_PLACEHOLDER = re.compile(r"\{([A-Za-z]\w*)\}")
+_VARIABLE = "TACTEMU_PORT"
+"""The environment variable with the port."""
 _BUS = re.compile(r"(?!dds:|memory:)(?P<interface>[A-Za-z]\w*):(?!//)(?P<channel>.+)")
 """A pattern of the port of a CAN device, as python-can names it."""
 
@@ -41,7 +46,7 @@ def command_of(command: Sequence[str], ports: Mapping[str, str]) -> list[str]:
     They are ``{port}``, on CAN ``{interface}`` and ``{channel}``, and with several ports the ``{NAME}`` of each.
 
     Raises:
-        TactemuError: there are several ports, and the command has ``{port}``.
+        TactemuError: there are several ports, and the command has ``{port}``; or it has unknown placeholders only.
     """
     values = {}
     if len(set(ports.values())) == 1:
@@ -49,6 +54,10 @@ def command_of(command: Sequence[str], ports: Mapping[str, str]) -> list[str]:
         bus = _BUS.fullmatch(values["port"])
         values |= bus.groupdict() if bus else {}
     values |= ports
+    found = [name for word in command for name in _PLACEHOLDER.findall(word)]
+    if found and not {*found} & {*values, "port"} and not _names_variable(command):
+        about = f"{{{found[0]}}} in the driver's command is no placeholder{nearest(found[0], values)}"
+        raise TactemuError(f"{about}; expected {', '.join(f'{{{name}}}' for name in values)}")
     words = []
     for word in command:
         if "{port}" in word and "port" not in values:
@@ -59,6 +68,32 @@ def command_of(command: Sequence[str], ports: Mapping[str, str]) -> list[str]:
             word = word.replace(f"{{{name}}}", value)
         words.append(word)
     return words
+
+
+def check_finds_port(command: Sequence[str]) -> None:
+    """Raise TactemuError if nothing in a command tells its program the port.
+
+    A placeholder does, or the name of the environment variable in a word of the command or in a file that it names.
+    """
+    if not any(map(_PLACEHOLDER.search, command)) and not _names_variable(command):
+        raise TactemuError(
+            "the driver's command does not have {port}: where the port belongs, write {port}, as in "
+            f"`-- python driver.py {{port}}`; for a program that reads {_VARIABLE} in a file that the command does not "
+            f"name, write `-- env {_VARIABLE}={{port}} COMMAND`; an address of your own needs --port pty:PATH"
+        )
+
+
+def _names_variable(command: Sequence[str]) -> bool:
+    """Return True if a word of a command, or a file that a word names, has the name of the environment variable."""
+    return any(_VARIABLE in word or _has(word, _VARIABLE.encode()) for word in command)
+
+
+def _has(path: str, text: bytes) -> bool:
+    try:
+        file = Path(shutil.which(path) or path)
+        return file.is_file() and text in file.read_bytes()
+    except (OSError, ValueError):
+        return False
 
 
 def reading_command(callable_name: str) -> list[str]:
@@ -93,9 +128,9 @@ class Driver:
         out, give = os.openpty()
         err, give_err = os.pipe()
         _set_raw_output(give)
-        named = {f"TACTEMU_PORT_{_upper(name)}": port for name, port in ports.items()}
+        named = {f"{_VARIABLE}_{_upper(name)}": port for name, port in ports.items()}
         env = os.environ | named | {"PYTHONUNBUFFERED": "1", processes.MARK: self.mark}
-        env["TACTEMU_PORT"] = next(iter(ports.values()), "")
+        env[_VARIABLE] = next(iter(ports.values()), "")
         try:
             self.process = subprocess.Popen(
                 list(command), stdout=give, stderr=give_err, stdin=subprocess.DEVNULL, start_new_session=True, env=env

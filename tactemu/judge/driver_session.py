@@ -17,6 +17,7 @@ from tactemu.judge.options import JudgeOptions
 from tactemu.judge.outcome import CleanRun
 from tactemu.judge.plan import LineFacts
 from tactemu.judge.row_tracking import RowTracker, left_times, recovered
+from tactemu.judge.trial_counts import without_tracebacks
 from tactemu.judge.trial_record import TrialRecord
 
 POLL_PERIOD_S = 0.02
@@ -105,7 +106,7 @@ class DriverSession:
 
     def _why_silent(self, driver: Driver) -> str:
         time.sleep(0.05)  # for its last messages
-        last = [note.text for note in driver.notes][-3:]
+        last = without_tracebacks([note.text for note in driver.notes])[-3:]
         words = f": {' | '.join(last)}" if last else ""
         if driver.flooded:
             return "floods: it prints more than 8 MB in 5 s that is no reading"

@@ -93,8 +93,9 @@ class Report:
             self.known = {(t["name"], f["kind"]) for t in trials if t["confirmed"] is not False for f in t["findings"]}
         except OSError as error:
             raise TactemuError(f"{path}: cannot read the baseline: {error.strerror}") from None
-        except (ValueError, KeyError, TypeError) as error:
-            raise TactemuError(f"{path}: not a report of `tactemu judge --json`: {error!r}") from None
+        except (ValueError, KeyError, TypeError):
+            about = "not a report as JSON: --baseline takes the file that --json of an earlier run has written"
+            raise TactemuError(f"{path}: {about}") from None
 
 
 def written(path: Path, text: str) -> None:

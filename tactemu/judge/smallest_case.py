@@ -156,8 +156,9 @@ def read(path: Path) -> dict[str, Any]:
         case = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise TactemuError(f"{path}: cannot read the case: {error.strerror}") from None
-    except ValueError as error:
-        raise TactemuError(f"{path}: not a case: {error}") from None
+    except ValueError:
+        about = "--replay takes a file of the folder that --cases of an earlier run has written"
+        raise TactemuError(f"{path}: not a case: {about}") from None
     needed = {"device": str, "command": list, "faults": list, "finding": str, "trial": str}
     if not isinstance(case, dict) or case.get("version") != VERSION:
         raise TactemuError(f"{path}: not a case that this tactemu reads")

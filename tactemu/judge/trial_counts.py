@@ -7,7 +7,7 @@ import json
 import math
 import re
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -31,9 +31,28 @@ MIN_GROWING_SHARE = 0.15
 """Least share of measurements at which the memory has grown: a buffer that is doubled once is no leak."""
 
 
+_EXCEPTION = re.compile(r"(?:\w+\.)*[A-Z]\w*(?:: .*)?")
+"""A pattern of the last line of a traceback."""
+_CHAINED = ("During handling of the above exception", "The above exception was the direct cause")
+
+
 def template(text: str) -> str:
     """Return a message with its numbers replaced, so that its repetitions are equal."""
     return re.sub(r"0x[0-9a-fA-F]+|\d+(\.\d+)?(e-?\d+)?", "#", text)[:120]
+
+
+def without_tracebacks(texts: Sequence[str]) -> list[str]:
+    """Return lines with the last line, the exception, in place of each traceback of Python."""
+    found, inside = [], False
+    for text in texts:
+        if text.startswith("Traceback (most recent call last)"):
+            inside = True
+        elif not inside and text.startswith(_CHAINED):
+            found = found[:-1]  # the exception that comes ends the traceback
+        elif not inside or _EXCEPTION.fullmatch(text):
+            found.append(text)
+            inside = False
+    return found or list(texts[:1])
 
 
 def count_rows(out: Outcome, record: TrialRecord, tracker: RowTracker, left: np.ndarray) -> None:
@@ -175,7 +194,7 @@ def count_messages(out: Outcome, record: TrialRecord, known: CleanRun) -> None:
         if record.on < printed.t_ns <= record.end and columns.values and columns.row(printed.row) is None
     ]
     out.notes = len(new)
-    out.said = list(dict.fromkeys(template(text) for _, text in new))[:4]
+    out.said = list(dict.fromkeys(map(template, without_tracebacks([text for _, text in new]))))[:4]
     times = sorted(
         [record.on, *(printed.t_ns for printed in record.rows if record.on < printed.t_ns <= record.off), record.off]
     )

@@ -16,6 +16,7 @@ from tactemu.judge.junit_report import junit_report
 from tactemu.judge.outcome import ABOUT, FAILING, Finding, Outcome
 from tactemu.judge.plan import Trial
 from tactemu.judge.report import Report
+from tactemu.judge.trial_counts import without_tracebacks
 from tactemu.judge.trial_record import TrialRecord
 from tactemu.judge.verdicts import judge_record
 from tactemu.wire.faults.frames import Flip
@@ -93,9 +94,12 @@ def test_a_baseline_lets_only_what_is_new_fail(report, tmp_path):
     assert not report.failed and "as in the baseline" in html_report(report)
     report.outcomes[1].name = "cut"
     assert [outcome.name for outcome in report.failed] == ["cut"]
-    (tmp_path / "x.json").write_text("{}")
-    with pytest.raises(TactemuError, match="not a report"):
-        report.compare(tmp_path / "x.json")
+    for content in (b"{}", b"<html></html>", b"[]", b"\xff"):
+        (tmp_path / "x.json").write_bytes(content)
+        with pytest.raises(
+            TactemuError, match=r"not a report as JSON: --baseline takes the file that --json of [^()]*$"
+        ):
+            report.compare(tmp_path / "x.json")
 
 
 def test_what_does_not_come_again_does_not_fail(report):
@@ -129,3 +133,35 @@ def test_a_case_is_kept_and_told(tmp_path):
         (tmp_path / "x.json").write_text(wrong)
         with pytest.raises(TactemuError, match="not a case"):
             smallest_case.read(tmp_path / "x.json")
+
+
+TRACEBACK = """Traceback (most recent call last):
+File "driver.py", line 5, in <module>
+main()
+^^^^^^
+serial.serialutil.SerialException: device disconnected"""
+
+
+@pytest.mark.parametrize(
+    ("lines", "quoted"),
+    [
+        (TRACEBACK, ["serial.serialutil.SerialException: device disconnected"]),
+        (f"lost\n{TRACEBACK}\nagain", ["lost", "serial.serialutil.SerialException: device disconnected", "again"]),
+        (
+            f"{TRACEBACK}\nDuring handling of the above exception, another exception occurred:\n"
+            "Traceback (most recent call last):\nraise\nKeyboardInterrupt",
+            ["KeyboardInterrupt"],
+        ),
+        ('Traceback (most recent call last):\nFile "x.py"', ["Traceback (most recent call last):"]),
+    ],
+)
+def test_of_a_traceback_the_exception_is_quoted(lines, quoted):
+    assert without_tracebacks(lines.split("\n")) == quoted
+
+
+@pytest.mark.parametrize("is_terminal", [True, False])
+def test_a_trial_that_was_not_tried_takes_one_line(is_terminal, capsys):
+    skipped = judge_record(TrialRecord("reordered", {"skipped": "a stream keeps the order of its bytes: " + 9 * "x "}))
+    console = Console(file=sys.stdout, width=60, force_terminal=is_terminal, color_system=None)
+    print_outcome(console, Report("optoforce", ["./reader"], outcomes=[skipped]), skipped)
+    assert len(capsys.readouterr().out.splitlines()) == 1

@@ -1,0 +1,44 @@
+"""Tests of the driver's command: where its port stands, and what is said if nothing tells it the port."""
+
+import subprocess
+import sys
+
+import pytest
+
+from tactemu.base.errors import TactemuError
+from tactemu.judge.driver import check_finds_port, command_of
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["python", "driver.py", "{port}"],
+        ["./hand", "{left}", "{right}"],
+        ["sh", "-c", "cat $TACTEMU_PORT"],
+        ["env", "PORT={port}", "python", "driver.py"],
+        ["python", "own.py"],
+    ],
+)
+def test_a_command_that_finds_its_port_passes(command, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "own.py").write_text("import os\nopen(os.environ['TACTEMU_PORT'])\n")
+    check_finds_port(command)
+
+
+def test_a_command_to_which_nothing_tells_the_port_is_refused(tmp_path):
+    (tmp_path / "driver.py").write_text("print(1)\n")
+    with pytest.raises(TactemuError, match="does not have"):
+        check_finds_port([sys.executable, str(tmp_path / "driver.py")])
+    command = [sys.executable, "-m", "tactemu", "judge", "optoforce", "--", "python", str(tmp_path / "driver.py")]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 2 and "write {port}" in done.stderr, done.stderr
+
+
+def test_an_unknown_placeholder_is_refused_with_the_near_name():
+    with pytest.raises(TactemuError, match=r"{prt} .* did you mean 'port'\?; expected {port}, {skin}"):
+        command_of(["driver", "{prt}"], {"skin": "/dev/pts/1"})
+    with pytest.raises(TactemuError, match=r"{channels}.*'channel'"):
+        command_of(["driver", "{channels}"], {"skin": "socketcan:can0"})
+    awk = ["sh", "-c", "./driver /dev/pts/1 | awk '{print}'"]
+    assert command_of([*awk, "{port}"], {"skin": "/dev/pts/1"}) == [*awk, "/dev/pts/1"]
+    assert command_of(["sh", "-c", "cat $TACTEMU_PORT | awk {print}"], {"skin": "/dev/pts/1"})
