@@ -20,6 +20,7 @@ from firmware_protocols.options import declared
 from firmware_protocols.registers import RegisterMap
 from firmware_protocols.tables import Frame
 from tactemu.base.errors import DeviceError
+from tactemu.cli.fitting import PIPE_WIDTH, filled, fitted, output_width
 from tactemu.scene.building import make_device
 from tactemu.session.heatmap import flattened
 from tactemu.wire.line_models import line_model_for
@@ -67,7 +68,8 @@ def print_datasheet(name: str, options: Mapping[str, Any] | None = None, *, json
         }
         print(json_module.dumps(entry))
         return
-    print("\n".join(datasheet(name, device)))
+    width = output_width()
+    print("\n".join(fitted(datasheet(name, device, width), width)))
 
 
 def row_of(name: str, device: Device) -> dict[str, Any]:
@@ -92,9 +94,9 @@ def row_of(name: str, device: Device) -> dict[str, Any]:
     }
 
 
-def datasheet(name: str, device: Device) -> list[str]:
-    """Return the lines of a datasheet."""
-    lines = [f"{name}: {device.title}", "", *frame_page(device), *_tables(device), "", "Ports"]
+def datasheet(name: str, device: Device, width: int = PIPE_WIDTH) -> list[str]:
+    """Return the lines of a datasheet, with paragraphs of at most ``width`` characters a line."""
+    lines = [f"{name}: {device.title}", "", *frame_page(device, width), *_tables(device), "", "Ports"]
     lines += [f"  {line}" for line in ports_of(device)]
     lines += ["", f"Streams: {rates_of(device)}", "Senses", *_senses(device)]
     if device.columns:
@@ -137,9 +139,10 @@ def _column(column: Column) -> str:
     return f"{column.name}: {column.low:g} to {column.high:g}, at rest {column.rest:g}{scale}{moves}"
 
 
-def frame_page(device: Device) -> list[str]:
-    """Return the docstring of a device's file: its frames, and the evidence for them."""
-    return (inspect.getdoc(sys.modules[type(device).__module__]) or "").splitlines()
+def frame_page(device: Device, width: int) -> list[str]:
+    """Return the docstring of a device's file, its frames and the evidence for them, filled to ``width`` characters."""
+    text = inspect.getdoc(sys.modules[type(device).__module__]) or ""
+    return list(filled(text.splitlines(), width))
 
 
 def _tables(device: Device) -> list[str]:

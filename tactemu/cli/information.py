@@ -128,17 +128,20 @@ def faults() -> None:
       tactemu run anyskin --fault 'drop 1%' --fault 'unplug at 3s for 0.5s'
       tactemu run linker_hand_l6 --fault 'flip 5% id=0x28 from 2s to 6s'
     """
+    from tactemu.cli.fitting import fitted, output_width
     from tactemu.wire.faults import DIRECTIONS, FAULTS
     from tactemu.wire.line_models import kinds_with, modelled_for
 
     width = max(map(len, FAULTS))
+    lines = []
     for word, fault in FAULTS.items():
         options = "".join(f" [{option}]" for option in fault.own_options())
         on = [] if fault.every_line else [f"{', '.join(kinds_with(word))} only"]
         on += [f"no real {kind} line" for kind in modelled_for(word)]
         where = f" ({'; '.join(on)})" if on else ""
-        print(f"  {word:{width}}  {fault.about}{where}{options}")
-    print(f"\nKIND [N% | every N | frame N,N-N] [id=0x201] [prefix=55aa] [{' | '.join(DIRECTIONS)}]")
-    print("     [at T [for T] | from T] [to T]")
-    print("Times are 3s, 16ms or 200us of emulation time; N% is per frame, or the share of the bus (load, babble).")
-    print("Frames are counted from 1, bytes from 0 or, negative, from the end, bits from the lowest, 0.")
+        lines.append(f"  {word:{width}}  {fault.about}{where}{options}")
+    lines += ["", f"KIND [N% | every N | frame N,N-N] [id=0x201] [prefix=55aa] [{' | '.join(DIRECTIONS)}]"]
+    lines += ["     [at T [for T] | from T] [to T]"]
+    lines += ["Times are 3s, 16ms or 200us of emulation time; N% is per frame, or the share of the bus (load, babble)."]
+    lines += ["Frames are counted from 1, bytes from 0 or, negative, from the end, bits from the lowest, 0."]
+    print("\n".join(fitted(lines, output_width())))

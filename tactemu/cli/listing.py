@@ -8,14 +8,12 @@ from __future__ import annotations
 
 import json as json_module
 import re
-import shutil
-import sys
-import textwrap
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 from firmware_protocols.registry import DEVICES, names
+from tactemu.cli.fitting import cell_lines, output_width
 
 FILE = Path(__file__).with_name("devices.json")
 
@@ -28,9 +26,8 @@ KINDS = {
     "skin": "Skins and gateways",
     "": "Others",
 }
-PIPE_WIDTH = 160
-"""Width of the table if the output is no terminal [characters]."""
-MIN_WIDTH = 80
+ALL_COLUMNS_WIDTH = 120
+"""Minimum width of the table with all columns; a narrower one has name, what, ports and taxels [characters]."""
 
 
 def print_table(*, json: bool = False) -> None:
@@ -38,8 +35,10 @@ def print_table(*, json: bool = False) -> None:
     if json:
         print(json_module.dumps(rows()))
         return
-    width = shutil.get_terminal_size().columns if sys.stdout.isatty() else PIPE_WIDTH
-    print("\n".join(table(rows(), max(width, MIN_WIDTH))))
+    width = output_width()
+    print("\n".join(table(rows(), width)))
+    if width < ALL_COLUMNS_WIDTH:
+        print("\n`tactemu devices NAME` also prints rates, evidence and drivers.")
 
 
 def rows() -> list[dict[str, Any]]:
@@ -68,15 +67,7 @@ def by_kind(rows: Sequence[dict[str, Any]]) -> Iterator[tuple[str, list[dict[str
 def table(rows: Sequence[dict[str, Any]], width: int) -> list[str]:
     """Return the lines of the table, at most ``width`` characters each unless words are longer."""
     name_width = max(len(row["name"]) for row in rows)
-    shares = (0.28, 0.28, 0, 0, 0.18, 0.26)  # of what name, taxels and rate leave
-    remaining = width - name_width - 6 - 12 - 2 * 6
-    widths = [
-        name_width,
-        *(int(remaining * share) for share in shares[:2]),
-        6,
-        12,
-        *(int(remaining * s) for s in shares[4:]),
-    ]
+    widths = _widths(name_width, width)
     lines = list(_cells(("name", "what", "ports", "taxels", "rate", "evidence", "read by"), widths))
     for heading, found in by_kind(rows):
         lines += ["", heading]
@@ -85,14 +76,27 @@ def table(rows: Sequence[dict[str, Any]], width: int) -> list[str]:
                 lines.append(f"{row['name']:<{name_width}}  cannot be made: {row['error']}")
                 continue
             rates = dict.fromkeys(re.findall(r"[\d.]+ Hz|when asked", row["rate"]))
-            texts = (row["name"], row["title"], ", ".join(row["ports"]), f"{row['taxels']:6d}", ", ".join(rates))
+            texts = (row["name"], row["title"], ", ".join(row["ports"]), str(row["taxels"]), ", ".join(rates))
             lines += _cells((*texts, ", ".join(row["evidence"]), row["judge"]), widths)
     return lines
 
 
+def _widths(name_width: int, width: int) -> list[int]:
+    """Return the widths of the columns that fit [characters]."""
+    if width < ALL_COLUMNS_WIDTH:
+        remaining = width - name_width - 6 - 2 * 3
+        return [name_width, remaining // 2, remaining - remaining // 2, 6]
+    remaining = width - name_width - 6 - 12 - 2 * 6
+    what, ports, evidence, judge = (int(remaining * share) for share in (0.28, 0.28, 0.18, 0.26))
+    return [name_width, what, ports, 6, 12, evidence, judge]
+
+
 def _cells(texts: Sequence[str], widths: Sequence[int]) -> Iterator[str]:
-    """Yield the lines of a row, as many as its longest text needs."""
-    columns = [textwrap.wrap(text, width, break_on_hyphens=False) for text, width in zip(texts, widths, strict=True)]
+    """Yield the lines of a row, as many as its longest text needs; texts beyond the last column are left out."""
+    columns = [cell_lines(text, width) for text, width in zip(texts, widths, strict=False)]
     for k in range(max(map(len, columns))):
         parts = (column[k] if k < len(column) else "" for column in columns)
-        yield "  ".join(f"{part:<{width}}" for part, width in zip(parts, widths, strict=True)).rstrip()
+        aligned = (
+            f"{part:{'>' if part.isdecimal() else '<'}{width}}" for part, width in zip(parts, widths, strict=True)
+        )
+        yield "  ".join(aligned).rstrip()

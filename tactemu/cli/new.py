@@ -11,6 +11,7 @@ import typer
 from tactemu.base.errors import TactemuError
 from tactemu.base.files import writing
 from tactemu.base.folders import EXAMPLES
+from tactemu.cli.fitting import fitted, output_width
 
 START = Path(__file__).parents[1] / "scene" / "start.toml"
 
@@ -52,7 +53,8 @@ def examples(
     if folder is None:
         width = max(len(path.name) for path in _examples())
         for path in _examples():
-            typer.echo(f"{path.name:<{width}}  {_about(path)}")
+            lines = fitted([f"{path.name:<{width}}  {_about(path)}"], output_width())
+            typer.echo("\n".join(lines))
         typer.echo("\n`tactemu examples FOLDER` copies them there")
         return
     try:

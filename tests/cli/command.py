@@ -22,11 +22,11 @@ def tactemu(*arguments: str, cwd: Path | None = None, timeout: float = 60) -> su
     )  # fmt: skip
 
 
-def here(*arguments: str, cwd: Path = ROOT) -> subprocess.CompletedProcess[str]:
+def here(*arguments: str, cwd: Path = ROOT, columns: int = 120) -> subprocess.CompletedProcess[str]:
     """As :func:`tactemu`, in this process: without the second and more that Python and its imports take to start."""
     out, errors = io.StringIO(), io.StringIO()
     settings = mock.patch.multiple(sys, argv=["tactemu", *arguments], stdout=out, stderr=errors)
-    with settings, mock.patch.dict(os.environ, {"NO_COLOR": "1", "COLUMNS": "120"}), contextlib.chdir(cwd):
+    with settings, mock.patch.dict(os.environ, {"NO_COLOR": "1", "COLUMNS": str(columns)}), contextlib.chdir(cwd):
         try:
             main()
             status = 0

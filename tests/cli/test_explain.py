@@ -25,7 +25,7 @@ def test_a_scene_is_explained_with_its_plan():
 
 
 def test_only_what_the_scene_requires_is_in_the_plan():
-    plan = here("explain", "anyskin", "--no-cost").stdout.partition("Plan: ")[2]
+    plan = here("explain", "anyskin", "--no-cost", columns=200).stdout.partition("Plan: ")[2]
     *stages, threads = plan.splitlines()
     assert len(stages) == 5, plan
     assert threads == "threads: 1 (one environment)"

@@ -12,6 +12,7 @@ import firmware_protocols
 from tactemu.cli import control, listing
 from tactemu.cli.app import app
 from tactemu.cli.datasheet import taxel_map
+from tactemu.cli.fitting import cell_lines, filled, fitted
 from tests.cli.command import ROOT, environment, here
 
 COMMANDS = [name for name, command in get_command(app).commands.items() if not hasattr(command, "commands")]
@@ -97,6 +98,26 @@ def test_devices_are_listed_by_kind_however_many_and_however_wide(monkeypatch):
         assert [line for line in lines if line in listing.KINDS.values()] == [
             heading for kind, heading in listing.KINDS.items() if any(row["kind"] == kind for row in rows)
         ]
+
+
+@pytest.mark.parametrize(
+    "words", ["devices", "devices paxini_px6ax", "faults", "examples", "explain examples/hand.toml --no-cost"]
+)
+def test_listings_fit_80_columns_with_whole_words(words):
+    lines = here(*words.split(), columns=80).stdout.splitlines()
+    assert lines and [line for line in lines if len(line) > 80] == []
+    wide = set(here(*words.split(), columns=1000).stdout.split())
+    assert {word for line in lines for word in line.split()} - wide <= set("also prints rates, drivers.".split()) | {
+        "`tactemu", "devices", "NAME`", "evidence"
+    }  # fmt: skip
+
+
+def test_paragraphs_are_filled_and_rows_of_a_table_go_on_below_their_last_column():
+    assert [*filled(["one two", "three"], 9), *filled(["one two", "", "three"], 6)] == [
+        "one two", "three", "one", "two", "", "three",
+    ]  # fmt: skip
+    assert [*fitted(["  a   b c d e f", "g h i j k l m"], 12)] == ["  a   b c d", "      e f", "g h i j k l", "m"]
+    assert cell_lines("vendor/a-long-name@123", 10) == ["vendor/a-", "long-name@", "123"]
 
 
 def test_devices_that_no_file_lists_are_imported(monkeypatch):
