@@ -35,9 +35,13 @@ MAX_RANDOM_AT = 5
 MAX_SELECTOR_AT = 8
 MAX_SELECTORS = 64
 LEAST_OF_EACH = 6
+LEAST_IN_TURN = 12
+"""The fewest messages for each value of a selector that comes in turn: so do those of a motion that repeats."""
 LEAST_PER_QUESTION = 12
 NEXT_SHARE = 0.9
 """The least share of selectors that the one before foretells: messages come in turn."""
+SURER_SHARE = 0.02
+"""The least difference of the shares of a nibble and its byte by which the nibble selects, not the byte."""
 SELECTOR_BITS = 16.0
 DIGIT_BITS = 10.0
 """The bits from which on a byte is a digit of its neighbour's number."""
@@ -90,26 +94,30 @@ def _selector(rows: np.ndarray) -> tuple[int, int] | None:
     best: tuple[float, int, int] | None = None
     counted = {k for each in find_counters(rows, ()) for k in range(each.at, each.end)}
     for at in sorted(set(range(min(rows.shape[1], MAX_SELECTOR_AT))) - counted):
-        is_in_turn = _comes_in_turn(rows[:, at])
-        if is_in_turn:
-            masks = [0xFF] if _is_selector(rows, at, 0xFF) else []
-        else:
-            masks = [
-                mask for mask in (0xF0, 0x0F) if _is_selector(rows, at, mask) and _comes_in_turn(rows[:, at] & mask)
-            ]
-            masks = masks or (
-                [0xFF] if at < MAX_RANDOM_AT - 2 and _is_selector(rows, at, 0xFF) and not _is_digit(rows, at) else []
-            )
+        masks = _masks(rows, at)
         for mask in masks:
             column = rows[:, at] & mask
             values = np.unique(column)
-            if _comes_in_turn(column) and len(values) > 2 and at < MAX_RANDOM_AT:
+            is_in_turn = _comes_in_turn(column) and len(rows) >= LEAST_IN_TURN * len(values)
+            if is_in_turn and len(values) > 2 and at < MAX_RANDOM_AT:
                 return at, mask
             split = sum(_price(rows[column == value]) for value in values) + SELECTOR_BITS * len(values)
-            limit = 0.7 if not _comes_in_turn(column) else 1.1 if at < MAX_RANDOM_AT else 0.97
+            limit = 0.7 if not is_in_turn else 1.1 if at < MAX_RANDOM_AT else 0.97
             if split < limit * whole and (best is None or split < best[0]):
                 best = split, at, mask
     return best[1:] if best else None
+
+
+def _masks(rows: np.ndarray, at: int) -> list[int]:
+    """Return the masks by which a byte may select: the whole byte, or a nibble that comes in turn more surely."""
+    nibbles = [mask for mask in (0xF0, 0x0F) if _is_selector(rows, at, mask) and _comes_in_turn(rows[:, at] & mask)]
+    share = _next_share(rows[:, at])
+    if share >= NEXT_SHARE:
+        surer = [mask for mask in nibbles if _next_share(rows[:, at] & mask) > share + SURER_SHARE]
+        return surer or ([0xFF] if _is_selector(rows, at, 0xFF) else [])
+    can_be_random = at < MAX_RANDOM_AT - 2 and _is_selector(rows, at, 0xFF)
+    can_be_random = can_be_random and not _is_digit(rows, at) and not _takes_all(rows[:, at])
+    return nibbles or ([0xFF] if can_be_random else [])
 
 
 def _is_selector(rows: np.ndarray, at: int, mask: int) -> bool:
@@ -119,6 +127,12 @@ def _is_selector(rows: np.ndarray, at: int, mask: int) -> bool:
         return False  # the whole byte says the same
     values, counts = np.unique(column, return_counts=True)
     return 1 < len(values) <= MAX_SELECTORS and counts[counts >= LEAST_OF_EACH].sum() >= 0.9 * len(rows)
+
+
+def _takes_all(column: np.ndarray) -> bool:
+    """Return True if a byte takes every multiple of its step: it is the low digit of a coarse number."""
+    values = np.unique(column)
+    return len(values) * int(np.gcd.reduce(values)) == 256
 
 
 def _is_digit(rows: np.ndarray, at: int) -> bool:
@@ -135,13 +149,18 @@ def _price(rows: np.ndarray) -> float:
 
 def _comes_in_turn(column: np.ndarray) -> bool:
     """Return True if each value nearly always has the same next one, another."""
+    return _next_share(column) >= NEXT_SHARE
+
+
+def _next_share(column: np.ndarray) -> float:
+    """Return the share of values that the one before foretells; 0 if fewer than half of them differ from it."""
     if (column[1:] != column[:-1]).mean() < 0.5:
-        return False
+        return 0.0
     pairs, counts = np.unique(column[:-1].astype(int) * 256 + column[1:], return_counts=True)
     usual: dict[int, int] = {}
     for pair, count in zip(pairs.tolist(), counts.tolist()):
         usual[pair >> 8] = max(usual.get(pair >> 8, 0), count)
-    return sum(usual.values()) >= NEXT_SHARE * (len(column) - 1)
+    return sum(usual.values()) / (len(column) - 1)
 
 
 def by_question(questions: Sequence[bytes], answers: Sequence[bytes], ids: Sequence[int | None]) -> list[Group]:

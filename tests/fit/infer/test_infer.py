@@ -188,6 +188,27 @@ def test_a_byte_of_a_can_frame_selects_the_others():
     assert all(each.kind == "u" and each.size == 1 for _, each in draft.fields if each.at)
 
 
+def test_the_low_byte_of_a_motion_that_repeats_selects_nothing():
+    values = np.random.default_rng(1).permutation(256)[:40]  # the low bytes of a finger's position, which moves 7 times
+    columns = [slow(7 * 40, seed, high=255, noise=2.0) for seed in range(6)]
+    chunks = []
+    for k in range(7 * 40):
+        data = bytes([0x40, int(values[k % 40]), *(int(column[k]) for column in columns)])
+        chunks.append(Chunk(k * 10_000_000, "tx", data, id=0x28))
+    assert [group.selectors for group in infer(chunks).groups] == [{}]
+
+
+def test_the_low_byte_of_a_number_in_steps_of_16_selects_nothing():
+    noise = np.random.default_rng(1).normal((100, 200, 16_000), 80.0, (2 * N, 3))  # an accelerometer at rest
+    chunks = [
+        Chunk(k * 10_000_000, "tx", struct.pack("<3h", *(row // 16 * 16).astype(int)), id=0x28)
+        for k, row in enumerate(noise)
+    ]
+    draft = infer(chunks)
+    assert [group.selectors for group in draft.groups] == [{}]
+    assert not any(each.is_certain and each.size == 1 for _, each in draft.fields)
+
+
 def test_families_of_identifiers():
     assert families_of([0x10, 0x11, 0x12, 0x13, 0x40, 0x44, 0x48, 0x300]) == [(0x10, 1, 4), (0x40, 4, 3), (0x300, 0, 1)]
 
