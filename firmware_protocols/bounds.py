@@ -64,9 +64,10 @@ class Bounds:
             limits.append(f"<= {largest:g}")
         elif -math.inf < number < low and self.low is None:
             limits.append(f">= {-largest:g}")
-        kind = "a whole number" if whole else "" if limits else "a finite number"
+        is_text = isinstance(value, str)
+        kind = "a whole number" if whole else "a number" if is_text else "" if limits else "a finite number"
         expected = " ".join(filter(None, (kind, " and ".join(limits), self.unit)))
-        raise ValueError(f"must be {expected}, got {shown(value)}")
+        raise ValueError(f"must be {expected}, got {'the text ' if is_text else ''}{shown(value)}")
 
     def limits(self) -> list[str]:
         """Return the bounds as texts: ``[">= 0", "<= 10"]``."""

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import os
+import shlex
 import shutil
 import sys
 from contextlib import nullcontext
@@ -92,6 +93,10 @@ def _application(words: list[str]) -> Callable[..., None]:
 
 def _split(words: list[str]) -> tuple[list[str], list[str]]:
     """Return the words for the parser, and the command that ``tactemu exec`` or ``judge`` runs."""
+    if words[:1] == ["run"] and "--" in words[2:]:
+        from tactemu.base.errors import TactemuError
+
+        raise TactemuError(f"run starts no command; write: {shlex.join(['tactemu', 'exec', *words[1:]])}")
     at = words.index("--") if words[:1] in (["exec"], ["judge"]) and "--" in words else len(words)
     return words[:at], words[at + 1 :]
 

@@ -111,7 +111,7 @@ class Imperfections(Adjustments):
         told = hint(option, known) if option not in known else ""
         return SceneError(
             f"sensor {self.info.name!r} was built without {option}{told}: set it when you build, or list it in "
-            "`adjustable`"
+            f"`adjustable` (`tactemu run ... --adjustable {option}`)"
         )
 
     # -- for the sensor's kernel

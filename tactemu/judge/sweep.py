@@ -52,7 +52,13 @@ def read_plan(path: Path) -> list[Job]:
         TactemuError: the file cannot be read or is no plan.
     """
     try:
-        tables = tomllib.loads(path.read_text(encoding="utf-8")).get("driver", [])
+        content = tomllib.loads(path.read_text(encoding="utf-8"))
+        if "skin" in content and "driver" not in content:
+            raise TactemuError(
+                f"{path}: this is a scene file, not a plan; a plan has [[driver]] tables, as `tactemu sweep --help` "
+                f"shows (one driver: `tactemu judge {path} -- COMMAND`)"
+            )
+        tables = content.get("driver", [])
         jobs = [
             Job(table["name"], device, tuple(table["command"]), seed, tuple(table.get("options", ())))
             for table in tables
@@ -60,10 +66,12 @@ def read_plan(path: Path) -> list[Job]:
         ]
     except OSError as error:
         raise TactemuError(f"{path}: cannot read the plan: {error.strerror}") from None
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
+    except KeyError as error:
         raise TactemuError(
-            f"{path}: not a plan: {error!r}; expected [[driver]] name, devices, command, seeds"
+            f"{path}: a [[driver]] table lacks the key {error}; expected name, devices, command, seeds"
         ) from None
+    except (ValueError, TypeError, AttributeError) as error:
+        raise TactemuError(f"{path}: not a plan: {error}; expected [[driver]] name, devices, command, seeds") from None
     if not jobs:
         raise TactemuError(f"{path}: the plan has no runs; add a [[driver]] table with devices and seeds")
     return jobs

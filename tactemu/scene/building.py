@@ -45,7 +45,14 @@ def make_devices(loaded: LoadedScene) -> dict[str, Device]:
     Raises:
         DeviceError: there is no such device, or it does not have an option.
     """
-    return {skin.title: _device_of(skin) for skin in loaded.tables.skin}
+    devices = {}
+    for skin in loaded.tables.skin:
+        try:
+            devices[skin.title] = _device_of(skin)
+        except DeviceError as error:
+            where = f"{loaded.source}: skin {skin.title!r}: " if Path(loaded.source).suffix == ".toml" else ""
+            raise DeviceError(f"{where}{error}") from error
+    return devices
 
 
 def _device_of(skin: SkinTable) -> Device:

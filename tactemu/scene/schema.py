@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import inspect
+import re
 import types
 import typing
 from functools import cache
@@ -346,12 +347,20 @@ class Event(EventTable):
             raise SceneError(list_errors(error, entries, "event")) from None
 
 
+def _known_compute(name: str) -> str:
+    if not re.fullmatch(r"cpu|cuda(:\d+)?", name):
+        raise ValueError(f"must be 'cpu', 'cuda' or 'cuda:N', such as 'cuda:0' for the first GPU, got {name!r}")
+    return name
+
+
 class SceneTable(Table):
     """``[scene]``: the settings of the simulation."""
 
     dt: StepSeconds = Field(default=DEFAULT_STEP_S, description="simulation step [s]")
     seed: Whole = Field(default=0, description="seed of all random numbers")
-    compute: str = Field(default="cpu", description="device that runs the kernels: cpu, cuda:0 ...")
+    compute: Annotated[str, AfterValidator(_known_compute)] = Field(
+        default="cpu", description="device that runs the kernels: cpu, cuda:0 ..."
+    )
     dtype: Literal["float32", "float64"] = Field(default="float32", description="number type of the kernels")
     convention: Convention = Field(
         default="skin",
@@ -376,6 +385,17 @@ class TruthTable(Table):
     keep: str | int | None = Field(default=None, description='memory for samples and frames; default: "256MB"')
 
 
+def _tables_of(header: str) -> BeforeValidator:
+    """Return the check of an array of tables, which refuses a single table: brackets are missing in the file."""
+
+    def check(tables: Any) -> Any:
+        if isinstance(tables, dict):
+            raise ValueError(f"write [[{header}]] instead of [{header}]: there may be several")
+        return tables
+
+    return BeforeValidator(check)
+
+
 def _not_empty(tables: Any) -> Any:
     if tables in ([], ()):
         raise ValueError("expected one [[skin]] or more")
@@ -388,6 +408,6 @@ class SceneFile(Table):
     truth: TruthTable = TruthTable()
     scene: SceneTable = SceneTable()
     engine: AnyEngine | None = None
-    body: tuple[AnyBody, ...] = ()
-    skin: Annotated[tuple[SkinTable, ...], BeforeValidator(_not_empty)]
-    scenario: tuple[EventTable, ...] = ()
+    body: Annotated[tuple[AnyBody, ...], _tables_of("body")] = ()
+    skin: Annotated[tuple[SkinTable, ...], BeforeValidator(_not_empty), _tables_of("skin")]
+    scenario: Annotated[tuple[EventTable, ...], _tables_of("scenario")] = ()

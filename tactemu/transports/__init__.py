@@ -6,6 +6,7 @@ A new transport is one file, one line in :data:`TRANSPORTS` and one driver's end
 from __future__ import annotations
 
 import importlib
+import re
 
 from tactemu.base.errors import TransportError, TransportUnavailable, nearest
 from tactemu.transports.transport import Transport
@@ -46,6 +47,11 @@ def create(port: str) -> Transport:
     """
     scheme, _, location = port.partition(":")
     if scheme not in TRANSPORTS:
+        if re.match(r"/dev/(tty[A-Z]|serial/)", scheme):
+            raise TransportError(
+                f"port {port!r}: for a driver at the other end of its cable, write 'serial:{port}'; "
+                "to make a virtual port of your own, name another path, such as 'pty:/tmp/skin'"
+            )
         if scheme.startswith(("/", ".", "~")):
             raise TransportError(f"port {port!r}: a path needs its scheme; did you mean 'pty:{port}'?")
         hint = nearest(scheme, TRANSPORTS) or f"; expected one of {', '.join(sorted(TRANSPORTS))}"

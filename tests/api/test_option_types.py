@@ -57,7 +57,7 @@ def test_no_option_takes_an_object_of_another_kind(name, option):
     [
         (
             lambda: py.KinematicTaxel(normal_stiffness="a"),
-            "KinematicTaxel: normal_stiffness must be >= 0, got 'a'",
+            "KinematicTaxel: normal_stiffness must be a number >= 0, got the text 'a'",
         ),
         (lambda: py.KinematicTaxel(normal_stiffness=-1), "KinematicTaxel: normal_stiffness must be >= 0, got -1"),
         (
@@ -70,14 +70,14 @@ def test_no_option_takes_an_object_of_another_kind(name, option):
         (lambda: py.ProximityTaxel(n_sample_points=["a"]), "n_sample_points must be numbers, got ['a']"),
         (
             lambda: py.ElectronicsOptions(noise="loud"),
-            "ElectronicsOptions: noise must be a finite number, got 'loud'",
+            "ElectronicsOptions: noise must be a number, got the text 'loud'",
         ),
         (lambda: py.ElectronicsOptions(noise=["loud"]), "ElectronicsOptions: noise must be numbers, got ['loud']"),
         (lambda: py.ElectronicsOptions(scan_order="spiral"), "scan_order must be one of taxel, row, column"),
         (lambda: Material(last=1e-3), "Material: last must be after first"),
         (lambda: py.Box(size=(1, 2)), "Box: size must be 3 numbers, got (1, 2)"),
-        (lambda: py.Sphere(radius="1 mm"), "Sphere: radius must be > 0 m, got '1 mm'"),
-        (lambda: py.Mesh(source="part.stl", scale="mm"), "Mesh: scale must be a finite number, got 'mm'"),
+        (lambda: py.Sphere(radius="1 mm"), "Sphere: radius must be a number > 0 m, got the text '1 mm'"),
+        (lambda: py.Mesh(source="part.stl", scale="mm"), "Mesh: scale must be a number, got the text 'mm'"),
     ],
 )
 def test_a_wrong_value_is_told_with_what_was_expected(make, message):

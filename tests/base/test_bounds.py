@@ -63,7 +63,7 @@ link = "pad"
         (Bounds(low=1), 1.5, True, "must be a whole number >= 1, got 1.5"),
         (Bounds(low=1), LARGEST_INT + 1, True, f"must be a whole number >= 1 and <= {LARGEST_INT:g}, got {2**63}"),
         (Bounds(low=0), True, False, "must be >= 0, got True"),
-        (Bounds(low=0, high=math.inf), "1", False, "must be >= 0, got '1'"),
+        (Bounds(low=0, high=math.inf), "1", False, "must be a number >= 0, got the text '1'"),
     ],
 )
 def test_a_value_out_of_bounds_is_refused(bounds, value, whole, says):

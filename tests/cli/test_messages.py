@@ -15,6 +15,12 @@ PAD = '[[body]]\nname = "pad"\nshape = "box"\nsize = [0.1, 0.1, 0.01]\n[[skin]]\
         ("run qqqqqq", "unknown device 'qqqqqq'; `tactemu devices` lists them (your own: path/to/file.py:Class, or "),
         ("run tests", "'tests' is a folder; name a device, a scene file or path/to/device.py:Class"),
         ("run tests/look.py", "tests/look.py: name the class in it, as tests/look.py:Class\n"),
+        ("run anyskin -- python a.py", "run starts no command; write: tactemu exec anyskin -- python a.py"),
+        (
+            "sweep examples/hand.toml",
+            "examples/hand.toml: this is a scene file, not a plan; a plan has [[driver]] tables",
+        ),
+        ("run anyskin --port /dev/ttyUSB0", "at the other end of its cable, write 'serial:/dev/ttyUSB0'"),
         ("tune anyskin --rate 1e9", "rate_hz: a rate must be >= 0.001 and <= 1e+06 Hz"),
         ("poke press", "press: depth is missing: depth of the body's foremost point below the untouched surface"),
         ("run anyskin --port /tmp/x", "port '/tmp/x': a path needs its scheme; did you mean 'pty:/tmp/x'?"),
@@ -45,6 +51,27 @@ def test_a_fault_of_a_scene_that_is_wrong_is_named_with_its_place(table, where, 
     scene.write_text(PAD + table)
     done = here("run", str(scene), "--port", "memory:", "--seconds", "0.1")
     assert done.returncode == 2 and f"{scene}: {where}" in done.stderr, done.stderr
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "message"),
+    [
+        ("[[skin]]", "[skin]", "skin: write [[skin]] instead of [skin]"),
+        ("[[body]]", "[body]", "body: write [[body]] instead of [body]"),
+        (
+            "[[body]]",
+            '[scene]\ndt = "1ms"\n[[body]]',
+            "scene.dt: must be a number >= 1e-07 and <= 10 s, got the text '1ms'",
+        ),
+        ("[[body]]", '[scene]\ncompute = "gpu"\n[[body]]', "scene.compute: must be 'cpu', 'cuda' or 'cuda:N'"),
+        ("anyskin", "anyskni", "skin 'anyskni': unknown device 'anyskni'; did you mean 'anyskin'?"),
+    ],
+)
+def test_a_mistake_in_a_scene_file_is_named_with_the_file(before, after, message, tmp_path):
+    scene = tmp_path / "scene.toml"
+    scene.write_text(PAD.replace(before, after))
+    done = here("explain", str(scene), "--no-cost")
+    assert done.returncode == 2 and f"tactemu: {scene}: {message}" in done.stderr, done.stderr
 
 
 def test_a_mistake_in_a_live_command_names_it():

@@ -114,7 +114,7 @@ def test_a_wrong_name_of_a_model_is_told():
         ("elastomer_taxel", {"release_threshold": 1e-3}, "release_threshold must be <= contact_threshold (1e-05 m)"),
         ("elastomer_taxel", {"compressibility": 1.5}, "compressibility must be >= 0 and <= 1, got 1.5"),
         ("contact_probe", {"release_threshold": np.nan}, "release_threshold must be a finite number m, got nan"),
-        ("proximity_taxel", {"stiffness": "much"}, "stiffness must be >= 0, got 'much'"),
+        ("proximity_taxel", {"stiffness": "much"}, "stiffness must be a number >= 0, got the text 'much'"),
         ("kinematic_taxel", {"normal_exponent": 0}, "normal_exponent must be > 0, got 0"),
         ("elastic_layer_taxel", {"iterations": 2.5}, "iterations must be a whole number >= 1 and <= 100000, got 2.5"),
         ("elastic_layer_taxel", {"poisson_ratio": 0.51}, "poisson_ratio must be >= 0 and <= 0.5, got 0.51"),
