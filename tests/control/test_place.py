@@ -120,7 +120,10 @@ def test_a_path_that_is_too_long_is_said(tmp_path, monkeypatch):
         (["press"], "press: depth is missing"),
         (["press", "--depth", "1mm"], "no emulator runs; start one: tactemu run anyskin"),
         (["press", "--depth", "1mm", "--name", "x"], "no emulator 'x' runs"),
-        (["press", "--depth", "1kg"], "press: depth must be >= -0.5 and <= 0.5 m (6 mm is 0.006), got '1kg'"),
+        (
+            ["press", "--depth", "1kg"],
+            "press: depth must be a number >= -0.5 and <= 0.5 m (6 mm is 0.006), got the text '1kg'",
+        ),
         (["pose", "ball", "0", "0", "-1parsec"], "pose: position must be numbers"),
         (["pose", "ball", "0", "0"], "pose: position must be 3 numbers"),
         (["set", "gain"], "set: options must be a table"),

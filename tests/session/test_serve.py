@@ -179,7 +179,7 @@ def memory_dev():
     ("wrong", "says"),
     [
         ({"port": 3}, "port: give a text such as 'pty:/tmp/skin', got 3"),
-        ({"rate_hz": "fast"}, "rate must be >= 0.001 and <= 1e\\+06 Hz, got 'fast'"),
+        ({"rate_hz": "fast"}, "rate must be a number >= 0.001 and <= 1e\\+06 Hz, got the text 'fast'"),
         ({"rate_hz": 0}, "rate must be"),
         ({"seed": "x"}, "seed: expected a whole number, got 'x'"),
         ({"faults": [3]}, "faults: expected a list of texts"),
