@@ -115,3 +115,14 @@ def _umask() -> int:
     mask = os.umask(0)
     os.umask(mask)
     return mask
+
+
+def check_own(path: Path, mark: str) -> None:
+    """Raise if a file exists that lacks the mark of those that tactemu writes there: it must not be overwritten.
+
+    Raises:
+        TactemuError: names what to do instead.
+    """
+    if path.is_file() and (content := path.read_bytes()) and mark.encode() not in content:
+        about = "was not written by tactemu and is not overwritten; remove it first, or name another file"
+        raise TactemuError(f"{path}: {about}")

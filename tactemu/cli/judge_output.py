@@ -14,6 +14,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from tactemu.base.errors import TactemuError
+from tactemu.base.files import check_own
 from tactemu.cli import INTERRUPTED
 from tactemu.cli.signals import ended_by_signals, interrupt
 from tactemu.judge import smallest_case
@@ -97,10 +98,13 @@ class ReportFiles:
     """The command line, which the page shows."""
 
     def check(self) -> None:
-        """Raise TactemuError for a report that could not be written when all trials have run."""
+        """Raise TactemuError for a report that could not be written, or would overwrite a file of another program."""
         for path in filter(None, (self.html, self.junit, self.json)):
             if not path.parent.is_dir():
                 raise TactemuError(f"{path} cannot be written: there is no folder {path.parent}")
+        for path, mark in ((self.html, "<title>tactemu"), (self.junit, '"tactemu judge'), (self.json, '"tactemu":')):
+            if path is not None:
+                check_own(path, mark)
 
 
 def judge_driver(target: str, command: Sequence[str], options: JudgeOptions, files: ReportFiles) -> int:

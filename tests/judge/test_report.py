@@ -9,7 +9,8 @@ import pytest
 from rich.console import Console
 
 from tactemu.base.errors import TactemuError
-from tactemu.cli.judge_output import print_outcome
+from tactemu.cli.judge_output import ReportFiles, print_outcome
+from tactemu.fit.infer.commands import InferFiles, run_infer
 from tactemu.judge import smallest_case
 from tactemu.judge.html_report import html_report
 from tactemu.judge.junit_report import junit_report
@@ -165,3 +166,27 @@ def test_a_trial_that_was_not_tried_takes_one_line(is_terminal, capsys):
     console = Console(file=sys.stdout, width=60, force_terminal=is_terminal, color_system=None)
     print_outcome(console, Report("optoforce", ["./reader"], outcomes=[skipped]), skipped)
     assert len(capsys.readouterr().out.splitlines()) == 1
+
+
+def test_a_report_overwrites_only_a_report(report, tmp_path):
+    html, junit, json_file = (tmp_path / name for name in ("r.html", "r.xml", "r.json"))
+    files = ReportFiles(html=html, junit=junit, json=json_file)
+    files.check()
+    html.write_text(html_report(report))
+    junit.write_text(junit_report(report))
+    report.write_json(json_file)
+    files.check()
+    for path in (html, junit, json_file):
+        before = path.read_text()
+        path.write_text("my notes")
+        with pytest.raises(TactemuError, match="is not overwritten; remove it first"):
+            files.check()
+        path.write_text(before)
+
+
+def test_a_draft_overwrites_only_a_draft(tmp_path):
+    (tmp_path / "mine.py").write_text("my_own = 1\n")
+    files = InferFiles(out=tmp_path / "mine.py")
+    with pytest.raises(TactemuError, match="is not overwritten; remove it first"):
+        run_infer([tmp_path / "none.bin"], catalogue=False, shown=None, files=files, json=False, say=print)
+    assert (tmp_path / "mine.py").read_text() == "my_own = 1\n"

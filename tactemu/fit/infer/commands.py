@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from tactemu.base.errors import TactemuError
+from tactemu.base.files import check_own
 from tactemu.fit.infer.catalogue import match_catalogue
 from tactemu.fit.infer.channels import answers_of, read_shown, shown_fields, svg
 from tactemu.fit.infer.dbc import dbc_text
@@ -43,6 +44,8 @@ def run_infer(
     Raises:
         TactemuError: a capture cannot be read, or a file cannot be written.
     """
+    if files.out is not None:
+        check_own(files.out, "a draft by `tactemu infer`")
     draft, coverage = read_and_infer(captures)
     match = match_catalogue(draft) if catalogue else None
     seen = shown_fields(draft, *read_shown(shown)) if shown is not None else []
