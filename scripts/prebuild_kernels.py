@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
 """Compile the kernels of every device's default scene, and of the demo, ahead of time, for one level of x86-64.
 
-    scripts/prebuild_kernels.py [FOLDER]
+    scripts/prebuild_kernels.py [FOLDER [SCENE ...]]
 
-FOLDER is that of the package if none is given, which `.gitignore` names. On another machine nothing is made, and a line
-says so.
+FOLDER is that of the package if none is given, which `.gitignore` names. With scenes, only their kernels are compiled.
+On another machine nothing is made, and a line says so.
 """
 
 import json
@@ -24,7 +24,7 @@ KEPT = (".o", ".meta")
 """The files of a module that Warp needs to load it."""
 
 
-def main(folder: Path) -> None:
+def main(folder: Path, scenes: list[str]) -> None:
     if cpu_code.compiler_flags() is None:
         print(f"{sys.argv[0]}: no kernels ahead of time: this processor is not of the level {cpu_code.LEVEL}")
         return
@@ -32,7 +32,7 @@ def main(folder: Path) -> None:
         wp.config.kernel_cache_dir = cache
         cpu_code.PREBUILT = Path(cache) / "none"  # all are compiled anew
         kernels.start_quietly()
-        build_all()
+        build(scenes)
         modules = [each for each in Path(str(wp.config.kernel_cache_dir)).glob("wp_*") if each.is_dir()]
         made = folder / cpu_code.prebuilt_folder().name
         shutil.rmtree(made, ignore_errors=True)
@@ -45,16 +45,21 @@ def main(folder: Path) -> None:
     print(f"{len(modules)} kernels compiled ahead of time, {size / 1e3:.0f} kB, in {made}")
 
 
-def build_all() -> None:
-    """Build the default scene of every device and the scene of ``tactemu see --demo``, which loads their kernels."""
+def default_scenes() -> list[str]:
+    """Return the default scene of every device and the scene of ``tactemu see --demo``."""
+    devices = json.loads((ROOT / "tactemu/cli/devices.json").read_text())
+    return [*(device["name"] for device in devices), str(ROOT / "tactemu/scene/demo.toml")]
+
+
+def build(scenes: list[str]) -> None:
+    """Assemble scenes, which loads their kernels."""
     from tactemu.emulator.assembly import assemble
     from tactemu.emulator.options import AssemblyOptions
     from tactemu.scene import file
 
-    devices = json.loads((ROOT / "tactemu/cli/devices.json").read_text())
-    for scene in [*(device["name"] for device in devices), ROOT / "tactemu/scene/demo.toml"]:
+    for scene in scenes:
         assemble(file.load(scene), AssemblyOptions(port="memory:"))
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1] if sys.argv[1:] else cpu_code.PREBUILT))
+    main(Path(sys.argv[1] if sys.argv[1:] else cpu_code.PREBUILT), sys.argv[2:] or default_scenes())

@@ -1,5 +1,6 @@
 """Kernels compiled ahead of time: default scenes and the demo start without a compiler, and transmit the same bytes."""
 
+import runpy
 import subprocess
 import sys
 from pathlib import Path
@@ -11,6 +12,7 @@ from tactemu.base import cpu_code
 from tests.cli.command import environment
 
 ROOT = Path(__file__).parents[2]
+DEMO = str(ROOT / "tactemu/scene/demo.toml")
 needs_level = pytest.mark.skipif(cpu_code.compiler_flags() is None, reason="a processor of another level")
 START = """
 import sys
@@ -26,10 +28,19 @@ main()
 
 
 @pytest.fixture(scope="module")
-def prebuilt(tmp_path_factory):
+def prebuilt(request, tmp_path_factory):
+    """Compile the kernels of the scenes that this run starts; with all devices, those that the wheel contains."""
     folder = tmp_path_factory.mktemp("prebuilt")
-    subprocess.run([sys.executable, ROOT / "scripts/prebuild_kernels.py", folder], check=True)
+    here = [item for item in request.session.items if item.path == request.path and hasattr(item, "callspec")]
+    names = {item.callspec.params["name"] for item in here}
+    scenes = [] if names >= set(firmware_protocols.names()) else [*sorted(names | {"anyskin"}), DEMO]
+    subprocess.run([sys.executable, ROOT / "scripts/prebuild_kernels.py", folder, *scenes], check=True)
     return folder
+
+
+def test_the_wheel_has_the_kernels_of_every_device_and_of_the_demo():
+    build = runpy.run_path(str(ROOT / "scripts/prebuild_kernels.py"))
+    assert set(build["default_scenes"]()) == {*firmware_protocols.names(), DEMO}
 
 
 def run(name: str, cache: Path, prebuilt: Path, code: str = "portable", *, seconds: float = 2.2) -> tuple[str, int]:
@@ -53,7 +64,7 @@ def test_a_default_scene_starts_without_the_compiler(name, prebuilt, tmp_path):
 
 @needs_level
 def test_so_does_the_demo(prebuilt, tmp_path):
-    _, compiled = run(str(ROOT / "tactemu/scene/demo.toml"), tmp_path, prebuilt, seconds=0.1)
+    _, compiled = run(DEMO, tmp_path, prebuilt, seconds=0.1)
     assert compiled == 0
 
 
