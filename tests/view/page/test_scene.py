@@ -115,21 +115,22 @@ def test_the_camera_has_all_points_in_its_canvas(aspect):
         assert span.max() > 0.99, "it is as near as it can be"
 
 
-def taxels_drawn(page) -> np.ndarray:
-    """Where the canvas has the violet of untouched taxels, as shares of its width and height."""
+def canvas_drawn(page) -> np.ndarray:
+    """Return the pixels of the canvas; drawing without a GPU takes about a second for each screenshot."""
     from PIL import Image
 
-    image = np.asarray(Image.open(io.BytesIO(page.locator(CANVAS).screenshot())).convert("RGB")).astype(int)
+    return np.asarray(Image.open(io.BytesIO(page.locator(CANVAS).screenshot())).convert("RGB")).astype(int)
+
+
+def taxels_drawn(image: np.ndarray) -> np.ndarray:
+    """Return where the canvas has the violet of untouched taxels, as shares of its width and height."""
     red, green, blue = np.moveaxis(image, 2, 0)
     rows, cols = np.nonzero((blue - red > 22) & (blue < 140) & (abs(red - green) < 16))
     return np.stack([cols / image.shape[1], rows / image.shape[0]], axis=1)
 
 
-def has_sky(page, scheme: str) -> bool:
-    """Whether many pixels of the canvas have the background of its colour scheme."""
-    from PIL import Image
-
-    image = np.asarray(Image.open(io.BytesIO(page.locator(CANVAS).screenshot())).convert("RGB")).astype(float)
+def has_sky(image: np.ndarray, scheme: str) -> bool:
+    """Return True if many pixels of the canvas have the background of its colour scheme."""
     sky, haze = (255 * rgb(THEMES[name][scheme == "dark"]) for name in ("sky", "haze"))
     return float((np.abs(image - (sky + haze) / 2).max(axis=2) < 3).mean()) > 0.1
 
@@ -145,11 +146,11 @@ def test_the_skin_fills_the_free_canvas(runtime_folder):  # noqa: F811
             page.wait_for_function(f"() => ({LEGEND})()[4] !== 'none'", timeout=60_000)
             for scheme in ("light", "dark"):
                 page.evaluate(SCHEME, scheme)
-                at = np.zeros((0, 2))
                 for _ in range(40):
                     page.wait_for_timeout(250)
-                    at = taxels_drawn(page)
-                    if len(at) > 60 and has_sky(page, scheme):  # it is drawn anew within a second
+                    image = canvas_drawn(page)
+                    at, sky = taxels_drawn(image), has_sky(image, scheme)
+                    if len(at) > 60 and sky:  # it is drawn anew within a second
                         break
                 assert len(at) > 60, f"{width} {scheme}: no taxels are drawn"
                 low, high = np.percentile(at, 2, axis=0), np.percentile(at, 98, axis=0)
@@ -160,6 +161,6 @@ def test_the_skin_fills_the_free_canvas(runtime_folder):  # noqa: F811
                 assert picture.startswith('url("data:image/svg+xml')
                 attributes = page.evaluate(ATTRIBUTES)
                 assert not attributes["antialias"] and not attributes["alpha"], "it draws without a GPU"
-                assert has_sky(page, scheme), f"{width} {scheme}: the background is not the theme's"
+                assert sky, f"{width} {scheme}: the background is not the theme's"
             page.context.close()
     assert not wrong
