@@ -47,7 +47,7 @@ from tactemu.geometry.shapes.registry import shape_class
 from tactemu.geometry.shapes.shape import Shape
 from tactemu.scene.engine_interface import JointTable
 from tactemu.scene.engine_tables import AnyEngine
-from tactemu.scene.table import ClassName, Table, one_of, placed
+from tactemu.scene.table import ClassName, Table, not_empty, one_of, placed, tables_of
 from tactemu.scene.texture_tables import TextureTable
 from tactemu.scene.validation_errors import list_errors
 from tactemu.sensors.signs import Convention
@@ -385,29 +385,12 @@ class TruthTable(Table):
     keep: str | int | None = Field(default=None, description='memory for samples and frames; default: "256MB"')
 
 
-def _tables_of(header: str) -> BeforeValidator:
-    """Return the check of an array of tables, which refuses a single table: brackets are missing in the file."""
-
-    def check(tables: Any) -> Any:
-        if isinstance(tables, dict):
-            raise ValueError(f"write [[{header}]] instead of [{header}]: there may be several")
-        return tables
-
-    return BeforeValidator(check)
-
-
-def _not_empty(tables: Any) -> Any:
-    if tables in ([], ()):
-        raise ValueError("expected one [[skin]] or more")
-    return tables
-
-
 class SceneFile(Table):
     """A scene file: all its tables."""
 
     truth: TruthTable = TruthTable()
     scene: SceneTable = SceneTable()
     engine: AnyEngine | None = None
-    body: Annotated[tuple[AnyBody, ...], _tables_of("body")] = ()
-    skin: Annotated[tuple[SkinTable, ...], BeforeValidator(_not_empty), _tables_of("skin")]
-    scenario: Annotated[tuple[EventTable, ...], _tables_of("scenario")] = ()
+    body: Annotated[tuple[AnyBody, ...], tables_of("body")] = ()
+    skin: Annotated[tuple[SkinTable, ...], BeforeValidator(not_empty), tables_of("skin")]
+    scenario: Annotated[tuple[EventTable, ...], tables_of("scenario")] = ()

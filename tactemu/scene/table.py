@@ -9,6 +9,7 @@ from typing import Annotated, Any, Union
 from pydantic import (
     AfterValidator,
     BaseModel,
+    BeforeValidator,
     ConfigDict,
     Field,
     ValidationInfo,
@@ -81,3 +82,21 @@ def one_of(
 
     one = Annotated[Union[tuple(tables.values())], Field(discriminator=key)]  # noqa: UP007
     return Annotated[one, WrapValidator(known)]
+
+
+def tables_of(header: str) -> BeforeValidator:
+    """Return the check of an array of tables, which refuses a single table: brackets are missing in the file."""
+
+    def check(tables: Any) -> Any:
+        if isinstance(tables, dict):
+            raise ValueError(f"write [[{header}]] instead of [{header}]: there may be several")
+        return tables
+
+    return BeforeValidator(check)
+
+
+def not_empty(tables: Any) -> Any:
+    """Return tables of skins, of which there must be one."""
+    if tables in ([], ()):
+        raise ValueError("expected one [[skin]] or more")
+    return tables

@@ -75,7 +75,7 @@ def test_a_plan_goes_on_where_it_was_interrupted(tmp_path, monkeypatch):
 
 def test_a_run_that_gives_nothing_is_trouble_not_silence(tmp_path):
     pytest.importorskip("pyarrow")
-    job = Job("none", "no_such_device", ("true",))
+    job = Job("none", "no_such_device", ("true", "{port}"))
     (row,) = sweep([job], tmp_path / "x.parquet", at_once=1)
     assert row["fails"] == "trouble" and "no_such_device" in row["verdict"]
 

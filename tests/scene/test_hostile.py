@@ -81,7 +81,7 @@ def test_whatever_a_file_holds_it_is_a_scene_or_an_error_of_ours(tmp_path_factor
 
 @pytest.mark.parametrize("dt", [0, 4e-10, -1.0, float("nan"), float("inf"), "1e-3", True, None])
 def test_a_step_that_time_cannot_count_is_refused(dt):
-    with pytest.raises(SceneError, match="Scene: dt must be (a number )?>= 1e-07 and <= 10 s"):
+    with pytest.raises(SceneError, match=r"Scene: dt must be (a number )?>= 1e-07 and <= 10 s"):
         Scene(dt=dt)
 
 
