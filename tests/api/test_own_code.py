@@ -191,7 +191,7 @@ WRONG = {
     "shape = 'code/piece.py:Bead'": "no such shape file: .*piece.py",
     "shape = 'code/pieces.py:Nothing'": "pieces.py:Nothing is no shape: derive the class from Shape",
     "shape = 'code/broken.py:Bead'": "broken.py:Bead: the file raised ZeroDivisionError",
-    "shape = 'code/pieces.py:Bead'\nradius = 'big'": r"body\[0\] 'x'.radius: must be >= 1e-06 and < 1 m",
+    "shape = 'code/pieces.py:Bead'\nradius = 'big'": r"body\[0\] 'x'.radius: must be a number >= 1e-06 and < 1 m",
     "shape = 'code/pieces.py:Bead'\nradios = 1": "unknown key 'radios'; did you mean 'radius'",
 }
 

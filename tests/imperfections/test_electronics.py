@@ -194,7 +194,7 @@ def test_fillers_read_zero_whatever_is_switched_on(real):
         ({"gain": [1.0, 2.0]}, "gain"),
         ({"delay": 1e5}, "readings"),
         ({"delay": 1e9}, "at most 1e+06 s"),
-        ({"noise": "loud"}, "noise must be a finite number"),
+        ({"noise": "loud"}, "noise must be a number, got the text"),
         ({"creep_tau": (1.0, 2.0)}, "creep_tau must be a finite number"),
         ({"adjustable": 3}, "adjustable must be a list"),
     ],
