@@ -33,6 +33,8 @@ MAX_NOTE_LENGTH = 300
 """Maximum length of a kept note [characters]."""
 RESOURCE_PERIOD_S = 0.05
 """Time between two measurements of the driver's memory and processor time [s]."""
+MAX_SEARCHED_BYTES = 1 << 20
+"""Maximum number of bytes of a file in which the name of the variable is looked for."""
 _PLACEHOLDER = re.compile(r"\{([A-Za-z]\w*)\}")
 _VARIABLE = "TACTEMU_PORT"
 """The environment variable with the port."""
@@ -91,7 +93,10 @@ def _names_variable(command: Sequence[str]) -> bool:
 def _has(path: str, text: bytes) -> bool:
     try:
         file = Path(shutil.which(path) or path)
-        return file.is_file() and text in file.read_bytes()
+        if not file.is_file():
+            return False
+        with file.open("rb") as source:
+            return text in source.read(MAX_SEARCHED_BYTES)
     except (OSError, ValueError):
         return False
 
