@@ -111,8 +111,6 @@ class Device(Generic[F]):
     """The meaning of the counts."""
     tables: ClassVar[tuple[Any, ...]] = ()
     """The frames and registers of this class, where its module has others, too; default: all of the module."""
-    lacks_checksum: bool = False
-    """True if frames with readings have no checksum, nor does the line: no driver can recognise a flipped bit."""
     rollovers: tuple[Rollover, ...] = ()
     """The counters and clocks on the wire."""
     boot_s: float = 0.0

@@ -149,6 +149,8 @@ class Dle(Packets):
         counters: the device's.
     """
 
+    has_checksum = True
+
     def __init__(self, table: Frame | None = None, *, by: str = "", counters: Counter[str], broken: bool = False):
         super().__init__(b"\x10\x02", _dle_size, _dle_check, by=by, counters=counters, broken=broken, longest=512)
         self.table = table

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Literal
 
-from firmware_protocols.check.mutations import frames_of
+from firmware_protocols.declared import frames_of
 from firmware_protocols.device import Device
 from firmware_protocols.frames import CanFrame, WireFrame, with_payload
 from firmware_protocols.stuffing import ppp

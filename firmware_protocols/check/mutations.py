@@ -6,7 +6,7 @@ A mutation is applied in place, tried, and undone. A fact is unpinned if all wor
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, replace
 from typing import Any
@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from firmware_protocols.check.taxel_orders import ORDERS, reordered, wire_order_of
+from firmware_protocols.declared import frames_of, tables_of
 from firmware_protocols.device import Device
 from firmware_protocols.registers import Reg, RegisterMap
 from firmware_protocols.table_lines import Field, TableError, length_formula
@@ -61,25 +62,6 @@ def mutations_of(cls: type[Device], hints: bool = False) -> Iterator[Mutation]:
 
 
 # -- declared tables --------------------------------------------------------------------------------------------------
-
-
-def frames_of(cls: type[Device]) -> list[Frame]:
-    """Return the frame tables of a device."""
-    return tables_of(cls, Frame)
-
-
-def tables_of(cls: type[Device], kind: type | tuple[type, ...]) -> list[Any]:
-    """Return the tables of a type: those that the class lists, else those in its modules and classes, also in dicts and
-    lists."""
-    if listed := [each for each in cls.tables if isinstance(each, kind)]:
-        return listed
-    own = [each for each in cls.__mro__ if issubclass(each, Device) and each is not Device]
-    places = [*(vars(sys.modules[each.__module__]) for each in own), *(vars(each) for each in own)]
-    found: dict[int, Any] = {}
-    for value in (each for place in places for each in list(place.values())):
-        inner = value.values() if isinstance(value, Mapping) else value if isinstance(value, list | tuple) else [value]
-        found |= {id(each): each for each in inner if isinstance(each, kind)}
-    return list(found.values())
 
 
 def words_of(cls: type[Device]) -> str:

@@ -66,7 +66,6 @@ class AnySkin(Device):
     kind = "fingertip"
     ports = (Serial(baud=115200, usb=USB(0x239A, 0x80CB, "Adafruit", "QT Py M0")),)
     senses = ("force", "temperature")
-    lacks_checksum = True
     evidence = ("firmware", "driver")
     sources = (
         f"{ANYSKIN} arduino/5X_binary_burst_stream.ino",

@@ -38,7 +38,6 @@ class BielefeldGlove(Device):
     title = "Bielefeld tactile glove"
     ports = (Serial(baud=115200, usb=USB(0x04D8, 0x000A, "Microchip Technology Inc.", "CDC RS-232 Emulation Demo")),)
     rate_hz = 30.0
-    lacks_checksum = True
     evidence = ("firmware", "driver")
     sources = (
         f"{SOURCE} linux/libio/SerialInput.cpp l.115-157; linux/console/main.cpp",

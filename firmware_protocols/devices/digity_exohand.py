@@ -83,7 +83,6 @@ class DigityExohand(Device):
     ports = (Serial(baud=921_600, usb=USB(0x10C4, 0xEA60, node="ttyUSB")),)
     rate_hz = 50.0
     rollovers = (Rollover(name="sequence", bits=16, state="sequence"),)
-    lacks_checksum = True
     evidence = ("driver",)
     sources = ("digity 0.2.5 _humi.py, _serial.py, README (the vendor's own)",)
     judge = "digity 0.2.5"

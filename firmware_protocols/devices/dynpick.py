@@ -45,7 +45,6 @@ class DynPick(Device):
     ports = (Serial(baud=921600, usb=USB(0x10C4, 0xEA60, node="ttyUSB")),)
     senses = (Sense("wrench", at=ORIGIN), Sense("temperature", at=ORIGIN))
     rate_hz = 1e9 / PERIOD_NS
-    lacks_checksum = True
     evidence = ("driver",)
     sources = (f"{TORK} src/main.cpp, doc/index.rst", f"{UMEMOTO} DynPick.py", f"{RUST} src/lib.rs")
     judge = f"{TORK}, {UMEMOTO}, {RUST}"

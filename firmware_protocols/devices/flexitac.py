@@ -40,7 +40,6 @@ class FlexiTac(Device):
     name = "flexitac"
     kind = "fingertip"
     ports = (Serial(baud=2_000_000),)
-    lacks_checksum = True
     evidence = ("firmware", "driver")
     sources = (
         "WT-MM/PyFlexiTac firmware/template.ino BAUD_RATE, loop()",

@@ -74,7 +74,6 @@ class FulaiGlove(Device):
     name = "fulai_glove"
     kind = "glove"
     ports = (Serial(baud=2_000_000),)
-    lacks_checksum = True
     evidence = ("driver",)
     sources = ("fulai-tactile 1.0.5 decoder.py, identity.py, layout.py, transport.py (the vendor's own)",)
     judge = "fulai-tactile 1.0.5"

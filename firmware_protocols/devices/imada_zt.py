@@ -44,7 +44,6 @@ class ImadaZt(Device):
     kind = "force-torque sensor"
     ports = (Serial(baud=19200, usb=True),)
     rate_hz = 2000.0
-    lacks_checksum = True
     evidence = ("driver",)
     sources = (GAUGE, ZTS)
     judge = f"{LEPT}, {AY}"

@@ -65,7 +65,6 @@ class KataHand(Device):
     kind = "fingertip"
     rate_hz, boot_s = 100.0, 6.0
     rollovers = (Rollover(name="time", bits=32, step=1000, clock=True),)
-    lacks_checksum = True
     evidence = ("firmware", "driver")
     sources = (f"{FIRMWARE} src, include", f"{READER} example_devices/hand.py")
     judge = READER

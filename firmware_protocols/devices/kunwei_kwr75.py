@@ -53,7 +53,6 @@ class KunweiKwr75(Device):
     ports = (Serial(baud=460800, usb=USB(0x0403, 0x6001, node="ttyUSB")),)
     senses = (Sense("wrench", at=points({"origin": (0.0, 0.0, 0.0)})),)
     rate_hz = 1000.0
-    lacks_checksum = True
     evidence = ("vendor document", "driver")
     sources = (MANUAL, f"{DRIVER} src/hardware_interface.cpp")
     judge = DRIVER

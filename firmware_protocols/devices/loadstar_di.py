@@ -37,7 +37,6 @@ class LoadstarDi(Device):
     title = "Loadstar DI-100U load cell"
     kind = "force-torque sensor"
     rate_hz = 100.0
-    lacks_checksum = True
     evidence = ("driver",)
     sources = (FILE,)
     judge = DRIVER

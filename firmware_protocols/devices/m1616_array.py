@@ -33,7 +33,6 @@ class M1616Array(Device):
     kind = "skin"
     ports = (Serial(baud=115_200),)
     rate_hz = 20.0
-    lacks_checksum = True
     evidence = ("driver",)
     sources = (f"{READER} main.py",)
     judge = READER

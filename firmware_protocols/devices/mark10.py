@@ -39,7 +39,6 @@ class Mark10(Device):
     ports = (Serial(baud=115200, usb=USB(0x0483, 0xA1AD)),)
     columns = (Column(name="force", unit="N", counts_per_unit=100.0, low=-MOST, high=MOST, push=1),)
     rate_hz = 100.0
-    lacks_checksum = True
     evidence = ("driver",)
     sources = (FILE, f"{READER} README.md")
     judge = f"{OPENTRONS}, {READER}"

@@ -38,7 +38,6 @@ class MatSense(Device):
     ports = (Serial(baud=500_000),)
     senses = ("force", Sense("acceleration", at=CHIP), Sense("angular_velocity", at=CHIP))
     rate_hz = 100.0
-    lacks_checksum = True
     evidence = ("driver",)
     sources = ("MatSense 0.4.1 datasetter.py, server.py, tools.py, process/data_handler.py",)
     judge = "MatSense 0.4.1"

@@ -70,7 +70,6 @@ class MeGsv8(Device):
     title = "ME-Systeme GSV-8, eight load cells"
     kind = "skin"
     ports = (Serial(baud=115200, usb=True),)
-    lacks_checksum = True
     evidence = ("driver",)
     sources = (
         f"{LIBRARY} GSV6_SeriallLib.py, GSV6_Protocol.py, GSV6_BasicFrameType.py, GSV6_AnfrageCodes.py, gsv86.py",

@@ -62,7 +62,6 @@ class OsmoGlove(Device):
     rate_hz = 50.0
     columns = xyz("x y z", unit="uT", counts_per_unit=COUNTS_PER_UT, low=-RANGE_COUNTS, high=RANGE_COUNTS)
     rollovers = (Rollover(name="index", bits=32, state="index"),)
-    lacks_checksum = True
     evidence = ("firmware", "driver")
     sources = (
         f"{SOURCE} firmware/BowieGlove_rtos: glove.c, bhi360.c, usb_descriptors.c; README",

@@ -34,7 +34,6 @@ class ResenseHex(Device):
     kind = "force-torque sensor"
     ports = (Serial(baud=2_000_000, usb=True),)
     senses = (Sense("wrench", at=ORIGIN), Sense("temperature", at=ORIGIN))
-    lacks_checksum = True
     evidence = ("driver",)
     sources = (f"{LIBRARY} src/resense/sensor.py, importer.py",)
     judge = LIBRARY

@@ -76,7 +76,6 @@ class RobotiqTsf85(Device):
     kind = "fingertip"
     ports = (Serial(baud=115200, usb=USB(0x16D0, 0x14CC)),)
     senses = ("force", *(Sense(each, at=CHIPS) for each in ("temperature", "acceleration", "angular_velocity")))
-    lacks_checksum = True
     evidence = ("driver",)
     sources = (
         f"{VENDOR} sensor_quickstart, sdk_cpp, firmware (the vendor's own)",

@@ -50,7 +50,6 @@ class SeedFts3(Device):
     title = "Seed Robotics FTS-3 fingertips"
     ports = (Serial(baud=1_000_000, usb=USB(0x0403, 0x6010, interface=1, node="ttyUSB")),)
     rate_hz = 1000 / MIN_PERIOD_MS
-    lacks_checksum = True
     evidence = ("vendor document", "driver")
     sources = (
         "kb.seedrobotics.com FTS3 pressure sensor (unit, range, rate; the vendor's manual)",

@@ -46,7 +46,6 @@ class SensingTexMat(Device):
     kind = "skin"
     ports = (Serial(baud=115200, usb=True),)
     rate_hz = 50.0
-    lacks_checksum = True
     evidence = ("driver",)
     sources = (f"{READER} Software/Mat.py",)
     judge = READER

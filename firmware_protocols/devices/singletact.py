@@ -143,7 +143,6 @@ class SingleTact(Device):
         Rollover(name="iteration", bits=16, state="iteration"),
         Rollover(name="time", bits=32, step=10_000, clock=True, state="clock_ticks"),
     )
-    lacks_checksum = True
     evidence = ("firmware", "driver")
     sources = (
         f"{FIRMWARE} SingleTactDemo.ino (the Arduino's firmware; the vendor's own)",

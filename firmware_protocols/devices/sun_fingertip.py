@@ -30,7 +30,6 @@ class SunFingertip(Device):
     kind = "fingertip"
     title = "SUN fingertip, 5x5"
     rate_hz = 500.0
-    lacks_checksum = True
     evidence = ("driver",)
     sources = ("marcocostanzo/tactile_sensor_ros@149032e",)
     judge = "marcocostanzo/tactile_sensor_ros@149032e"

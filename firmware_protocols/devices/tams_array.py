@@ -39,7 +39,6 @@ class TamsArray(Device):
     kind = "fingertip"
     ports = (Serial(baud=115_200),)
     rate_hz = 50.0
-    lacks_checksum = True
     evidence = ("driver",)
     sources = (READER, f"{REPOSITORY} config/params.yaml", f"{REPOSITORY} config/params_diana.yaml")
     judge = REPOSITORY

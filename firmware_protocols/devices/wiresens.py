@@ -50,7 +50,6 @@ class Wiresens(Device):
     kind = "fingertip"
     ports = (Serial(baud=250_000),)
     rate_hz = 30.0
-    lacks_checksum = True
     evidence = ("firmware", "driver")
     sources = (f"{CPP} (the board's firmware)", f"{PYTHON} GenericReceiver.py, Sensor.py, utils.py")
     judge = PYTHON

@@ -103,6 +103,8 @@ class DynamixelLine:
             included), ``unknown_command`` and ``refused``.
     """
 
+    has_checksum = True
+
     def __init__(self, *, counters: Counter[str]):
         self._counters = counters
         self._packets = Packets(HEAD, _size, _check, counters=counters, broken=True)

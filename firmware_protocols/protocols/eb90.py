@@ -50,6 +50,8 @@ class Eb90:
         gap_ns: a silence of this length discards an incomplete request.
     """
 
+    has_checksum = True
+
     def __init__(self, *, counters: Counter[str], gap_ns: int = 50_000_000):
         self._counters = counters
         self._packets = Packets(REQUEST, _size, _check, counters=counters, gap_ns=gap_ns)

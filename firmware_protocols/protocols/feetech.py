@@ -79,6 +79,8 @@ class ServoLine:
             included), ``unknown_command`` and ``refused``.
     """
 
+    has_checksum = True
+
     def __init__(self, *, counters: Counter[str]):
         self.pending: dict[int, tuple[int, bytes]] = {}
         """The address and data of reg writes that wait for an action, by id."""

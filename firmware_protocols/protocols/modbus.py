@@ -227,6 +227,8 @@ class Rtu:
         sizes: bytes of requests with the firmware's own functions, by function, unit and CRC included.
     """
 
+    has_checksum = True
+
     def __init__(self, *, counters: Counter[str], gap_ns: int = 1_750_000, sizes: Mapping[int, int] | None = None):
         self.gap_ns = gap_ns
         self._counters = counters

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from firmware_protocols import Column, Device
-from firmware_protocols.check.mutations import tables_of
+from firmware_protocols.declared import tables_of
 from firmware_protocols.facts import Basis, Part
 from firmware_protocols.layouts import Layout, Patch
 from firmware_protocols.options import declared

@@ -50,7 +50,7 @@ def _adjustable(channel: Channel) -> list[str]:
 def _device(device: Device) -> dict[str, Any]:
     """Return the device's frame tables, as text with the bound values; its commands; name, scale, rest and span of its
     columns."""
-    from firmware_protocols.check.mutations import tables_of  # only who draws a device needs it
+    from firmware_protocols.declared import tables_of  # only who draws a device needs it
 
     own = [value for value in vars(device).values() if isinstance(value, Frame)]
     tables = {table.name: table for table in (*tables_of(type(device), Frame), *own)}

@@ -11,6 +11,7 @@ from dataclasses import replace
 from typing import Any
 
 from firmware_protocols import Can, Device
+from firmware_protocols.declared import has_checksum
 from tactemu.base.errors import TactemuError
 from tactemu.judge.columns import Channel, channels_of
 from tactemu.judge.excitation import STEP, WIDE, Excitation, ExcitationRange
@@ -121,7 +122,7 @@ class DriverRig:
             line=wire.line_model, is_real=wire.transport.is_paced, asks=asks, talks=talks, sets_rate=sets,
             frames=tx[-400:], requests=rx[-64:], frames_per_row=max(1, round(len(tx) / max(1, readings))),
             row_s=seconds / max(1, readings), period_s=self.period_s,
-            rollovers=device.rollovers, lacks_checksum=device.lacks_checksum,
+            rollovers=device.rollovers, lacks_checksum=not has_checksum(device),
             replies=_literal_replies(device) if asks else (),
             identifiers=sorted({int(f.partition("#")[0], 16) for f in tx if "#" in f}),
             taxels=sum(len(c.device.layout) for c in self.emulator.channels), numbered=bool(device.rollovers),

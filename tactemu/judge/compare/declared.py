@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from firmware_protocols import Device
-from firmware_protocols.check.mutations import tables_of
+from firmware_protocols.declared import tables_of
 from firmware_protocols.tables import Frame
 from tactemu.judge.compare.frame_classes import FrameClass
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from firmware_protocols import registry
-from firmware_protocols.check.mutations import tables_of
+from firmware_protocols.declared import tables_of
 from firmware_protocols.tables import Frame
 from tactemu.control.description import _device
 from tactemu.scene.description import SceneContext
