@@ -28,6 +28,7 @@ def main(folder: Path, scenes: list[str]) -> None:
     if cpu_code.compiler_flags() is None:
         print(f"{sys.argv[0]}: no kernels ahead of time: this processor is not of the level {cpu_code.LEVEL}")
         return
+    print(f"compiling kernels ahead of time; number of scenes: {len(scenes)} (a minute or less)", flush=True)
     with tempfile.TemporaryDirectory(prefix="tactemu-kernels-") as cache:
         wp.config.kernel_cache_dir = cache
         cpu_code.PREBUILT = Path(cache) / "none"  # all are compiled anew
