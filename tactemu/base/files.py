@@ -1,4 +1,4 @@
-"""Files that are written completely or not at all, through links and into device nodes; files removed at exit."""
+"""Files written completely or not at all, and never over those of other programs; files removed at exit."""
 
 from __future__ import annotations
 
@@ -6,19 +6,57 @@ import atexit
 import os
 import shutil
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO
 
 from tactemu.base.errors import TactemuError, reason_of
 
+MAX_HEAD_BYTES = 4096
+"""Number of bytes of an existing file that are searched for a sign of tactemu; bounds the time for a large file."""
 
-def check_writable(path: str | Path, what: str) -> None:
-    """Raise if a path cannot be written, before a run whose results go there.
+
+def check_overwriting(path: str | Path, *signs: str, reads: Iterable[str | Path] = ()) -> None:
+    """Raise if a file must not be overwritten: the run reads it, or tactemu did not write it.
+
+    A missing or empty file passes, and so does a device node or a FIFO.
+
+    Args:
+        path: the file that will be written.
+        signs: texts; every file that tactemu writes there has one of them in its first bytes.
+        reads: the files that the run itself reads.
 
     Raises:
-        TactemuError: the folder does not exist, the path is a folder, or permission is missing.
+        TactemuError: names what to do instead.
+    """
+    path = Path(path)
+    if not path.is_file():
+        return
+    for other in map(Path, reads):
+        if other.exists() and path.samefile(other):
+            raise TactemuError(f"{path}: the run reads this file and cannot overwrite it; name another")
+    try:
+        with path.open("rb") as file:
+            head = file.read(MAX_HEAD_BYTES)
+    except OSError as error:
+        raise TactemuError(f"{path}: cannot be read to see whether tactemu wrote it: {reason_of(error)}") from None
+    if head and not any(sign.encode() in head for sign in signs):
+        about = "was not written by tactemu and is not overwritten; remove it first, or name another file"
+        raise TactemuError(f"{path}: {about}")
+
+
+def check_writable(path: str | Path, what: str, *signs: str) -> None:
+    """Raise if a path cannot be written or must not be overwritten, before a run whose results go there.
+
+    Args:
+        path: the file.
+        what: its content, for the message.
+        signs: as those of :func:`check_overwriting`.
+
+    Raises:
+        TactemuError: the folder does not exist, the path is a folder, permission is missing, or the file is of another
+            program.
     """
     target = _behind_links(path)
     problem = ""
@@ -30,6 +68,7 @@ def check_writable(path: str | Path, what: str) -> None:
         problem = "permission denied"
     if problem:
         raise TactemuError(f"{path}: cannot write {what}: {problem}")
+    check_overwriting(path, *signs)
 
 
 def check_folder(path: str | Path, what: str) -> None:
@@ -115,14 +154,3 @@ def _umask() -> int:
     mask = os.umask(0)
     os.umask(mask)
     return mask
-
-
-def check_own(path: Path, mark: str) -> None:
-    """Raise if a file exists that lacks the mark of those that tactemu writes there: it must not be overwritten.
-
-    Raises:
-        TactemuError: names what to do instead.
-    """
-    if path.is_file() and (content := path.read_bytes()) and mark.encode() not in content:
-        about = "was not written by tactemu and is not overwritten; remove it first, or name another file"
-        raise TactemuError(f"{path}: {about}")

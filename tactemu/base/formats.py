@@ -16,6 +16,8 @@ from typing import Any, Literal
 from tactemu.base.errors import TactemuError
 
 CAN_FRAMES = "CAN frames"
+PARQUET = "PAR1"
+"""The first bytes of every Parquet file; those of other programs have them too."""
 _CAN = "tactemu.truth.can_formats"
 _CSV = "samples, one a row; read: CAN frames of python-can"
 _VIEW = "tactemu.view.conversions"
@@ -37,6 +39,8 @@ class Format:
     """The class that writes a truth log while it happens, piece by piece (``tactemu/truth/writer.py``)."""
     converter: str = ""
     """The class that writes entries one by one (:class:`tactemu.truth.conversion.Converter`)."""
+    sign: str = ""
+    """A text among the first bytes of each file of this format that tactemu writes, and of few others."""
     extra: str = ""
     """The extra of this package that installs its library."""
 
@@ -65,33 +69,33 @@ class Format:
             raise TactemuError(f"{self.name} needs the package {error.name}: {self.install}") from None
 
 
-def _log(name: str, about: str) -> Format:
+def _log(name: str, about: str, sign: str) -> Format:
     module = f"tactemu.truth.{name}_format"
     log_writer = f"{module}:{name.capitalize()}Writer"
-    return Format(name, about, "", f"{module}:read", log_writer, "tactemu.truth.conversion:LogFile")
+    return Format(name, about, "", f"{module}:read", log_writer, "tactemu.truth.conversion:LogFile", sign)
 
 
-def _view(name: str, about: str, converter: str) -> Format:
-    return Format(name, about, converter=f"{_VIEW}.{converter}", extra="convert")
+def _view(name: str, about: str, converter: str, sign: str) -> Format:
+    return Format(name, about, converter=f"{_VIEW}.{converter}", sign=sign, extra="convert")
 
 
-def _can(name: str, about: str, converter: str = "", reader: str = "read_can") -> Format:
-    return Format(name, about, CAN_FRAMES, f"{_CAN}:{reader}", converter=converter and f"{_CAN}:{converter}")
+def _can(name: str, about: str, converter: str = "", reader: str = "read_can", sign: str = "") -> Format:
+    return Format(name, about, CAN_FRAMES, f"{_CAN}:{reader}", "", converter and f"{_CAN}:{converter}", sign)
 
 
 FORMATS = {
     each.name: each
     for each in (
-        _view("foxglove.mcap", "Foxglove's schemas", "foxglove:FoxgloveFile"),
-        _view("ros2.mcap", "ROS 2's message types: ros2 bag play, RViz, PlotJuggler", "ros2:Ros2File"),
-        _view("rrd", "a recording for Rerun, with a layout", "rerun:RerunFile"),
-        _view("parquet", "samples for data frames", "parquet:ParquetFiles"),
-        Format("csv", _CSV, "samples", f"{_CAN}:read_can", converter="tactemu.truth.csv_format:CsvFile"),
-        _can("log", "CAN frames in candump's format", "CandumpFile", "read_candump"),
-        _can("asc", "CAN frames in Vector's text format", "PythonCanFile"),
-        _can("blf", "CAN frames in Vector's binary format", "PythonCanFile"),
-        _log("mcap", "a truth log as messages of ROS 2, in the container format of robotics"),
-        _log("jsonl", "a truth log as JSON lines"),
+        _view("foxglove.mcap", "Foxglove's schemas", "foxglove:FoxgloveFile", "foxglove-sdk"),
+        _view("ros2.mcap", "ROS 2's message types: ros2 bag play, RViz, PlotJuggler", "ros2:Ros2File", "tactemu"),
+        _view("rrd", "a recording for Rerun, with a layout", "rerun:RerunFile", "tactemu"),
+        _view("parquet", "samples for data frames", "parquet:ParquetFiles", PARQUET),
+        Format("csv", _CSV, "samples", f"{_CAN}:read_can", "", "tactemu.truth.csv_format:CsvFile", "t_ns,sample,"),
+        _can("log", "CAN frames in candump's format", "CandumpFile", "read_candump", ") can0 "),
+        _can("asc", "CAN frames in Vector's text format", "PythonCanFile", sign="timestamps absolute"),
+        _can("blf", "CAN frames in Vector's binary format", "PythonCanFile", sign="LOGG"),
+        _log("mcap", "a truth log as messages of ROS 2, in the container format of robotics", "tactemu"),
+        _log("jsonl", "a truth log as JSON lines", '"kind"'),
         _can("dump", "CAN frames in candump's format", reader="read_candump"),
         _can("candump", "CAN frames in candump's format", reader="read_candump"),
         _can("trc", "CAN frames in PEAK's format"),

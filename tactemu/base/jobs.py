@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from tactemu.base.errors import TactemuError
+from tactemu.base.files import check_overwriting
 
 RETRIES = 3
 """Number of retries of a job whose worker is lost."""
@@ -29,6 +30,7 @@ class Journal:
         self._path, self._field = path, field
         self._head = {} if digest is None else {"digest": digest}
         self.results: dict[str, Any] = {}
+        check_overwriting(path, '"key":')
         written = path.read_text(encoding="utf-8") if path.exists() else ""
         self._is_cut = bool(written) and not written.endswith("\n")
         for line in written.splitlines():

@@ -86,6 +86,10 @@ def stylesheet(light: str = ":root", dark: str = "") -> str:
     return f":root {{ {series}}}\n{light} {{ {day}}}\n{night}\n{rules}"
 
 
+PAGE_SIGN = '<link rel="icon" href="data:,">'
+"""A text in the head of each page that tactemu writes, and of few others."""
+
+
 def page(title: str, parts: Sequence[str], *, command: str = "") -> str:
     """Return an HTML page without scripts and external resources.
 
@@ -97,7 +101,7 @@ def page(title: str, parts: Sequence[str], *, command: str = "") -> str:
     made = f"<footer>Made by <code>{escape(command)}</code></footer>" if command else ""
     return (
         '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
-        '<meta name="viewport" content="width=device-width, initial-scale=1"><link rel="icon" href="data:,">'
+        f'<meta name="viewport" content="width=device-width, initial-scale=1">{PAGE_SIGN}'
         f'<title>{escape(title)}</title><style>{stylesheet()}</style></head><body class="report">\n'
         + "\n".join(filter(None, [*parts, made]))
         + "\n</body></html>\n"

@@ -24,6 +24,18 @@ Measure speed and accuracy on this machine. Figures are medians; compare those o
 Out = Annotated[Path | None, typer.Option("--out", metavar="FILE", help="Also write the figures as JSON.")]
 
 
+def check(path: Path | None, what: str, *signs: str) -> None:
+    """Raise if a file was named that cannot be written, or is of another program: it has none of the signs.
+
+    Raises:
+        TactemuError: names what to do instead.
+    """
+    if path is not None:
+        from tactemu.base.files import check_writable
+
+        check_writable(path, what, *signs)
+
+
 def save(figures: object, out: Path | None) -> None:
     """Write figures as JSON, if a file was named."""
     if out is not None:
@@ -54,6 +66,8 @@ def physics(
     from tactemu.base.kernels import start_quietly
     from tactemu.tune.speed.physics import markdown_page, run
 
+    check(page, "the tables", "Written by `tactemu bench physics")
+    check(out, "the figures", '_us":', '_s":')
     start_quietly()
     figures = run(typer.echo, device=device, starts=starts, only=only, largest=largest, loops=loops or page is not None)
     if page is not None:
@@ -75,6 +89,7 @@ def wire(
     """
     from tactemu.tune.speed.wire import run
 
+    check(out, "the figures", '"can bits":')
     save(run(typer.echo, repeats=repeats), out)
 
 
@@ -134,4 +149,5 @@ def realism(
     """
     from tactemu.fit.realism import run
 
+    check(out, "the figures", '"left out":')
     save(run(typer.echo, data=data, held=held, page=page, parameters=parameters), out)

@@ -14,7 +14,8 @@ from rich.markup import escape
 from rich.table import Table
 
 from tactemu.base.errors import TactemuError
-from tactemu.base.files import check_own
+from tactemu.base.files import check_writable
+from tactemu.base.style import PAGE_SIGN
 from tactemu.cli import INTERRUPTED
 from tactemu.cli.signals import ended_by_signals, interrupt
 from tactemu.judge import smallest_case
@@ -99,12 +100,9 @@ class ReportFiles:
 
     def check(self) -> None:
         """Raise TactemuError for a report that could not be written, or would overwrite a file of another program."""
-        for path in filter(None, (self.html, self.junit, self.json)):
-            if not path.parent.is_dir():
-                raise TactemuError(f"{path} cannot be written: there is no folder {path.parent}")
-        for path, mark in ((self.html, "<title>tactemu"), (self.junit, '"tactemu judge'), (self.json, '"tactemu":')):
+        for path, sign in ((self.html, PAGE_SIGN), (self.junit, '"tactemu judge'), (self.json, '"tactemu":')):
             if path is not None:
-                check_own(path, mark)
+                check_writable(path, "the report", sign)
 
 
 def judge_driver(target: str, command: Sequence[str], options: JudgeOptions, files: ReportFiles) -> int:
@@ -235,6 +233,8 @@ def judge_success(
         raise TactemuError(f"name the task's command after --, as in `tactemu judge {target} --success ... -- COMMAND`")
     if not options.port:
         check_finds_port(command)
+    if json_file is not None:
+        check_writable(json_file, "the success rates", '"strength":')
     points, interrupted = {}, False
     with ended_by_signals(interrupt), Console(stderr=True).status("starting") as status:
         trials = success_curve(target, _program(command), read_script(script), options, status.update)

@@ -162,7 +162,9 @@ def _check(clock: str, seconds: float | None, save: Path | None, save_at: float 
     if save_at is not None and save is None:
         raise SceneError("--save-at needs the file: add --save FILE")
     if save is not None:
-        check_writable(save, "the state")
+        from tactemu.emulator.saving.state_file import SIGN
+
+        check_writable(save, "the state", SIGN)
     if preempt and clock != "real":
         raise SceneError(f"--preempt is for --clock real only; --clock {clock} is never late")
 

@@ -10,6 +10,8 @@ import numpy as np
 
 from firmware_protocols import Device
 from tactemu.base.errors import TactemuError
+from tactemu.base.files import check_writable
+from tactemu.base.style import PAGE_SIGN
 from tactemu.fit.estimates import Findings, linear
 from tactemu.fit.magnets import find_magnets
 from tactemu.fit.places import find_places
@@ -164,9 +166,12 @@ def run_fit(
     Raises:
         TactemuError: a recording cannot be used, or a file cannot be written.
     """
-    from tactemu.fit.writing import device_for, scene_text
+    from tactemu.fit.writing import SIGN, device_for, scene_text
     from tactemu.scene.file import device_class, parse
 
+    check_writable(out, "the scene file", SIGN)
+    if report is not None:
+        check_writable(report, "the report", PAGE_SIGN)
     kind = device_class(device)
     found, scored = fit(recordings, progress, device_for(kind, recordings[0]))
     text = scene_text(device, kind, recordings, found)

@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from tactemu.base.errors import TactemuError
+from tactemu.base.files import check_writable
 from tactemu.fit import sets
 from tactemu.fit.sets.aims import Aim, Recordings, folds
 from tactemu.fit.skill import Points, Skill, guesses, skill_of
@@ -152,6 +153,12 @@ def run(
     """
     if data is None and held is None:
         raise TactemuError("realism: name a folder of recordings, or give one with --held")
+    for path, what, signs in (
+        (parameters, "the parameters", [f'"{name}"' for name in sets.SETS]),
+        (page, "the page", [_TITLE]),
+    ):
+        if path is not None:
+            check_writable(path, what, *signs)
     laws: list[LawLine] = []
     fixed: list[ConstantLine] = []
     others: list[LawLine] = []
@@ -217,7 +224,8 @@ def _rounded(value: Any) -> Any:
     return [_rounded(each) for each in value] if isinstance(value, list) else value
 
 
-_HEAD = """# How real is it?
+_TITLE = "# How real is it?"
+_HEAD = f"""{_TITLE}
 
 Written by `tactemu bench realism DATA --page docs/realism.md --parameters tactemu/fit/parameters.json` from public
 recordings of real sensors: eFlesh (MIT), Weiss DSA on an SDH-2 hand (GPL-3.0: measured, not copied), CPM-Finger

@@ -15,6 +15,9 @@ from tactemu.fit.estimates import Findings
 from tactemu.fit.recording import Recorded
 from tactemu.scene.default import tables_for
 
+SIGN = "# Fitted by `tactemu fit`"
+"""The begin of each scene file that is written here."""
+
 
 def scene_text(name: str, device: type[Device], recorded: Sequence[Recorded], found: Findings) -> str:
     """Return a scene file of a device with the findings from its recordings."""
@@ -39,7 +42,7 @@ def scene_text(name: str, device: type[Device], recorded: Sequence[Recorded], fo
 
 
 def _head(recorded: Sequence[Recorded], found: Findings) -> list[str]:
-    lines = ["# Fitted by `tactemu fit`. In brackets: 95 % intervals."]
+    lines = [f"{SIGN}. In brackets: 95 % intervals."]
     lines += [f"# recording: {each.path.name}, SHA-256 {each.sha256}" for each in recorded]
     lines += [
         f"#   {estimate}{'; ' + estimate.about if estimate.about else ''}" for estimate in found.estimates.values()

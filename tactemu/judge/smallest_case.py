@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from tactemu.base.errors import TactemuError
+from tactemu.base.files import check_overwriting
 from tactemu.judge.outcome import FAILING, Outcome
 from tactemu.judge.plan import Trial
 from tactemu.judge.trial_record import TrialRecord
@@ -138,8 +139,9 @@ def write(case: dict[str, Any], path: Path) -> None:
     """Write a case for ``--replay``.
 
     Raises:
-        TactemuError: the file cannot be written.
+        TactemuError: the file cannot be written, or is of another program.
     """
+    check_overwriting(path, '"finding":')
     try:
         path.write_text(json.dumps(case, indent=1) + "\n", encoding="utf-8")
     except OSError as error:

@@ -21,6 +21,8 @@ from pathlib import Path
 from typing import Any
 
 from tactemu.base.errors import TactemuError
+from tactemu.base.files import check_writable
+from tactemu.base.formats import PARQUET
 from tactemu.base.jobs import Journal, run_on_cluster
 
 RUN_TIMEOUT_S = 3600.0
@@ -160,6 +162,7 @@ def sweep(
     Raises:
         TactemuError: a library is missing, or the cluster cannot be reached.
     """
+    check_writable(results, "the results", PARQUET)
     journal = Journal(results.with_suffix(".jsonl"), "rows")
     left = [job for job in jobs if job.key not in journal.results]
     if len(left) < len(jobs):

@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tactemu.base.errors import TactemuError
+from tactemu.base.files import check_overwriting
 from tactemu.truth import Truth
 from tactemu.truth.entries import Entry, Injection, Passage, PortEvent, Sample
 from tactemu.truth.jsonl_format import entry_of, row_of
@@ -98,8 +99,9 @@ class TrialRecord:
         """Write the record as JSON lines.
 
         Raises:
-            TactemuError: the file cannot be written.
+            TactemuError: the file cannot be written, or is of another program.
         """
+        check_overwriting(path, '"kind": "trial"')
         try:
             with open(path, "w", encoding="utf-8") as file:
                 for line in self.lines():

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Protocol
 
 from tactemu.base.errors import TactemuError, nearest
-from tactemu.base.files import move_into_place
+from tactemu.base.files import check_overwriting, move_into_place
 from tactemu.base.formats import CAN_FRAMES, CONVERTIBLE, FORMATS, Format
 from tactemu.truth.entries import BodyPose, End, Entry, Header, Sample, belongs_to
 from tactemu.truth.log_reader import records
@@ -82,6 +82,7 @@ def convert(
     form, target = _target(path, to)
     if target.exists() and path.exists() and target.samefile(path):
         raise TactemuError(f"{target}: is the log itself; name another file")
+    check_overwriting(target, form.sign)
     maker = form.load("converter")
     chosen = _chosen(watch(records(path)), skin, sense)
     try:
@@ -95,6 +96,8 @@ def convert(
                 )
                 raise TactemuError(f"{path}: {what}{whose}{f' and {sense!r}' if sense else ''}{hint}")
             made = sorted(Path(folder).iterdir())
+            for each in made:
+                check_overwriting(target.parent / each.name, form.sign)
             for each in made:
                 move_into_place(each, target.parent / each.name)
     except OSError as error:

@@ -8,6 +8,7 @@ from typing import Self
 
 from firmware_protocols import CanFrame
 from tactemu.base.errors import TactemuError
+from tactemu.base.files import check_overwriting
 from tactemu.base.formats import LOGS, RECORDABLE, format_of, names
 from tactemu.truth.conversion import Converter
 from tactemu.truth.entries import End, Header, Passage, PortEvent
@@ -26,7 +27,7 @@ class Recorder:
         line: the first event of a truth log: ``baud 9600``, or ``usb`` where the line has no speed.
 
     Raises:
-        TactemuError: another suffix, or the file cannot be written.
+        TactemuError: another suffix, a file of another program, or one that cannot be written.
     """
 
     def __init__(self, path: str | Path, *, device: str = "recorded", line: str = ""):
@@ -37,6 +38,7 @@ class Recorder:
         self._log: LogWriter | None = None
         self._made = self._refused = False
         self._format = format_of(self.path, RECORDABLE, f"cannot record to {self.path.suffix!r};")
+        check_overwriting(self.path, self._format.sign)
         try:
             if self._format in LOGS:
                 self._log = LogWriter(self.path, report=lambda _: None)  # raised here instead

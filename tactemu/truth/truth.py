@@ -11,10 +11,11 @@ import numpy as np
 
 from firmware_protocols import WireFrame
 from firmware_protocols.can_frames import CanFrames
+from tactemu.base.files import check_overwriting
 from tactemu.base.frame_text import text
 from tactemu.truth.entries import BodyPose, Entry, Header, Injection, Passage, PortEvent, Sample
 from tactemu.truth.memory import Memory, size_of
-from tactemu.truth.writer import LogWriter, check_overwriting
+from tactemu.truth.writer import LogWriter, log_format
 
 
 class Watcher(Protocol):
@@ -72,7 +73,7 @@ class Truth:
     ):
         self._memory = Memory(keep)
         if path is not None:
-            check_overwriting(Path(path), map(Path, reads))
+            check_overwriting(path, log_format(Path(path)).sign, reads=reads)
         self._writers = [LogWriter(path)] if path is not None else []
         self._taps: tuple[Watcher, ...] = ()
         self._has_sinks = bool(self._writers)

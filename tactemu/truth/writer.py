@@ -15,11 +15,10 @@ import threading
 import time
 import weakref
 from collections import deque
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tactemu.base.errors import TactemuError
 from tactemu.base.files import remove_at_end
 from tactemu.base.formats import LOGS, Format, format_of
 from tactemu.truth.entries import End, Entry, Header
@@ -275,20 +274,3 @@ class _File:
         if not self.closed:
             self.closed = True
             os.close(self._fd)
-
-
-def check_overwriting(path: Path, reads: Iterable[Path]) -> None:
-    """Raise if a file must not be overwritten, because the run reads it or it is no log.
-
-    Raises:
-        TactemuError: names what to do instead.
-    """
-    if not path.is_file():
-        return
-    for other in reads:
-        if other.exists() and path.samefile(other):
-            raise TactemuError(f"{path}: the run reads this file and cannot overwrite it; name another")
-    with path.open("rb") as file:
-        start = file.read(4096)
-    if start and not (start.startswith(b"\x89MCAP0\r\n") or (start.startswith(b"{") and b'"kind"' in start)):
-        raise TactemuError(f"{path}: is no log and is not overwritten; remove it first, or name another file")

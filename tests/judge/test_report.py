@@ -10,7 +10,6 @@ from rich.console import Console
 
 from tactemu.base.errors import TactemuError
 from tactemu.cli.judge_output import ReportFiles, print_outcome
-from tactemu.fit.infer.commands import InferFiles, run_infer
 from tactemu.judge import smallest_case
 from tactemu.judge.html_report import html_report
 from tactemu.judge.junit_report import junit_report
@@ -182,11 +181,3 @@ def test_a_report_overwrites_only_a_report(report, tmp_path):
         with pytest.raises(TactemuError, match="is not overwritten; remove it first"):
             files.check()
         path.write_text(before)
-
-
-def test_a_draft_overwrites_only_a_draft(tmp_path):
-    (tmp_path / "mine.py").write_text("my_own = 1\n")
-    files = InferFiles(out=tmp_path / "mine.py")
-    with pytest.raises(TactemuError, match="is not overwritten; remove it first"):
-        run_infer([tmp_path / "none.bin"], catalogue=False, shown=None, files=files, json=False, say=print)
-    assert (tmp_path / "mine.py").read_text() == "my_own = 1\n"

@@ -145,7 +145,9 @@ def test_files_that_are_not_overwritten(tmp_path):
     for name in ("played.jsonl", "link.jsonl"):
         with pytest.raises(TactemuError, match="the run reads this file and cannot overwrite it; name another"):
             truth_of(scene, tmp_path / name)
-    with pytest.raises(TactemuError, match="is no log and is not overwritten; remove it first, or name another file"):
+    with pytest.raises(
+        TactemuError, match="was not written by tactemu and is not overwritten; remove it first, or name"
+    ):
         Truth(notes)
     with pytest.raises(TactemuError, match=r"expected \.mcap or \.jsonl"):
         Truth(tmp_path / "truth.txt")

@@ -11,13 +11,15 @@ from typing import Any
 
 from firmware_protocols import state_file as plain
 from tactemu.base.errors import StateError
-from tactemu.base.files import writing
+from tactemu.base.files import check_overwriting, writing
 from tactemu.version import __version__
 
 FORMAT = 1
 MAX_TIME_NS = 10 * 366 * 86_400_000_000_000
 """Latest time of a state, ten years: times of a run that begins there still fit 64 bits."""
 _HEADER = "header"
+SIGN = f"{_HEADER}.npy"
+"""The name of the first array of a state, which is among its first bytes."""
 _MAX_EXTRA_BYTES = 64 << 20
 """Maximum size of the state of devices, queues and the like, beside the simulation."""
 
@@ -81,8 +83,10 @@ def write(path: str | Path, head: Mapping[str, Any], state: dict[str, Any]) -> i
 
     Raises:
         StateError: the file cannot be written.
+        TactemuError: it is of another program.
     """
     path = Path(path)
+    check_overwriting(path, SIGN)
     try:
         with writing(path) as file:
             plain.write(file, state, **{_HEADER: head})

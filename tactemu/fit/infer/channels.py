@@ -83,13 +83,17 @@ def _sets(correlation: np.ndarray, least: float = 0.8) -> list[list[int]]:
     return sorted((each for each in found if len(each) > 1), key=len, reverse=True)
 
 
+PICTURE_SIGN = 'shape-rendering="crispEdges"'
+"""A text in the first line of each picture."""
+
+
 def svg(answers: Answers, command: str = "", cell: int = 10) -> str:
     """Return a picture of the correlation: darker cells answer together more; below it, the command that made it."""
     n = len(answers.channels)
     size = max(n * cell, SMALLEST_PICTURE * cell)
     letter = min(10.0, 1.6 * size / max(len(command), 1))
     parts = [
-        f'<svg xmlns="http://www.w3.org/2000/svg" width="{size}" height="{size + 16}" shape-rendering="crispEdges">',
+        f'<svg xmlns="http://www.w3.org/2000/svg" width="{size}" height="{size + 16}" {PICTURE_SIGN}>',
         f'<rect width="{size}" height="{size + 16}" fill="{LIGHT["page"]}"/><text y="{size + 12}" '
         f'fill="{LIGHT["muted"]}" font-family="monospace" font-size="{letter:.1f}">{escape(command)}</text>',
     ]

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from tactemu.base.errors import TactemuError
-from tactemu.base.files import check_own
+from tactemu.base.files import check_writable
 from tactemu.fit.infer.catalogue import match_catalogue
-from tactemu.fit.infer.channels import answers_of, read_shown, shown_fields, svg
-from tactemu.fit.infer.dbc import dbc_text
+from tactemu.fit.infer.channels import PICTURE_SIGN, answers_of, read_shown, shown_fields, svg
+from tactemu.fit.infer.dbc import DBC_HEAD, dbc_text
 from tactemu.fit.infer.device_file import device_file
 from tactemu.fit.infer.report import as_dict, report_lines
 from tactemu.fit.infer.running import read_and_infer
@@ -44,8 +44,13 @@ def run_infer(
     Raises:
         TactemuError: a capture cannot be read, or a file cannot be written.
     """
-    if files.out is not None:
-        check_own(files.out, "a draft by `tactemu infer`")
+    for path, what, sign in (
+        (files.out, "the device file", "a draft by `tactemu infer`"),
+        (files.dbc, "the DBC file", DBC_HEAD),
+        (files.picture, "the picture", PICTURE_SIGN),
+    ):
+        if path is not None:
+            check_writable(path, what, sign)
     draft, coverage = read_and_infer(captures)
     match = match_catalogue(draft) if catalogue else None
     seen = shown_fields(draft, *read_shown(shown)) if shown is not None else []

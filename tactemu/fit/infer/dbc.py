@@ -10,6 +10,8 @@ from tactemu.fit.infer.fields import VALUE_KINDS, Field, Group
 _EXTENDED = 1 << 31
 """The bit that marks 29-bit identifiers in a DBC file."""
 _FLOATS = {4: 1, 8: 2}
+DBC_HEAD = 'VERSION ""\n\nNS_ :\n\nBS_:\n\nBU_:'
+"""The begin of each DBC file that is written here; other programs list the symbols after ``NS_``."""
 
 
 def dbc_text(draft: Draft) -> str:
@@ -30,7 +32,7 @@ def dbc_text(draft: Draft) -> str:
             number = identifier | _EXTENDED * (identifier > 0x7FF)
             remarks.append(f'CM_ BO_ {number} "{remark}";')
     floats = [line for groups in by_id.values() for line in _value_types(groups)]
-    return "\n\n".join(['VERSION ""', "NS_ :", "BS_:", "BU_:", *blocks, *remarks, *floats]) + "\n"
+    return "\n\n".join([DBC_HEAD, *blocks, *remarks, *floats]) + "\n"
 
 
 def _shown(groups: list[Group]) -> tuple[list[Group], str]:

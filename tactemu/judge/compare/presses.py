@@ -17,6 +17,8 @@ MAX_PRESSED = 24
 """Largest number of taxels that the user is asked to press."""
 MIN_RESPONSE = 8.0
 """Least response to a press, in standard deviations of the noise."""
+HEAD = "taxel,begin_s,end_s"
+"""The first line of a file of presses."""
 CLEAR_RATIO = 1.3
 """Least ratio of the greatest response to that of the taxel that was pressed, for a verdict."""
 
@@ -74,12 +76,12 @@ def read(path: Path) -> list[Press]:
     except OSError as error:
         raise TactemuError(f"{path}: cannot read the presses: {error.strerror}") from None
     except (KeyError, ValueError, TypeError) as error:
-        raise TactemuError(f"{path}: expected the columns taxel,begin_s,end_s: {error}") from None
+        raise TactemuError(f"{path}: expected the columns {HEAD}: {error}") from None
 
 
 def write(path: Path, presses: Sequence[Press]) -> None:
     """Write presses as :func:`read` reads them."""
-    lines = ["taxel,begin_s,end_s", *(f"{each.taxel},{each.begin_s:.3f},{each.end_s:.3f}" for each in presses)]
+    lines = [HEAD, *(f"{each.taxel},{each.begin_s:.3f},{each.end_s:.3f}" for each in presses)]
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 

@@ -12,6 +12,8 @@ from typing import Any
 from firmware_protocols import Command, Connector, Device
 from firmware_protocols.frames import text_of
 from tactemu.base.errors import TactemuError
+from tactemu.base.files import check_overwriting
+from tactemu.base.style import PAGE_SIGN
 from tactemu.emulator.replay import line_note
 from tactemu.judge.compare import presses as pressing
 from tactemu.judge.compare.asking import stages_of
@@ -28,6 +30,8 @@ from tactemu.truth.recording import load
 
 CAPTURE = "capture.mcap"
 """The name of the capture in the folder of a comparison."""
+REPORT_JSON, REPORT_PAGE, PRESSES = "report.json", "report.html", "presses.csv"
+"""The names of the other files in that folder."""
 
 
 @dataclass
@@ -89,6 +93,8 @@ def run(wanted: Wanted, teller: Teller) -> CompareReport:
     device = make_device(wanted.device, dict(wanted.options))
     is_capture = Path(wanted.source).is_file()
     connector = _port_of(device, wanted, is_capture)
+    for name, sign in _signs(device).items():
+        check_overwriting(wanted.folder / name, sign)
     _make_folder(wanted.folder)
     with _model_errors(wanted.device), _without_empty(wanted.folder):
         comparison, report = (
@@ -163,7 +169,7 @@ def _of_sensor(
         progress=teller.progress,
     )  # fmt: skip
     if presses:
-        pressing.write(wanted.folder / "presses.csv", presses)
+        pressing.write(wanted.folder / PRESSES, presses)
     return comparison, _report(wanted, device, comparison, capture, [each.name for each in left_out], interrupted)
 
 
@@ -239,10 +245,24 @@ def _report(
     )  # fmt: skip
 
 
+def _signs(device: Device) -> dict[str, str]:
+    """Return a text in the head of each file that a comparison of a device writes, by the file's name."""
+    return {
+        REPORT_JSON: '"tactemu":',
+        REPORT_PAGE: PAGE_SIGN,
+        PRESSES: pressing.HEAD,
+        _measured_name(device): "by `tactemu compare`",
+    }
+
+
+def _measured_name(device: Device) -> str:
+    return f"measured/{device.name}.toml"
+
+
 def _write(report: CompareReport, comparison: Comparison, wanted: Wanted, device: Device) -> None:
     _make_folder(wanted.folder)
-    report.write_json(wanted.folder / "report.json")
-    report.write_html(wanted.folder / "report.html", wanted.command)
+    report.write_json(wanted.folder / REPORT_JSON)
+    report.write_html(wanted.folder / REPORT_PAGE, wanted.command)
     source = f"capture SHA-256 {report.sha256()}, {report.date}"
     _make_folder(wanted.folder / "measured")
-    written(wanted.folder / "measured" / f"{device.name}.toml", measured_table(device, comparison.specimen, source))
+    written(wanted.folder / _measured_name(device), measured_table(device, comparison.specimen, source))

@@ -28,6 +28,7 @@ import numpy as np
 import warp as wp
 
 from tactemu.base.errors import TactemuError
+from tactemu.base.files import check_overwriting
 from tactemu.base.jobs import Journal
 from tactemu.sensors.models import model_class
 from tactemu.sensors.sensor_model import Setting
@@ -85,6 +86,10 @@ class TradeOptions:
     """A Markdown page whose table of settings is replaced."""
 
 
+_SIGNS = {"trade.json": ('"warp":', '"rate_hz":'), "trade.md": ("Truth: ",), "trade.svg": ("matplotlib.org",)}
+"""Texts of which the head of each file in the folder has one, by the file's name."""
+
+
 def run_trade(
     report: Report = print,
     scene: str | None = None,
@@ -108,9 +113,12 @@ def run_trade(
         The content of ``trade.json``.
 
     Raises:
-        TactemuError: times are not to be measured, and there are none of a setting.
+        TactemuError: times are not to be measured, and there are none of a setting; or a file in the folder is of
+            another program.
     """
     folder = Path(out)
+    for name, signs in _SIGNS.items():
+        check_overwriting(folder / name, *signs)
     folder.mkdir(parents=True, exist_ok=True)
     progress = progress or (lambda items, _title, _total: items)
     if scene is not None:

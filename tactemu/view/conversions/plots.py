@@ -24,7 +24,8 @@ import numpy as np
 
 from firmware_protocols.senses import QUANTITY_UNITS
 from tactemu.base.errors import TactemuError
-from tactemu.base.style import IDEAL, LIGHT, MEASURED, figure, page, plot_colours, plot_style
+from tactemu.base.files import check_overwriting
+from tactemu.base.style import IDEAL, LIGHT, MEASURED, PAGE_SIGN, figure, page, plot_colours, plot_style
 from tactemu.scene.description import SceneDescription, SenseDescription, SkinDescription
 from tactemu.truth.entries import Header, Passage, Sample, belongs_to
 from tactemu.truth.log_reader import records
@@ -33,7 +34,8 @@ from tactemu.view.conversions.taxel_tables import parts_of
 matplotlib.use("agg")
 from matplotlib.figure import Figure  # noqa: TID253
 
-SUFFIXES = (".png", ".svg", ".html")
+SIGNS = {".png": "matplotlib.org", ".svg": "matplotlib.org", ".html": PAGE_SIGN}
+"""A text among the first bytes of each kind of picture, by its suffix; other pictures of Matplotlib have it too."""
 
 
 @dataclass
@@ -168,11 +170,12 @@ def plot(path: str | Path, target: str | Path, *, skin: str | None = None, sense
 
     Raises:
         TactemuError: the log is missing or has no samples of this skin, the suffix is unknown, or the file cannot be
-            written.
+            written or is of another program.
     """
     target = Path(target)
-    if target.suffix not in SUFFIXES:
-        raise TactemuError(f"{target}: cannot draw to {target.suffix!r}; expected one of {', '.join(SUFFIXES)}")
+    if target.suffix not in SIGNS:
+        raise TactemuError(f"{target}: cannot draw to {target.suffix!r}; expected one of {', '.join(SIGNS)}")
+    check_overwriting(target, SIGNS[target.suffix])
     series = series_of(Path(path), skin, sense)
     title = " ".join(filter(None, (series.device, series.sense)))
     chosen = [word for option, name in (("--skin", skin), ("--sense", sense)) if name for word in (option, name)]

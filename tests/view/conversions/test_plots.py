@@ -39,7 +39,7 @@ def test_the_numbers(log):
     assert hz[np.argmax(density)] == pytest.approx(50, abs=1.5)
 
 
-@pytest.mark.parametrize("suffix", plots.SUFFIXES)
+@pytest.mark.parametrize("suffix", plots.SIGNS)
 def test_files(log, tmp_path, suffix):
     target = tmp_path / f"a{suffix}"
     plots.plot(log, target)
