@@ -72,9 +72,9 @@ def on_time(
     The exit code is 1 if a limit is not met.
     """
     from benchmarks.on_time import run
-    from tactemu.base.kernels import start_quietly
+    from tactemu.base.kernels import start_warp
 
-    start_quietly()
+    start_warp()
     figures, is_met = run(typer.echo, seconds=seconds)
     save(figures, out)
     raise typer.Exit(0 if is_met else 1)
@@ -140,9 +140,9 @@ def soak(
 ) -> None:
     """Measure memory, file descriptors, lateness and lost frames at 1 kHz with 5 % faults."""
     from benchmarks.soak import run
-    from tactemu.base.kernels import start_quietly
+    from tactemu.base.kernels import start_warp
 
-    start_quietly()
+    start_warp()
     save(run(typer.echo, minutes=minutes, interval_s=interval), out)
 
 
@@ -164,9 +164,9 @@ def execute(
 ) -> None:
     """Measure start, read and write of a program in `tactemu exec`, and what unplugging leaves behind."""
     from benchmarks.exec import run
-    from tactemu.base.kernels import start_quietly
+    from tactemu.base.kernels import start_warp
 
-    start_quietly()
+    start_warp()
     save(run(typer.echo, cycles=cycles), out)
 
 
@@ -198,9 +198,9 @@ def bus(
 ) -> None:
     """Measure the lateness of iCub boards of 70 taxels at 50 Hz, six on a bus, read by another process."""
     from benchmarks.bus import run
-    from tactemu.base.kernels import start_quietly
+    from tactemu.base.kernels import start_warp
 
-    start_quietly()
+    start_warp()
     save(run(typer.echo, boards=boards, seconds=seconds, way=way), out)
 
 
@@ -213,9 +213,9 @@ def state(
 ) -> None:
     """Measure size and time of a saved state, and memory of a fork, for some devices and every sensor model."""
     from benchmarks.state import run
-    from tactemu.base.kernels import start_quietly
+    from tactemu.base.kernels import start_warp
 
-    start_quietly()
+    start_warp()
     save(run(typer.echo, repeats=repeats, forks=forks, only=only), out)
 
 
@@ -227,9 +227,9 @@ def reality(
 ) -> None:
     """Measure the error of every level of fidelity on presses of a real skin, with and without laws of its material."""
     from benchmarks.reality import run
-    from tactemu.base.kernels import start_quietly
+    from tactemu.base.kernels import start_warp
 
-    start_quietly()
+    start_warp()
     save(run(typer.echo, data, page), out)
 
 

@@ -23,7 +23,7 @@ import numpy as np
 from firmware_protocols import Can, CanFrame, Connector, Serial
 from firmware_protocols.can_frames import CanFrames
 from tactemu.base.clock import VirtualClock
-from tactemu.base.kernels import start_quietly
+from tactemu.base.kernels import start_warp
 from tactemu.emulator.assembly import assemble
 from tactemu.emulator.options import AssemblyOptions
 from tactemu.scene.file import default_scene
@@ -120,7 +120,7 @@ def sample_us(repeats: int, *, measured: bool) -> float:
 
 def run(report: Report, *, repeats: int = 9) -> dict[str, float]:
     """Measure everything, report one line per figure, and return the figures by name [us, 1/s]."""
-    start_quietly()
+    start_warp()
     figures = {
         "a sample": sample_us(repeats, measured=False),
         "a sample, measured": sample_us(repeats, measured=True),

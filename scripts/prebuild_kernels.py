@@ -32,7 +32,7 @@ def main(folder: Path, scenes: list[str]) -> None:
     with tempfile.TemporaryDirectory(prefix="tactemu-kernels-") as cache:
         wp.config.kernel_cache_dir = cache
         cpu_code.PREBUILT = Path(cache) / "none"  # all are compiled anew
-        kernels.start_quietly()
+        kernels.start_warp()
         build(scenes)
         modules = [each for each in Path(str(wp.config.kernel_cache_dir)).glob("wp_*") if each.is_dir()]
         made = folder / cpu_code.prebuilt_folder().name

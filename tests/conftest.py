@@ -92,7 +92,7 @@ def _has_gpu():
 
     from tactemu.base import kernels
 
-    kernels.start()
+    kernels.start_warp()
     return warp.is_cuda_available()
 
 

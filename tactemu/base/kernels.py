@@ -5,7 +5,9 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext
+from functools import cache
 from typing import Any
 
 from tactemu.base.cpu_code import compiler_flags, fill_cache
@@ -26,46 +28,41 @@ def warp_kernel(function: Callable | None = None, *, module_options: dict[str, A
     return wp.kernel(function, module="unique", enable_backward=False, module_options=how, **options)
 
 
-def start_quietly() -> None:
-    """Initialise Warp without its native warning of a missing GPU; a scene that needs a GPU raises its own error.
+@cache
+def start_warp() -> None:
+    """Initialise Warp without its messages; if its kernel cache cannot be written, use a temporary folder.
 
-    A program that has set Warp's log level keeps it.
+    Hidden are its banner, its line for each module that it loads, and its native warning of a missing GPU; a scene that
+    needs a GPU raises its own error. A program that has set Warp's log level keeps it, and the messages. A note on
+    stderr names the temporary folder once, when it is made.
     """
     import warp
 
-    if warp.config.log_level != warp.LOG_INFO:
-        return
-    warp.config.log_level = warp.LOG_ERROR
+    is_quiet = warp.config.log_level == warp.LOG_INFO
+    if is_quiet:
+        warp.config.log_level = warp.LOG_ERROR
+    with _without_stderr() if is_quiet else nullcontext():
+        note = _init()
+    fill_cache(str(warp.config.kernel_cache_dir))
+    sys.stderr.write(note)
+
+
+@contextmanager
+def _without_stderr() -> Iterator[None]:
+    """Discard what native code writes to stderr."""
     sys.stderr.flush()
     kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
     try:
         os.dup2(nowhere, 2)
-        said = _start()
+        yield
     finally:
         os.dup2(kept, 2)
         os.close(kept)
         os.close(nowhere)
-    sys.stderr.write(said)
-
-
-def start() -> None:
-    """Initialise Warp; if its kernel cache cannot be written (a read-only home, or none), use a temporary folder.
-
-    A note on stderr names the folder once, when it is made. A Warp that runs already is left as it is.
-    """
-    sys.stderr.write(_start())
-
-
-def _start() -> str:
-    """Initialise Warp, and return the note for the user."""
-    import warp
-
-    note = _init()
-    fill_cache(str(warp.config.kernel_cache_dir))
-    return note
 
 
 def _init() -> str:
+    """Initialise Warp, and return the note for the user."""
     import warp
 
     try:

@@ -63,12 +63,12 @@ def physics(
       tactemu bench physics --only probe --no-starts
       tactemu bench physics --device cuda:0 --largest --out speed.json
     """
-    from tactemu.base.kernels import start_quietly
+    from tactemu.base.kernels import start_warp
     from tactemu.tune.speed.physics import markdown_page, run
 
     check(page, "the tables", "Written by `tactemu bench physics")
     check(out, "the figures", '_us":', '_s":')
-    start_quietly()
+    start_warp()
     figures = run(typer.echo, device=device, starts=starts, only=only, largest=largest, loops=loops or page is not None)
     if page is not None:
         page.write_text(markdown_page(figures, device), encoding="utf-8")

@@ -118,9 +118,9 @@ def _gpu(name: str) -> Finding:
 
 def _kernels(name: str) -> Finding:
     from tactemu.base.cpu_code import prebuilt_versions, why_compiled
-    from tactemu.base.kernels import start_quietly
+    from tactemu.base.kernels import start_warp
 
-    start_quietly()
+    start_warp()
     if why := why_compiled():
         helps = "".join(f"pip install warp-lang=={version}" for version in prebuilt_versions()[-1:])
         return Finding(name, False, f"the first start of each device compiles kernels, for seconds: {why}", helps)

@@ -47,7 +47,7 @@ def explain(
     import json
     import time
 
-    from tactemu.base.kernels import start_quietly
+    from tactemu.base.kernels import start_warp
     from tactemu.base.long_work import notices_to
     from tactemu.emulator.scenario import laws_needed
     from tactemu.scene import file
@@ -71,7 +71,7 @@ def explain(
         print("Plan: nothing is simulated")
         return
     _print_schedule(loaded)
-    start_quietly()
+    start_warp()
     with notices_to(lambda text: print(f"{text}\n", flush=True)):
         simulation = scene.build(device=device or world.compute, seed=world.seed, dtype=world.dtype)
     simulation.step()

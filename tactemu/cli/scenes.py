@@ -50,12 +50,12 @@ def tune(
     The error is that of the pressures, of the drag if a body slides, and of the contact's border if it touches with an
     edge: the largest of them. Devices that read sums of all taxels are judged by the total.
     """
-    from tactemu.base.kernels import start_quietly
+    from tactemu.base.kernels import start_warp
     from tactemu.cli.progress import show_progress
     from tactemu.tune.choice import as_dict
     from tactemu.tune.tuner import run_tune
 
-    start_quietly()
+    start_warp()
     say = (lambda _text: None) if json else typer.echo
     choices = run_tune(
         target, rate, error=error, report=say, seconds=seconds, write=write, device=device, progress=show_progress
@@ -113,11 +113,11 @@ def dataset(
     """
     import math
 
-    from tactemu.base.kernels import start_quietly
+    from tactemu.base.kernels import start_warp
     from tactemu.datasets.spec import DatasetSpec
     from tactemu.scene.file import load
 
-    start_quietly()
+    start_warp()
     world, (x, y, z) = load(target).tables.scene, shift
     spec = DatasetSpec(
         target=target, envs=envs, steps=steps, every=every, seed=world.seed if seed is None else seed,

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self
 import numpy as np
 
 from tactemu.base.errors import SceneError, nearest
+from tactemu.base.kernels import start_warp
 from tactemu.plan.clearing import restore_rows
 from tactemu.plan.plan import Stage
 
@@ -282,13 +283,14 @@ class BatchEngine(ABC):
 
     @staticmethod
     def _module(name: str, extra: str) -> Any:
-        """Return an optional package.
+        """Return an optional package; one that starts Warp finds it running, without messages.
 
         Raises:
             SceneError: it is not installed.
         """
         import importlib
 
+        start_warp()
         try:
             return importlib.import_module(name)
         except ImportError as error:

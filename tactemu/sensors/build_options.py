@@ -8,7 +8,7 @@ from typing import Any
 import warp as wp
 
 from tactemu.base.errors import SceneError
-from tactemu.base.kernels import start
+from tactemu.base.kernels import start_warp
 from tactemu.sensors.sensor_compiler import MAX_LAUNCH_THREADS
 
 REAL = {"float32": wp.float32, "float64": wp.float64}
@@ -21,7 +21,7 @@ def device_of(name: Any) -> wp.Device:
     Raises:
         SceneError: there is none of this name.
     """
-    start()
+    start_warp()
     try:
         return wp.get_device(name)
     except Exception as error:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from tactemu.base.errors import TactemuError, TransportError
-from tactemu.base.kernels import start_quietly
+from tactemu.base.kernels import start_warp
 from tactemu.control.command_replay import replay_commands
 from tactemu.control.control import Control
 from tactemu.control.endpoints import Endpoint
@@ -75,7 +75,7 @@ class Session:
             from tactemu.base.priority import enable_realtime_priority
 
             enable_realtime_priority()
-        start_quietly()
+        start_warp()
         loaded, self._loaded = self._loaded or self.load(), None
         with ExitStack() as undo:
             truth = truth_of(loaded, options.truth, options.keep)

@@ -1,4 +1,4 @@
-"""Where kernels are kept when the usual folder cannot be written."""
+"""The start of Warp: what it prints, and where kernels are kept when the usual folder cannot be written."""
 
 import os
 import subprocess
@@ -8,11 +8,9 @@ from pathlib import Path
 import pytest
 
 from tests.cli.command import environment
+from tests.scene.engine_models import NEEDS_ENGINES
 
-ASK = (
-    "from tactemu.base.kernels import start_quietly; start_quietly(); import warp, os; "
-    "d = warp.config.kernel_cache_dir; "
-)
+ASK = "from tactemu.base.kernels import start_warp; start_warp(); import warp, os; d = warp.config.kernel_cache_dir; "
 
 
 @pytest.fixture
@@ -56,3 +54,36 @@ def test_a_folder_that_others_may_write_is_not_trusted(ask, tmp_path, whose):
     found, said = ask()
     assert folder not in (Path(found), *Path(found).parents) and "compiled anew in each run" in said
     assert not os.path.exists(found), "it is removed in the end"
+
+
+BATCH = """
+import numpy as np, tactemu as tt
+scene = tt.Scene(dt=1e-3)
+pad = scene.add_body(tt.Box(size=(0.08, 0.08, 0.02)), fixed=True)
+skin = scene.add_sensor(tt.ContactProbe(positions=np.zeros((1, 3)), radius=0.001), link=pad)
+sim = scene.build(n_envs=2, device="cpu")
+sim.step()
+skin.read()
+"""
+SERVE = 'import tactemu\nwith tactemu.serve("anyskin", "memory:", clock="lockstep") as device: device.press(depth=1e-3)'
+ENGINE = """
+import pathlib, sys, tactemu as tt
+file = pathlib.Path(sys.argv[1], "empty.xml")
+file.write_text("<mujoco><option timestep='0.001'/><worldbody/></mujoco>")
+tt.MujocoWarpEngine(tt.Scene(dt=1e-3), file)
+"""
+
+
+@pytest.mark.parametrize("program", [BATCH, SERVE, pytest.param(ENGINE, marks=NEEDS_ENGINES)])
+def test_a_program_prints_nothing_of_warp(program, tmp_path):
+    command = [sys.executable, "-c", program, str(tmp_path)]
+    done = subprocess.run(command, env=environment(), capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
+def test_a_program_that_sets_warps_log_level_keeps_it():
+    program = "import warp\nwarp.config.log_level = warp.LOG_DEBUG\n" + BATCH
+    done = subprocess.run(
+        [sys.executable, "-c", program], env=environment(), capture_output=True, text=True, check=True
+    )
+    assert "Module" in done.stdout

@@ -31,7 +31,7 @@ import numpy as np
 
 from tactemu.base.clock import VirtualClock
 from tactemu.base.errors import TactemuError
-from tactemu.base.kernels import start_quietly
+from tactemu.base.kernels import start_warp
 from tactemu.emulator.assembly import assemble, truth_of
 from tactemu.emulator.emulator import Emulator
 from tactemu.emulator.options import AssemblyOptions
@@ -186,7 +186,7 @@ def main() -> int:
     parser.add_argument("--only", default="", help="ways that contain this, as skin.0.options.noise")
     parser.add_argument("--say", action="store_true", help="print every message")
     asked = parser.parse_args()
-    start_quietly()
+    start_warp()
     os.chdir(ROOT)
     scenes = [name for name in SCENES if any(name.startswith(word) for word in asked.scenes.split(","))]
     values = asked.values.split(",") if asked.values else list(VALUES)

@@ -67,7 +67,7 @@ class Figure:
 
 def measure(case: Case, device: str = "cpu", repeats: int = 300, memory: bool = True) -> Figure:
     """Measure one case; with ``memory`` also its GPU memory, in a process of its own."""
-    kernels.start()
+    kernels.start_warp()
     start = time.perf_counter()
     sim, ball, sensor = build(case, device)
     build_s = time.perf_counter() - start
