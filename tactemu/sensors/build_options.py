@@ -26,7 +26,10 @@ def device_of(name: Any) -> wp.Device:
         return wp.get_device(name)
     except Exception as error:
         known = ", ".join(str(device) for device in wp.get_devices())
-        raise SceneError(f"no device {name!r} on this machine ({error}); kernels run on: {known}") from None
+        raise SceneError(
+            f"no device {name!r} on this machine ({error}): write 'cpu', 'cuda' or 'cuda:N', such as 'cuda:0' for the "
+            f"first GPU, as `compute` of a scene file; kernels run on: {known}"
+        ) from None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -63,7 +63,6 @@ def test_a_fault_of_a_scene_that_is_wrong_is_named_with_its_place(table, where, 
             '[scene]\ndt = "1ms"\n[[body]]',
             "scene.dt: must be a number >= 1e-07 and <= 10 s, got the text '1ms'",
         ),
-        ("[[body]]", '[scene]\ncompute = "gpu"\n[[body]]', "scene.compute: must be 'cpu', 'cuda' or 'cuda:N'"),
         ("anyskin", "anyskni", "skin 'anyskni': unknown device 'anyskni'; did you mean 'anyskin'?"),
     ],
 )
