@@ -24,8 +24,6 @@ SERIES = PATCH_COLOURS
 BLUE, VERMILION, GREEN, PURPLE = SERIES
 IDEAL, MEASURED, SENT = BLUE, VERMILION, GREEN
 """The colours of a reading without imperfections, with them, and as the driver receives it."""
-QUESTION, ANSWER, FAULT = BLUE, GREEN, VERMILION
-"""The colours of a driver's frame, of a device's frame, and of an injected fault."""
 RAMP = ("#363861", "#5a3e88", "#8a4096", "#c23f83", "#e6536b", "#fe7353", "#ff9b44", "#ffc454", "#fcea7e")
 """The scale of readings at equal steps from 0 to the largest: dark violet, red, orange, pale yellow.
 

@@ -270,14 +270,3 @@ class Recorder:
         entries.append(entry)
         if len(entries) > self._keep_count:
             del entries[: self._keep_count // 4]
-
-
-__all__ = [
-    "DriverRow",
-    "Note",
-    "Recorder",
-    "ResourceUsage",
-    "Row",
-    "TrialRecord",
-    "sample_of",
-]

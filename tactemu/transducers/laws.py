@@ -14,20 +14,6 @@ MU0_OVER_4PI = 1e-7
 """The magnetic constant over 4 pi [T m/A]."""
 
 
-def dipole_field(chips: np.ndarray, magnets: np.ndarray, moments: np.ndarray) -> np.ndarray:
-    """Return the field [T] at ``chips`` (n, 3) [m] of dipoles at ``magnets`` (m, 3) [m], ``moments`` (m, 3) [A m²]::
-
-        B = µ0/4π Σ (3 (m·r) r / |r|⁵ − m / |r|³)
-
-    The result has shape ``(n, 3)`` and is valid from about a magnet's own size away.
-    """
-    arm = np.asarray(chips, float)[:, None] - np.asarray(magnets, float)[None]
-    square = np.einsum("nmk,nmk->nm", arm, arm)
-    along = np.einsum("nmk,mk->nm", arm, moments)
-    near = square**-1.5
-    return MU0_OVER_4PI * (3 * (along * near / square)[..., None] * arm - near[..., None] * moments).sum(axis=1)
-
-
 @dataclass(frozen=True)
 class LogMemory:
     """A memory that fills by the same share in each decade of time, as a sum of exponentials.
@@ -62,14 +48,6 @@ class LogMemory:
         """Return the memory of a step after ``t`` [s], in decades; it is 0 at ``t = 0``."""
         t = np.asarray(t, float)
         return (self.weights * -np.expm1(-t[..., None] / self.taus)).sum(axis=-1)
-
-
-def log_creep(t: np.ndarray, per_decade: float | np.ndarray, since: float = 1.0) -> np.ndarray:
-    """Return the reading of a constant load after ``t`` [s], relative to that after ``since`` [s].
-
-    It is ``1 + c log10(t/since)``.
-    """
-    return 1.0 + per_decade * np.log10(np.asarray(t, float) / since)
 
 
 def divider(
@@ -119,11 +97,6 @@ def _slopes(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     with np.errstate(divide="ignore", invalid="ignore"):
         middle = np.where(left * right > 0, 2 * left * right / (left + right), 0.0)
     return np.concatenate([chords[:1], middle, chords[-1:]])
-
-
-def white_and_slow(lag: np.ndarray, slow_share: float, tau: float) -> np.ndarray:
-    """Return the correlation after ``lag`` > 0 samples of white noise with a slow share: ``s exp(−lag/τ)``."""
-    return slow_share * np.exp(-np.asarray(lag, float) / tau)
 
 
 def sliding_noise(white: np.ndarray, amplitude: np.ndarray, line_hz: np.ndarray, period_s: float) -> np.ndarray:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
-from firmware_protocols import CanFrame, Connector, WireFrame
+from firmware_protocols import Connector, WireFrame
 from firmware_protocols.can_frames import CanFrames
 
 MAX_CHUNK_BYTES = 512
@@ -204,25 +204,3 @@ class Transport(ABC):
 
     def __exit__(self, *_):
         self.close()
-
-
-__all__ = [
-    "DROPPED",
-    "MAX_CHUNK_BYTES",
-    "MAX_LEFTOVER_BYTES",
-    "RAISED",
-    "CanFilter",
-    "CanFrame",
-    "Closed",
-    "Counted",
-    "Event",
-    "LinesChanged",
-    "Noted",
-    "Opened",
-    "Part",
-    "Received",
-    "SerialSetting",
-    "SettingChanged",
-    "Transport",
-    "WireFrame",
-]  # fmt: skip

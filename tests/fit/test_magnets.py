@@ -12,8 +12,8 @@ from tactemu.fit.magnets import axes_of, find_magnets
 from tactemu.fit.places import find_places
 from tactemu.fit.recording import Recorded, read
 from tactemu.scene.file import parse
-from tactemu.transducers.laws import dipole_field
 from tests.fit.synthetic import with_gaps
+from tests.transducers.dipoles import dipole_field
 
 
 def pressed_magnets(seed, *, placed=True):

@@ -5,11 +5,12 @@ import pytest
 from scipy.interpolate import PchipInterpolator
 
 from tactemu.transducers import laws
+from tests.transducers.dipoles import dipole_field
 
 
 def test_a_dipole_has_twice_the_field_on_its_axis_and_the_opposite_at_its_equator():
     moment, r = 0.02, 0.01
-    field = laws.dipole_field(np.array([[0, 0, r], [r, 0, 0]]), np.zeros((1, 3)), np.array([[0, 0, moment]]))
+    field = dipole_field(np.array([[0, 0, r], [r, 0, 0]]), np.zeros((1, 3)), np.array([[0, 0, moment]]))
     assert field == pytest.approx(1e-7 * moment / r**3 * np.array([[0, 0, 2], [0, 0, -1]]))
 
 
@@ -18,13 +19,13 @@ def test_fields_of_dipoles_have_neither_source_nor_whirl_and_add_up():
     magnets, moments = rng.normal(size=(20, 3)) * 0.004, rng.normal(size=(20, 3)) * 0.01
     at, h = np.array([0.02, -0.015, 0.03]), 1e-5
     steps = np.concatenate([at + h * np.eye(3), at - h * np.eye(3)])
-    field = laws.dipole_field(steps, magnets, moments)
+    field = dipole_field(steps, magnets, moments)
     gradient = (field[:3] - field[3:]) / (2 * h)  # of x, y, z by rows
     scale = np.abs(gradient).max()
     assert abs(np.trace(gradient)) < 1e-6 * scale
     assert np.abs(gradient - gradient.T).max() < 1e-6 * scale
-    alone = sum(laws.dipole_field(at[None], magnets[k : k + 1], moments[k : k + 1]) for k in range(20))
-    assert laws.dipole_field(at[None], magnets, moments) == pytest.approx(alone)
+    alone = sum(dipole_field(at[None], magnets[k : k + 1], moments[k : k + 1]) for k in range(20))
+    assert dipole_field(at[None], magnets, moments) == pytest.approx(alone)
 
 
 @pytest.mark.parametrize(("terms", "within"), [(1, 0.025), (2, 5e-4)])

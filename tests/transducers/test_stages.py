@@ -17,6 +17,7 @@ from tactemu.transducers.material import Material
 from tactemu.transducers.piezoresistive import Piezoresistive
 from tactemu.transducers.registry import TRANSDUCERS, make_transducer, transducer_class
 from tests.scenes import ball, pad
+from tests.transducers.dipoles import dipole_field
 
 SPOTS = np.array([[0.0, 0.0, 0.01], [0.007, 0.0, 0.01], [0.0, 0.007, 0.01]])
 AREA = np.pi * 1e-6
@@ -61,11 +62,11 @@ def test_the_field_of_a_skin_is_that_of_its_dipoles_where_they_have_moved(dtype)
     rest = pressed(made, 0.0)
     places, _ = magnetic.places(SPOTS)
     chips = SPOTS - [0, 0, 4e-3]
-    assert rest == pytest.approx(laws.dipole_field(chips, places, moments), rel=2e-5, abs=1e-8)
+    assert rest == pytest.approx(dipole_field(chips, places, moments), rel=2e-5, abs=1e-8)
     field = pressed(made, 0.8)
     taxels, shares = magnetic.shares(places, SPOTS)
     moved = places + (shares * (taxels == 0)).sum(axis=1)[:, None] * 5e-4 * np.array([0, 0, -0.8])
-    assert field == pytest.approx(laws.dipole_field(chips, moved, moments), rel=2e-5, abs=1e-8)
+    assert field == pytest.approx(dipole_field(chips, moved, moments), rel=2e-5, abs=1e-8)
     assert np.abs(field - rest)[1].max() > 1e-6, "a chip beside the press sees it, too"
 
 
@@ -81,7 +82,7 @@ def test_the_earth_turns_with_the_link_and_neighbours_move_with_their_bodies():
     near[0].set_pose(near[1], position=(0.05, 0, 0.01))
     near[0].step()
     chips = SPOTS - [0, 0, 2e-3]
-    expected = laws.dipole_field(chips, np.array([[0.05, 0, 0.01]]), np.array([[0, 0, 0.01]]))
+    expected = dipole_field(chips, np.array([[0.05, 0, 0.01]]), np.array([[0, 0, 0.01]]))
     assert near[2].read() == pytest.approx(expected, rel=1e-3, abs=1e-9)
 
 
@@ -152,7 +153,7 @@ def test_creep_is_a_share_per_decade_of_what_it_was_after_a_second():
     share = 0.4 * (0.8 / 0.5) ** -0.3
     assert after[50] == pytest.approx(0.8, rel=0.01)
     assert after[500] / after[50] == pytest.approx(1 + share, rel=0.02)
-    assert after[1000] / after[50] == pytest.approx(laws.log_creep(20.0, share), rel=0.02)
+    assert after[1000] / after[50] == pytest.approx(1 + share * np.log10(20.0), rel=0.02)
 
 
 @pytest.mark.parametrize("peak", [0.3, 0.8])
@@ -246,7 +247,7 @@ def test_a_device_of_magnets_sees_the_field_of_the_scene(device):
     magnetic = Magnetic()
     layout = made.emulator.channels[0].device.layout
     chips = layout.positions - [0, 0, 2e-3]
-    rest = layout.to_taxel_frame(laws.dipole_field(chips, *magnetic.places(layout.positions))) * 1e6
+    rest = layout.to_taxel_frame(dipole_field(chips, *magnetic.places(layout.positions))) * 1e6
     turn = np.array([1, -1, -1]) if device == "anyskin" else 1
     apart = np.abs(counts - rest * turn).max(axis=(1, 2))
     assert apart.min() < 4.0 and apart.max() > 5.0

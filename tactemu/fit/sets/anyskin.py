@@ -24,8 +24,6 @@ CONSTANTS = (
     Constant("std moving", "noise std, fingers that move with nothing touching", "µT"),
     Constant("correlation moving", "lag-1 correlation, fingers that move with nothing touching"),
 )
-LSB_UT = (0.300, 0.300, 0.484)
-"""The resolution of x, y and z [µT]."""
 
 
 @dataclass(frozen=True)

@@ -23,8 +23,6 @@ MAX_OUTSIDE_SHARE = 0.01
 """Largest share of values outside of the range of their column."""
 MAX_NAMED = 4
 """Largest number of places that a text names."""
-MIN_WRAPS = 1
-"""Least number of times that a counter must start again to show its width."""
 
 
 def check_frames(

@@ -79,12 +79,6 @@ def _sinh_minus_argument(x: np.ndarray, dtype) -> np.ndarray:
     return x * y / dtype(6) * total
 
 
-def thin_layer_modulus(young_modulus: float, nu: float) -> float:
-    """Return the modulus of a layer that cannot expand sideways [Pa]; infinite for nu = 0.5."""
-    below = (1 + nu) * (1 - 2 * nu)
-    return young_modulus * (1 - nu) / below if below > 0 else np.inf
-
-
 class Kernels(NamedTuple):
     """The displacements of a cell per pressure on the cell ``(j, i)`` cells away [m/Pa], each of shape ``(ny, nx)``.
 

@@ -9,6 +9,7 @@ import numpy as np
 from firmware_protocols.layouts import Layout, Patch
 from tactemu.base.frame_text import text
 from tactemu.scene.description import PartDescription
+from tactemu.session.heatmap import flattened
 from tactemu.truth.entries import BodyPose, Entry, Injection, Passage, PortEvent, Sample
 
 MAX_COLUMNS = 24
@@ -25,13 +26,7 @@ def cells(layout: Layout, patch: Patch) -> np.ndarray:
     """Return row and column of each taxel of a patch in its picture, shape ``(n, 2)``."""
     if patch.rows:
         return np.stack(np.divmod(np.arange(patch.rows * patch.cols), patch.cols), axis=1)
-    positions, normals = layout.positions[patch.taxels], layout.normals[patch.taxels]
-    normal = normals.mean(axis=0)
-    normal = normal / np.linalg.norm(normal) if np.linalg.norm(normal) > 1e-6 else np.array([0.0, 0.0, 1.0])
-    seed = np.array([0.0, 1.0, 0.0]) if abs(normal[0]) > 0.9 else np.array([1.0, 0.0, 0.0])
-    right = seed - normal * (seed @ normal)
-    right /= np.linalg.norm(right)
-    flat = positions @ np.stack([right, np.cross(normal, right)], axis=1)
+    flat = flattened(layout.positions[patch.taxels], layout.normals[patch.taxels])
     flat -= flat.min(axis=0)
     step = max(patch.pitch, float(flat.max(initial=0.0)) / (MAX_COLUMNS - 1), 1e-9)
     columns, rows = np.rint(flat / step).astype(int).T
