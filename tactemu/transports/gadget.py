@@ -8,26 +8,15 @@ kernel has a function for it, and ``serial:/dev/ttyGS0`` is the sensor's side of
 from __future__ import annotations
 
 import contextlib
-from collections import deque
 from pathlib import Path
 
 from firmware_protocols import Connector, WireFrame
 from tactemu.base.errors import TransportError
-from tactemu.transports.transport import (
-    DROPPED,
-    MAX_CHUNK_BYTES,
-    Closed,
-    Event,
-    LinesChanged,
-    Noted,
-    Opened,
-    Received,
-    SerialSetting,
-    Transport,
-)  # fmt: skip
-from tactemu.transports.usb.chip import MAX_TO_HOST_BYTES, Chip
+from tactemu.transports.transport import MAX_CHUNK_BYTES, Event, Noted, Received
+from tactemu.transports.usb.chip import MAX_TO_HOST_BYTES
 from tactemu.transports.usb.devices import device_of
 from tactemu.transports.usb.functionfs import FunctionFs
+from tactemu.transports.usb.port import UsbPort
 from tactemu.transports.usb.raw_devices import HidDevice
 from tactemu.transports.usb.serial_chips import CdcAcm, Ft232R
 
@@ -40,7 +29,7 @@ def mount_of(name: str) -> Path:
     return Path(f"/dev/ffs-{name}")
 
 
-class GadgetTransport(Transport):
+class GadgetTransport(UsbPort):
     """A USB device on this machine's device controller.
 
     Raises:
@@ -50,15 +39,12 @@ class GadgetTransport(Transport):
     scheme = "gadget"
 
     def __init__(self, location: str = ""):
+        super().__init__(Ft232R())
         self._name, _, self._controller = location.partition(":")
         if not self._name:
             raise TransportError("port 'gadget:': expected gadget:NAME, as `tactemu gadget` makes it")
         self.address = f"gadget:{location}"
-        self._device: Chip = Ft232R()
-        self._chip: Chip = self._device
         self._function: FunctionFs | None = None
-        self._has_reader = False
-        self._events: deque[Event] = deque()
 
     def set_connector(self, connector: Connector) -> None:
         """Take the device from the connector.
@@ -100,8 +86,7 @@ class GadgetTransport(Transport):
             with contextlib.suppress(OSError):
                 (GADGETS / self._name / "UDC").write_text("\n")
             function.close()
-        self._has_reader = False
-        self._events.clear()
+        self._forget()
 
     def filenos(self, reading: bool = True) -> list[int]:
         """Return the file descriptors of the function."""
@@ -116,28 +101,16 @@ class GadgetTransport(Transport):
         function.serve()
         if function.is_enabled != was_enabled:
             self._events.append(Noted("configured by the host" if function.is_enabled else "detached by the host"))
-        self._events += self._chip.events
-        self._chip.events.clear()
-        is_ready = self._chip.lines.dtr or self._chip.is_framed
-        self._note_reader(function, function.is_enabled and is_ready)
+        self._note_chip()
+        had_reader = self._has_reader
+        self._note_reader(function.is_enabled and (self._chip.lines.dtr or self._chip.is_framed))
+        if had_reader and not self._has_reader:
+            function.clear()
         room = MAX_CHUNK_BYTES if reading else 0
         while room > 0 and (data := function.take()) is not None:
             self._events.append(Received(data))
             room -= len(data)
-        events = list(self._events)
-        self._events.clear()
-        return events
-
-    def _note_reader(self, function: FunctionFs, has_reader: bool) -> None:
-        if has_reader == self._has_reader:
-            return
-        self._has_reader = has_reader
-        if has_reader:
-            self._events.append(Opened())
-            return
-        function.clear()
-        self._events += (Closed(), DROPPED) if self._chip.lines != DROPPED else (Closed(),)
-        self._chip.lines = LinesChanged(False, False)
+        return self._take_events()
 
     def write(self, frame: WireFrame) -> bool:
         """Write one frame; ``False`` where no driver has the port open, or does not read."""
@@ -149,13 +122,3 @@ class GadgetTransport(Transport):
             return False
         self._function.put(frame)
         return True
-
-    @property
-    def has_reader(self) -> bool:
-        """True while a driver has the port open."""
-        return self._has_reader
-
-    @property
-    def setting(self) -> SerialSetting | None:
-        """The setting that the driver has given the chip; unknown until then."""
-        return self._chip.setting if self._chip.setting.baud else None

@@ -10,26 +10,14 @@ listens on port 3240 of the loopback interface.
 
 from __future__ import annotations
 
-from collections import deque
-
 from firmware_protocols import Connector, WireFrame
 from tactemu.base.errors import TransportError, nearest
 from tactemu.transports import inet
-from tactemu.transports.transport import (
-    DROPPED,
-    MAX_CHUNK_BYTES,
-    Closed,
-    Event,
-    LinesChanged,
-    Noted,
-    Opened,
-    Received,
-    SerialSetting,
-    Transport,
-)  # fmt: skip
+from tactemu.transports.transport import MAX_CHUNK_BYTES, Event, Noted, Received
 from tactemu.transports.usb.chip import MAX_TO_HOST_BYTES, Chip
 from tactemu.transports.usb.devices import device_of
 from tactemu.transports.usb.link import HostLink
+from tactemu.transports.usb.port import UsbPort
 from tactemu.transports.usb.serial_chips import CHIPS
 from tactemu.transports.usb.shared_device import SharedDevice
 from tactemu.transports.usb.usbip_server import UsbIpServer, shared_server
@@ -37,7 +25,7 @@ from tactemu.transports.usb.usbip_server import UsbIpServer, shared_server
 USUAL_PORT = 3240
 
 
-class UsbIpPort(Transport):
+class UsbIpPort(UsbPort):
     """A USB device, attached by one host at a time.
 
     Args:
@@ -49,18 +37,14 @@ class UsbIpPort(Transport):
     """
 
     def __init__(self, location: str, chip: Chip):
+        super().__init__(chip)
         self._host, self._port = inet.parse(self.scheme, location or str(USUAL_PORT))
         self.address = f"{self.scheme}:{location}"
-        self._device = chip
         self._channel_number: int | None = None
         """The number of the port's channel on a chip with several; None: the first one that is free."""
         self._shared: SharedDevice | None = None
-        self._chip = chip.channels[0]
-        """The channel, once the port is open: mostly the device itself."""
         self._server: UsbIpServer | None = None
         self._link: HostLink | None = None
-        self._has_reader = False
-        self._events: deque[Event] = deque()
 
     # -- life ------------------------------------------------------------------------------------------------------
 
@@ -100,8 +84,7 @@ class UsbIpPort(Transport):
                 with self._shared.lock:
                     self._link.release()
         self._server = self._link = None
-        self._has_reader = False
-        self._events.clear()
+        self._forget()
 
     def filenos(self, reading: bool = True) -> list[int]:
         """Return the server's file descriptor and those of the host."""
@@ -125,17 +108,14 @@ class UsbIpPort(Transport):
                 self._events.append(Noted("attached by a host"))
             if self._link is not None:
                 self._work(self._shared, self._link, reading)
-        events = list(self._events)
-        self._events.clear()
-        return events
+        return self._take_events()
 
     def _work(self, shared: SharedDevice, link: HostLink, reading: bool) -> None:
         """Take what the host has sent, and send what waits for it."""
         if link.receive():
             shared.wake(but=self._chip)
         self._note_reader(link.has_reader(self._chip))
-        self._events += self._chip.events
-        self._chip.events.clear()
+        self._note_chip()
         room = MAX_CHUNK_BYTES if reading else 0
         while room > 0 and (data := link.take(self._chip)) is not None:
             self._events += self._decode(data)
@@ -148,16 +128,6 @@ class UsbIpPort(Transport):
             shared.drop(link)
             link.release()
             self._events.append(Noted("detached by the host"))
-
-    def _note_reader(self, has_reader: bool) -> None:
-        if has_reader == self._has_reader:
-            return
-        self._has_reader = has_reader
-        if has_reader:
-            self._events.append(Opened())
-        else:
-            self._events += (Closed(), DROPPED) if self._chip.lines != DROPPED else (Closed(),)
-            self._chip.lines = LinesChanged(False, False)
 
     def _decode(self, data: bytes) -> list[Event]:
         """Return the events that a transfer of the host makes."""
@@ -181,11 +151,6 @@ class UsbIpPort(Transport):
             with self._shared.lock:
                 self._link.put(self._chip, data)
                 self._link.send()
-
-    @property
-    def has_reader(self) -> bool:
-        """True while a driver has the port open."""
-        return self._has_reader
 
 
 class UsbIpTransport(UsbIpPort):
@@ -221,8 +186,3 @@ class UsbIpTransport(UsbIpPort):
         if not isinstance(frame, bytes):
             raise TransportError(f"a USB device cannot carry the CAN frame {frame}")
         return self._has_reader and self._put(frame, MAX_TO_HOST_BYTES)
-
-    @property
-    def setting(self) -> SerialSetting | None:
-        """The setting that the driver has given the chip; unknown until then."""
-        return self._chip.setting if self._chip.setting.baud else None
