@@ -13,6 +13,9 @@ picture of every device of each failed test; the test's report names them, and t
 You may also set both in pytest's ini file, as ``tactemu_seed`` and ``tactemu_truth_dir``, or in the environment, in
 capitals.
 
+A message of tactemu's for you stands under the line of yours that it is about; ``--full-trace`` shows the frames
+between them.
+
 Tests that use the fixture have the marker ``tactemu`` (``pytest -m tactemu``). If you write the marker yourself, its
 arguments are those of the devices of the test, class or module: ``@pytest.mark.tactemu(rate_hz=200)``. The plugin
 imports the rest of tactemu only when a test uses it.
@@ -131,8 +134,10 @@ def tactile_device(request: pytest.FixtureRequest) -> Iterator[TactileDevice]:
 
 
 @pytest.hookimpl(wrapper=True)
-def pytest_runtest_makereport(item: pytest.Item) -> Iterator[Any]:
-    """Draw the devices of a failed test as they are, and name the kept files in its report."""
+def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo[Any]) -> Iterator[Any]:
+    """Shorten the traceback of a failed test, draw its devices as they are, and name the kept files in its report."""
+    if call.excinfo is not None:
+        _hide_own_frames(call.excinfo)
     report = yield
     if report.failed:
         item.stash[_FAILED] = True
@@ -152,6 +157,22 @@ def pytest_terminal_summary(terminalreporter: Any, config: pytest.Config) -> Non
         folder = Path(_setting(config, "tactemu_truth_dir") or "").absolute()
         some = "a test that failed" if len(tests) == 1 else f"{len(tests)} tests that failed"
         terminalreporter.write_line(f"tactemu: truth and pictures of {some}: {folder}")
+
+
+def _hide_own_frames(failure: pytest.ExceptionInfo[BaseException]) -> None:
+    """Mark tactemu's modules in a traceback: pytest hides their frames under an error with a message for users."""
+    for entry in filter(_is_own, failure.traceback):
+        entry.frame.f_globals["__tracebackhide__"] = _has_message
+
+
+def _has_message(failure: pytest.ExceptionInfo[BaseException]) -> bool:
+    """Return True if a ``raise`` statement of tactemu's has raised the error."""
+    last = failure.traceback[-1]
+    return _is_own(last) and str(last.statement).lstrip().startswith("raise ")
+
+
+def _is_own(entry: Any) -> bool:
+    return entry.frame.f_globals.get("__name__", "").partition(".")[0] in ("tactemu", "firmware_protocols")
 
 
 def _draw(device: Served, log: Path) -> str:

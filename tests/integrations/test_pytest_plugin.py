@@ -142,3 +142,40 @@ def test_only_tests_with_a_device_are_chosen_by_the_marker(tmp_path):
     (tmp_path / "test_it.py").write_text("import pytest\n@pytest.mark.tactemu(7)\ndef test_one(): pass\n")
     done = run_pytest(tmp_path)
     assert done.returncode == 4 and "takes options by name, such as rate_hz=200" in done.stdout + done.stderr
+
+
+WRONG = """
+import pytest
+
+@pytest.fixture
+def device(tactile_device):
+    return tactile_device("anyskn")
+
+def test_its_fixture(device):
+    pass
+
+def test_its_argument(tactile_device):
+    tactile_device("anyskin").press(depth=9)
+
+def test_its_option(tactile_device):
+    tactile_device("anyskin", colour="red")
+
+def test_in_the_background(tactile_device):
+    tactile_device("anyskin").emulator.call(lambda: {}["of the user"])
+"""
+MESSAGES = ("unknown device 'anyskn'", "press: depth must be", "unexpected keyword argument 'colour'", "of the user")
+
+
+def test_a_message_for_the_user_has_only_the_frames_of_the_user(tmp_path):
+    (tmp_path / "test_it.py").write_text(WRONG)
+    for arguments, hides in (([], True), (["-n", "1"], True), (["--full-trace"], False), (["--tb=native"], False)):
+        shown = run_pytest(tmp_path, *arguments).stdout
+        assert "2 failed, 1 passed, 2 errors" in shown and all(message in shown for message in MESSAGES), shown
+        assert ("serving.py" not in shown and "command_registry.py" not in shown) == hides, shown
+
+
+def test_an_error_that_tactemu_did_not_raise_on_purpose_has_all_its_frames(tmp_path):
+    broken = "from unittest import mock\ndef test_it(tactile_device):\n"
+    broken += "    with mock.patch('tactemu.session.session.assemble', None):\n        tactile_device('anyskin')\n"
+    (tmp_path / "test_it.py").write_text(broken)
+    assert all(name in run_pytest(tmp_path).stdout for name in ("session.py", "TypeError: 'NoneType' object is not"))
