@@ -53,6 +53,7 @@ def main() -> None:
     parser.add_argument("--arrays", choices=["numpy", "torch"], default="numpy")
     args = parser.parse_args()
     envs = tt.envs.HandVectorEnv(args.envs, engine=args.engine, device=args.device, arrays=args.arrays)
+    envs.step(Grip(envs).act(envs.reset(seed=0)[0]))  # the first step compiles the kernels
     observation, infos = envs.reset(seed=0)
     grip, total = Grip(envs), 0.0
     start = time.perf_counter()
