@@ -9,12 +9,17 @@ import inspect
 import re
 import sys
 import textwrap
+import types
+import typing
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
+from firmware_protocols.bounds import Bounds
 from scripts.contents import with_contents
 from tactemu.imperfections import ElectronicsOptions, ImperfectionOptions
+from tactemu.imperfections.laws import BOUNDS
+from tactemu.imperfections.options import ChainOptions
 from tactemu.sensors.drawing import DrawOptions
 from tactemu.sensors.models import MODELS, cheapest, model_class
 from tactemu.sensors.sensor_model import SensorModel
@@ -39,7 +44,7 @@ sensor model](adding-a-sensor-model.md) how to write your own.
 GEOMETRY = """## Options of every model
 
 Every model has these options, its own, and the three groups at the end of this page. A scene file has all of them side
-by side under `[skin.options]`.
+by side under `[skin.options]`. Numbers without a range are at most 1e12 in magnitude.
 """
 IMPERFECTIONS = """## Imperfections of the skin
 
@@ -84,15 +89,24 @@ def unit_of(text: str) -> str:
     return next((found for found in re.findall(r"\[([^\]]+)\]", text) if not re.match(r"[-\d.]+,|n_envs", found)), "")
 
 
+def bounds_of(hint) -> Bounds | None:
+    """The range of a number, or of one that may be left out, in its declared type."""
+    alternatives = typing.get_args(hint) if typing.get_origin(hint) in (typing.Union, types.UnionType) else (hint,)
+    bounds = [extra for each in alternatives for extra in getattr(each, "__metadata__", ())]
+    return next((each for each in bounds if isinstance(each, Bounds)), None)
+
+
 def options_table(cls) -> str:
-    """The options that a class itself declares: default, unit and meaning."""
-    said = docstrings(cls)
-    rows = ["| option | default | unit | meaning |", "| --- | --- | --- | --- |"]
+    """The options that a class itself declares: default, unit, range and meaning."""
+    said, hints = docstrings(cls), typing.get_type_hints(cls, include_extras=True)
+    rows = ["| option | default | unit | range | meaning |", "| --- | --- | --- | --- | --- |"]
     for field in dataclasses.fields(cls):
         if field.init and field.name in cls.__annotations__:
             text = said[field.name]
-            rows.append(row(f"`{field.name}`", f"`{field.default!r}`", words(unit_of(text)), words(text)))
-    return "\n".join(rows)
+            bounds = BOUNDS.get(field.name) if issubclass(ChainOptions, cls) else bounds_of(hints[field.name])
+            limits = " and ".join(bounds.limits()) if bounds else ""
+            rows.append(row(f"`{field.name}`", f"`{field.default!r}`", words(unit_of(text)), limits, words(text)))
+    return "\n".join(rows) if rows[2:] else "It has no options of its own."
 
 
 def formula(cls) -> str:
@@ -180,6 +194,12 @@ def test_a_changed_default_is_seen(monkeypatch):
     field = next(f for f in dataclasses.fields(model_class("elastomer_taxel")) if f.name == "lambda_d")
     monkeypatch.setattr(field, "default", 701.0)
     assert page() != PAGE.read_text(encoding="utf-8")
+
+
+def test_ranges_are_those_that_are_checked():
+    for line in ("| `poisson_ratio` | `0.49` |  | >= 0 and <= 0.5 |", "| `delay` | `0.0` | s | >= 0 and <= 1e+06 |",
+                 "| `kinetic_friction` | `None` |  | >= 0 |", "| `bias` | `0.0` | unit |  |"):  # fmt: skip
+        assert f"\n{line} " in page(), line
 
 
 def test_every_model_that_accuracy_measured_has_its_figures():

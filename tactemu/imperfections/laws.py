@@ -6,6 +6,7 @@ from dataclasses import fields
 
 import numpy as np
 
+from firmware_protocols.bounds import Bounds
 from tactemu.base.errors import SceneError
 from tactemu.base.options import numbers
 from tactemu.imperfections.info import ReadingInfo
@@ -16,13 +17,17 @@ _SINGLE = tuple(name for name, kind in _TYPES.items() if kind in ("float", "floa
 _PER_COLUMN = tuple(name for name, kind in _TYPES.items() if kind == "Numbers")
 _SIGNED = {"gain", "temperature_reference", "temperature_sensitivity", "temperature_offset", "bias"}
 _RANGES = ("gain_range", "saturation_range", "dead_taxel_value_range")
-
-
-_TIMES = ("scan_time", "delay", "jitter")
 MAX_KEPT_TIME_S = 1e6
 """The longest scan time, delay or jitter, for which past readings are kept."""
 MAX_HISTORY_LENGTH = 100_000
 """The most past readings that a history delivers."""
+BOUNDS = {
+    **{option: Bounds(low=None if option in _SIGNED else 0) for option in (*_SINGLE, *_PER_COLUMN)},
+    **dict.fromkeys(("scan_time", "delay", "jitter"), Bounds(low=0, high=MAX_KEPT_TIME_S, unit="s")),
+    "dead_taxel_probability": Bounds(low=0, high=1),
+    "history_length": Bounds(low=0, high=MAX_HISTORY_LENGTH),
+}
+"""The range of each option that is a number, or one number per column."""
 
 
 def is_on(value) -> bool:
@@ -41,25 +46,20 @@ def check(options: ChainOptions, info: ReadingInfo) -> None:
         raise SceneError(f"sensor {info.name!r}: {option} must be {expected}, got {getattr(options, option)!r}")
 
     where = f"sensor {info.name!r}"
-    for option in (*_SINGLE, *_PER_COLUMN):
+    for option, bounds in BOUNDS.items():
         value = getattr(options, option)
         given = np.zeros(()) if value is None else numbers(where, option, value)
         if option in _SINGLE and given.ndim:
             refuse(option, "one number")
-        elif option not in _SIGNED and (given < 0.0).any():
+        elif bounds.low is not None and (given < bounds.low).any():
             refuse(option, "zero or positive")
-    for option in _TIMES:
-        if getattr(options, option) > MAX_KEPT_TIME_S:
-            refuse(option, f"at most {MAX_KEPT_TIME_S:g} s")
+        elif bounds.high is not None and (given > bounds.high).any():
+            refuse(option, f"at most {bounds.high:g} {bounds.unit}".rstrip())
     for option in _RANGES:
         value = getattr(options, option)
         limits = np.zeros(2) if value is None else numbers(where, option, value)
         if limits.shape != (2,) or limits[0] > limits[1]:
             refuse(option, "(low, high) with low <= high")
-    if options.dead_taxel_probability > 1.0:
-        refuse("dead_taxel_probability", "at most 1")
-    if options.history_length > MAX_HISTORY_LENGTH:
-        refuse("history_length", f"a whole number up to {MAX_HISTORY_LENGTH}")
     _check_temperature(options, info)
 
 
