@@ -18,6 +18,7 @@ Bad bytes from a driver are no error: the device counts them and answers as the 
 from __future__ import annotations
 
 import os
+from collections.abc import Iterable
 
 from firmware_protocols.messages import nearest as nearest
 from firmware_protocols.messages import shown as shown
@@ -27,6 +28,19 @@ def reason_of(error: Exception) -> str:
     """Return the system's reason for an error, without the path, which pyserial repeats; else the error's own words."""
     number = getattr(error, "errno", None)
     return os.strerror(number) if number else str(error)
+
+
+def no_such(kind: str, name: object, known: Iterable[str], plural: str = "") -> str:
+    """Return a message about an unknown name: ``"no skin 'tumb'; did you mean 'thumb'? (skins: thumb, palm)"``.
+
+    Args:
+        kind: what is named, ``"skin"``.
+        name: the name.
+        known: the known names.
+        plural: the plural of ``kind``; default: with an s.
+    """
+    names = list(known)
+    return f"no {kind} {shown(name)}{nearest(name, names)} ({plural or f'{kind}s'}: {', '.join(names) or 'none'})"
 
 
 class TactemuError(Exception):

@@ -57,6 +57,8 @@ class Lifecycle(Loop):
             wire.name = wire.name or "+".join(c.name for c in self.channels if wire in c.wires.values())
         super().__init__(clock or RealClock(), self.wires)
         self.truth = truth or Truth()
+        self.truth.skins = {channel.name: [sense.key for sense in channel.device.sensed] for channel in self.channels}
+        self.truth.buses = [wire.name for wire in self.wires]
         self._channels = {channel.name: channel for channel in self.channels}
         self._agenda: Agenda[Action | ScheduledCallback] = Agenda(self._is_valid)
         self._is_restored = False

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar, Protocol
 
@@ -11,6 +11,7 @@ import numpy as np
 
 from firmware_protocols import WireFrame
 from firmware_protocols.can_frames import CanFrames
+from tactemu.base.errors import TactemuError, no_such
 from tactemu.base.files import check_overwriting
 from tactemu.base.frame_text import text
 from tactemu.truth.entries import BodyPose, Entry, Header, Injection, Passage, PortEvent, Sample
@@ -65,6 +66,8 @@ class Truth:
         "_has_sinks",
         "origin_ns",
         "context",
+        "skins",
+        "buses",
         "_poses",
     )
 
@@ -91,6 +94,10 @@ class Truth:
         """The machine's monotonic clock at ``t_ns = 0``, where the run follows it; set it before the first entry."""
         self.context: LogContext | None = None
         """The scene, which the file describes, with the poses of its bodies; set it before the first entry."""
+        self.skins: Mapping[str, Sequence[str]] = {}
+        """The keys of the senses of each skin that the run logs; empty: unknown, and every name is taken."""
+        self.buses: Collection[str] = ()
+        """The names of the buses that several skins share (``left+right``)."""
         self._poses = np.zeros((0, 7))
         """The poses that were written last."""
 
@@ -120,26 +127,56 @@ class Truth:
         return self._writers[0].lost if self._writers else 0
 
     def latest(self, device: str, sense: str | None = None) -> Sample | None:
-        """Return the latest sample of a device, of the named sense or of the one that was sampled first."""
-        senses = self._latest.get(device, {})
+        """Return the latest sample of a skin, of the named sense or of the one that was sampled first; None before it.
+
+        Raises:
+            TactemuError: the run has no such skin, or the skin no such sense.
+        """
+        senses = self.latest_of(device)
+        if sense is not None and self.skins:
+            known = self.skins[device]
+            if sense not in known:
+                raise TactemuError(f"skin {device!r}: {no_such('sense', sense, known)}")
+            if sense == known[0] and sense not in senses:
+                return senses.get("")  # counts that are an array are of the first sense, and do not name it
         return senses.get(sense) if sense is not None else next(iter(senses.values()), None)
 
     def latest_of(self, device: str) -> dict[str, Sample]:
-        """Return the latest sample of each sense of a device, in the order in which they were first sampled."""
+        """Return the latest sample of each sense of a skin, in the order in which they were first sampled.
+
+        Raises:
+            TactemuError: the run has no such skin.
+        """
+        self._check(device)
         return dict(self._latest.get(device, {}))
 
     def latest_frame(self, device: str) -> WireFrame | None:
-        """Return the latest frame of one device that left for the driver."""
+        """Return the latest frame of one skin that left for the driver; None before it.
+
+        Raises:
+            TactemuError: the run has no such skin.
+        """
+        self._check(device)
         latest = self._latest_frames.get(device)
         return latest[-1] if isinstance(latest, CanFrames) else latest
 
     def injected_at(self, device: str) -> Counter[str]:
-        """Return the injected faults by name of one skin and of the bus that it is on."""
+        """Return the injected faults by name of one skin and of the bus that it is on, or of one bus.
+
+        Raises:
+            TactemuError: the run has no such skin or bus.
+        """
+        self._check(device, self.buses)
         found: Counter[str] = Counter()
         for name, counts in self.injected_by_device.items():
             if device == name or device in name.split("+"):
                 found += counts
         return found
+
+    def _check(self, device: str, others: Collection[str] = ()) -> None:
+        """Raise if the run has no such skin, and no other source of entries of this name."""
+        if self.skins and device not in self.skins and device not in others:
+            raise TactemuError(no_such("skin", device, self.skins))
 
     # -- entries of the loop -------------------------------------------------------------------------------------------
 

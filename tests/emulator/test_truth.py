@@ -7,6 +7,7 @@ import pytest
 
 import tactemu as tt
 from tactemu.base.clock import VirtualClock
+from tactemu.base.errors import TactemuError
 from tactemu.control.state import statistics_of
 from tactemu.emulator.assembly import assemble, truth_of
 from tactemu.emulator.options import AssemblyOptions
@@ -23,6 +24,15 @@ faults = {faults}
 TWO = '[[body]]\nname = "pad"\nshape = "frame"\nfixed = true\n' + "".join(
     SKIN.format(name=name, faults=faults) for name, faults in (("left", '["drop every 2"]'), ("right", "[]"))
 )
+
+BOARD = """
+[[skin]]
+name = "{name}"
+device = "xela_uskin"
+device_options = {{ board = {board} }}
+link = "pad"
+port = "can:virtual:shared"
+"""
 
 
 def run(path=None):
@@ -82,3 +92,26 @@ def test_frames_say_which_sample_they_carry(tmp_path):
     sent = {each.sample: each.frame for each in skin.frames if each.kind == "tx"}
     assert len(sent) > 40 and max(sent) == max(counts)
     assert all(frame == counts[number].astype("<f4").tobytes() + b"\r\n" for number, frame in sent.items())
+
+
+def test_an_unknown_name_is_an_error_and_none_means_not_yet():
+    emulator = assemble(parse(TWO), AssemblyOptions()).emulator
+    truth = emulator.truth
+    asked = (truth.latest, truth.latest_frame, truth.latest_of, truth.injected_at)
+    assert [ask("left") for ask in asked] == [None, None, {}, {}] and truth.latest("left", "force") is None
+    for ask in asked:
+        with pytest.raises(TactemuError, match=r"^no skin 'lift'; did you mean 'left'\? \(skins: left, right\)$"):
+            ask("lift")
+    emulator.clock = VirtualClock()
+    with emulator:
+        emulator.run(0.1)
+    assert truth.latest("left", "force") is truth.latest("left") is not None
+    with pytest.raises(TactemuError, match=r"^skin 'left': no sense 'forse'; did you mean 'force'"):
+        truth.latest("left", "forse")
+
+
+def test_faults_of_a_shared_bus_are_counted_by_its_name_and_by_each_skin():
+    shared = [BOARD.format(name=name, board=k) for k, name in ((1, "left"), (2, "right"))]
+    emulator = assemble(parse(TWO.partition("[[skin]]")[0] + "".join(shared)), AssemblyOptions()).emulator
+    emulator.truth.inject(0, "left+right", "flip")
+    assert [emulator.truth.injected_at(name) for name in ("left", "right", "left+right")] == [{"flip": 1}] * 3
