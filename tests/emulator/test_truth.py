@@ -106,8 +106,8 @@ def test_an_unknown_name_is_an_error_and_none_means_not_yet():
     with emulator:
         emulator.run(0.1)
     assert truth.latest("left", "force") is truth.latest("left") is not None
-    with pytest.raises(TactemuError, match=r"^skin 'left': no sense 'forse'; did you mean 'force'"):
-        truth.latest("left", "forse")
+    with pytest.raises(TactemuError, match=r"^skin 'left': no sense 'forces'; did you mean 'force'"):
+        truth.latest("left", "forces")
 
 
 def test_faults_of_a_shared_bus_are_counted_by_its_name_and_by_each_skin():
