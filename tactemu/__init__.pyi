@@ -40,8 +40,8 @@ from tactemu.geometry.shapes.texture import HeightSpectrum as HeightSpectrum
 from tactemu.geometry.shapes.voxel_grid import VoxelGrid as VoxelGrid
 from tactemu.imperfections.options import ElectronicsOptions as ElectronicsOptions
 from tactemu.imperfections.options import ImperfectionOptions as ImperfectionOptions
+from tactemu.scene.events import Event as Event
 from tactemu.scene.scene import Scene as Scene
-from tactemu.scene.schema import Event as Event
 from tactemu.sensors.drawing import DrawOptions as DrawOptions
 from tactemu.sensors.elastomer.elastomer_taxel import ElastomerTaxel as ElastomerTaxel
 from tactemu.sensors.layer.elastic_layer_taxel import ElasticLayerTaxel as ElasticLayerTaxel

@@ -27,8 +27,8 @@ from tactemu.emulator.emulator import Emulator
 from tactemu.emulator.saving import snapshots
 from tactemu.emulator.scenario import apply_event
 from tactemu.geometry import rotation
+from tactemu.scene.events import Event
 from tactemu.scene.placement import PlacedSkin
-from tactemu.scene.schema import Event
 from tactemu.scene.steering import Steered, Waypoint, lift_path, nearest_body, press_path
 from tactemu.transports.pty import PtyTransport
 from tactemu.truth import COMMAND, Sample

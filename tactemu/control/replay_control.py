@@ -10,8 +10,7 @@ from tactemu.base.errors import TactemuError
 from tactemu.control.control import mend
 from tactemu.control.loop_task import LoopTask, TaskResult
 from tactemu.emulator.replay import Replay
-from tactemu.emulator.scenario import timed_fault
-from tactemu.scene.schema import Event
+from tactemu.scene.events import Event, timed_fault
 from tactemu.truth.tap import Tap
 
 

@@ -25,14 +25,14 @@ from tactemu.emulator.sources import resolve_source, without_replaced
 from tactemu.geometry.motion import Joint
 from tactemu.scene.building import build_scene, make_devices
 from tactemu.scene.description import SceneContext
+from tactemu.scene.events import EventTable
 from tactemu.scene.file import LoadedScene
 from tactemu.scene.measured_defaults import with_measured_defaults
 from tactemu.scene.placement import NullSource, PlacedSkin, SenseReader
-from tactemu.scene.schema import EventTable, SceneTable, SkinTable
+from tactemu.scene.schema import SceneTable, SkinTable
 from tactemu.scene.steering import Steered
 from tactemu.sensors.signs import require_on_skin
 from tactemu.truth import Truth
-from tactemu.wire.faults import parse
 from tactemu.wire.line import Pacing
 from tactemu.wire.wire import Wire
 
@@ -111,7 +111,6 @@ def assemble(
     given = resolve_source(options.source, loaded, devices, lambda scene: _built(scene, options, world, seed, like))
     loaded = without_replaced(loaded, given)
     events = (*loaded.tables.scenario, *options.scenario)
-    _check_faults(loaded)
     fresh = {"fresh": options.fresh_ports, "usual_network": options.usual_network}
     assignments = assign_ports(loaded.tables.skin, devices, options.port, **fresh)
     truth = truth or Truth()
@@ -187,23 +186,6 @@ def truth_of(loaded: LoadedScene, path: str | Path | None = None, keep: str | in
         return Truth(path, keep=loaded.tables.truth.keep if keep is None else keep, reads=reads)
     except OSError as error:
         raise TactemuError(f"{path}: cannot write the truth log: {error.strerror}") from None
-
-
-def _check_faults(loaded: LoadedScene) -> None:
-    """Raise if a fault of the scene cannot be parsed.
-
-    Raises:
-        SceneError: names the file and the entry.
-    """
-    texts = {
-        f"skin {skin.title!r}.faults[{k}]": text for skin in loaded.tables.skin for k, text in enumerate(skin.faults)
-    }
-    texts |= {f"scenario[{k}].fault": event.fault for k, event in enumerate(loaded.tables.scenario) if event.fault}
-    for where, text in texts.items():
-        try:
-            parse(text)
-        except SceneError as error:
-            raise SceneError(f"{loaded.source}: {where}: {error}") from None
 
 
 def _driven(loaded: LoadedScene, devices: dict[str, Device], local_ns: Callable[[str, int], int]) -> LoadedScene:

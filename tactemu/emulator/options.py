@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 from tactemu.base.errors import SceneError
 from tactemu.base.options import number
 from tactemu.base.units import Hertz
-from tactemu.scene.schema import EventTable, one_or_more
+from tactemu.scene.events import EventTable
+from tactemu.scene.schema import one_or_more
 
 if TYPE_CHECKING:
     from tactemu.scene.scene import Scene

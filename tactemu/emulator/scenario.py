@@ -19,8 +19,8 @@ from tactemu.base.loop import Action
 from tactemu.emulator.channel import Channel
 from tactemu.emulator.emulator import Emulator
 from tactemu.imperfections.options import Law
-from tactemu.scene.schema import EventTable
-from tactemu.wire.faults import Fault, parse
+from tactemu.scene.events import EventTable, timed_fault
+from tactemu.wire.faults import Fault
 
 
 def applies_to(event: EventTable, skin: str) -> bool:
@@ -51,23 +51,9 @@ def _changeable(event: EventTable, option: str) -> str:
 
 
 def faults_of(events: Iterable[EventTable], skins: Sequence[str]) -> list[Fault]:
-    """Return the faults of the events for a wire with these skins, each with its time.
-
-    Raises:
-        SceneError: a fault cannot be parsed, or has a time of its own.
-    """
+    """Return the faults of the events for a wire with these skins, each with its time."""
     concerned = (event for event in events if any(applies_to(event, skin) for skin in skins))
     return [timed_fault(event) for event in concerned if event.fault]
-
-
-def timed_fault(event: EventTable, now_s: float = 0.0) -> Fault:
-    """Return the fault of an event, at its time after ``now_s``.
-
-    Raises:
-        SceneError: the fault cannot be parsed, or has a time of its own.
-    """
-    until = None if event.until is None else round((event.until + now_s) * 1e9)
-    return parse(event.fault or "").scheduled(round((event.at + now_s) * 1e9), until)
 
 
 def schedule(emulator: Emulator, events: Iterable[EventTable], *, now_s: float = 0.0) -> None:
@@ -105,8 +91,6 @@ def _check(channel: Channel, event: EventTable, where: str) -> None:
         channel.imperfections.set_dead([], True, event.value)
     for option, value in event.set.items():
         channel.imperfections.set(option, value, (), event.taxels)  # in no environment: it only checks
-    if event.hang and event.until is None:
-        raise SceneError(f"{where}hang: give its end with `until`")
 
 
 def _plan(emulator: Emulator, channel: Channel, event: EventTable, origin_ns: int) -> None:

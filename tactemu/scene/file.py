@@ -248,5 +248,3 @@ def _references(tables: SceneFile):
     for k, event in enumerate(tables.scenario):
         if event.skin is not None and event.skin not in skins:
             yield f"scenario[{k}]: skin: no skin {event.skin!r}{nearest(event.skin, skins)} (skins: {', '.join(skins)})"
-        if event.until is not None and event.until <= event.at:
-            yield f"scenario[{k}]: until: expected a time after at = {event.at} s, got {event.until}"

@@ -18,14 +18,13 @@ from pydantic import (
     Discriminator,
     Field,
     Tag,
-    ValidationError,
     ValidationInfo,
     create_model,
     model_validator,
 )
 
 from firmware_protocols.bounds import Bounds
-from tactemu.base.errors import SceneError, nearest
+from tactemu.base.errors import nearest
 from tactemu.base.own_code import own_error
 from tactemu.base.units import (
     DEFAULT_STEP_S,
@@ -46,9 +45,9 @@ from tactemu.geometry.shapes.registry import shape_class
 from tactemu.geometry.shapes.shape import Shape
 from tactemu.scene.engine_interface import JointTable
 from tactemu.scene.engine_tables import AnyEngine
+from tactemu.scene.events import EventTable, FaultText
 from tactemu.scene.table import ClassName, Table, not_empty, one_of, placed, tables_of
 from tactemu.scene.texture_tables import TextureTable
-from tactemu.scene.validation_errors import list_errors
 from tactemu.sensors.signs import Convention
 
 Vector = tuple[Coordinate, Coordinate, Coordinate]
@@ -233,7 +232,7 @@ def one_or_more(value: Any) -> Any:
     return [value] if isinstance(value, str) else value
 
 
-Faults = Annotated[tuple[str, ...], BeforeValidator(one_or_more)]
+Faults = Annotated[tuple[FaultText, ...], BeforeValidator(one_or_more)]
 
 
 Rates = Annotated[
@@ -313,37 +312,6 @@ class SkinTable(Table):
     def title(self) -> str:
         """The name of the skin in statistics and in the truth log."""
         return self.name or self.device.rpartition(":")[2]
-
-
-class EventTable(Table):
-    """An event of the schedule: a fault or a change while the scene runs."""
-
-    at: Seconds = Field(default=0.0, description="time at which the event begins [s]")
-    until: Seconds | None = Field(default=None, description="time at which the event ends [s]; default: it never ends")
-    skin: str | None = Field(default=None, description="name of the skin; default: every skin")
-    fault: str | None = Field(default=None, description="a fault on the wire, as in `faults`")
-    set: dict[str, Any] = Field(default={}, description="sensor options that change (noise, bias, gain ...)")
-    taxels: tuple[Whole, ...] | None = Field(
-        default=None, description="taxels whose options `set` changes; default: all"
-    )
-    dead: tuple[Whole, ...] = Field(default=(), description="taxels that become dead")
-    value: Number | None = Field(default=None, description="reading of the dead taxels; default: their last reading")
-    hang: bool = Field(default=False, description="the device neither samples nor answers until `until`")
-    reset: bool = Field(default=False, description="the device restarts as after power-up")
-
-
-class Event(EventTable):
-    """An entry ``[[scenario]]`` of a scene file, made in Python: ``tt.Event(at=2, dead=(4,))``.
-
-    Raises:
-        SceneError: an event does not have a key, or a value does not fit.
-    """
-
-    def __init__(self, **entries: Any):
-        try:
-            super().__init__(**entries)
-        except ValidationError as error:
-            raise SceneError(list_errors(error, entries, "event")) from None
 
 
 class SceneTable(Table):

@@ -12,8 +12,8 @@ from tactemu.base.errors import SceneError
 from tactemu.emulator.options import AssemblyOptions
 
 if TYPE_CHECKING:
+    from tactemu.scene.events import EventTable
     from tactemu.scene.scene import Scene
-    from tactemu.scene.schema import EventTable
     from tactemu.sensors.simulation import Simulation
 
 CLOCKS: dict[str, type[Clock]] = {

@@ -39,10 +39,10 @@ def test_a_mistake_in_a_command(words, sentence):
 @pytest.mark.parametrize(
     ("table", "where"),
     [
-        ('faults = ["drop 1%", "drop 101%"]', "skin 'anyskin'.faults[1]: fault 'drop 101%': "),
+        ('faults = ["drop 1%", "drop 101%"]', "skin[0] 'anyskin'.faults[1]: 'drop 101%': "),
         (
             '[[scenario]]\nat = 1.0\nreset = true\n[[scenario]]\nat = 1.0\nfault = "unplg for 1s"',
-            "scenario[1].fault: fault 'unplg for 1s': ",
+            "scenario[1].fault: 'unplg for 1s': unknown kind 'unplg'; did you mean 'unplug'?",
         ),
     ],
 )

@@ -212,10 +212,10 @@ def test_a_source_that_is_not_there(tmp_path):
             record("/dev/no-such-tty", recorder, clock=RealClock(), stop=lambda n: False)
 
     attempt("new.jsonl")
-    (tmp_path / "old.jsonl").write_text("an hour of work")
+    (tmp_path / "old.jsonl").write_text(hour := '{"kind": "an hour of work"}\n')
     attempt("old.jsonl")
     assert [path.name for path in tmp_path.iterdir()] == ["old.jsonl"]
-    assert (tmp_path / "old.jsonl").read_text() == "an hour of work"
+    assert (tmp_path / "old.jsonl").read_text() == hour
 
 
 def test_timing_of_random_entries_is_kept_to_the_nanosecond():

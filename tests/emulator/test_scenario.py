@@ -7,9 +7,9 @@ from tactemu.base.clock import VirtualClock
 from tactemu.base.errors import SceneError
 from tactemu.emulator.assembly import assemble
 from tactemu.emulator.options import AssemblyOptions
-from tactemu.emulator.scenario import faults_of, timed_fault
+from tactemu.emulator.scenario import faults_of
+from tactemu.scene.events import Event, timed_fault
 from tactemu.scene.file import default_scene, parse
-from tactemu.scene.schema import Event
 from tactemu.session.serving import serve
 from tactemu.truth import Truth
 from tests.scenes import ball, pad
@@ -119,9 +119,32 @@ def test_events_from_python_and_by_hand():
         assert dev.truth.injected == {"dead": 1, "set": 1}
 
 
-def test_an_event_is_checked():
-    with pytest.raises(SceneError, match="at"):
-        Event(at=-1)
+NOTHING = "the event does nothing; give it `fault`, `set`, `dead`, `hang` or `reset`"
+
+
+@pytest.mark.parametrize(
+    ("event", "says"),
+    [
+        ({}, NOTHING),
+        ({"at": 1.0, "until": 2.0}, NOTHING),
+        ({"dead": ()}, NOTHING),
+        ({"at": 2.0, "until": 2.0, "reset": True}, "until: expected a time after at = 2.0 s, got 2.0"),
+        ({"value": 1.0, "reset": True}, "value: it is the reading of the taxels in `dead`"),
+        ({"taxels": (1,), "dead": (1,)}, "taxels: they are those whose options `set` changes"),
+        ({"hang": True}, "hang: give its end with `until`"),
+        ({"fault": "drob 1%"}, "event: fault: 'drob 1%': unknown kind 'drob'; did you mean 'drop'?"),
+        ({"fault": "drop 1% from 2s"}, "give its time as the event's `at` and `until`"),
+        ({"at": -1, "reset": True}, "event: at: "),
+    ],
+)
+def test_an_event_that_does_not_do_what_it_says_is_refused_when_it_is_made(event, says):
+    with pytest.raises(SceneError) as error:
+        Event(**event)
+    assert str(error.value).startswith("event: ") and says in str(error.value)
+
+
+def test_an_event_may_do_several_things():
+    Event(at=1, until=2, fault="drop 1%", set={"noise": 0.1}, taxels=(0,), dead=(1,), value=0.0, hang=True, reset=True)
     assert str(timed_fault(Event(at=1, fault="drop 1%"), now_s=2.0)) == "drop 1% from 3000000000ns"
 
 

@@ -11,6 +11,7 @@ from tactemu.geometry.motion import InTurn, Press
 from tactemu.scene import file, schema
 from tactemu.scene.building import make_devices
 from tactemu.scene.engine_tables import ENGINES
+from tactemu.scene.events import Event
 from tactemu.scene.scene import Scene
 from tests.scenes import ball, pad
 
@@ -121,7 +122,7 @@ def test_every_toml_block_of_the_documentation_is_right():
 
 @pytest.mark.parametrize(
     "table",
-    [schema.SceneTable, schema.SkinTable, schema.ClockTable, schema.Event, *ENGINES.values(), *schema.SHAPES.values()],
+    [schema.SceneTable, schema.SkinTable, schema.ClockTable, Event, *ENGINES.values(), *schema.SHAPES.values()],
 )
 def test_the_documentation_names_every_key(table):
     page = PAGE.read_text()

@@ -252,7 +252,7 @@ def test_an_event_gives_a_fault_its_time_and_leaves_its_words():
     fault = parse("unplug as for").scheduled(7, 9)
     assert (fault.start_ns, fault.stop_ns, fault.text) == (7, 9, "unplug as for from 7ns to 9ns")
     for text in ("drop from 0s", "drop to 3s", "drop at 3s"):
-        with pytest.raises(SceneError, match="`at` and `until`"):
+        with pytest.raises(ValueError, match="`at` and `until`"):
             parse(text).scheduled(1)
 
 

@@ -95,12 +95,12 @@ class Fault(ABC):
         """Return the fault from ``start_ns`` on, until ``until_ns`` or for its own duration.
 
         Raises:
-            SceneError: it has a start of its own, or its end is given twice.
+            ValueError: it has a start of its own, or its end is given twice.
         """
         if self.start_ns is not None or self.until_ns is not None:
-            raise SceneError(f"scenario: fault {self.text!r}: give its time as the event's `at` and `until`")
+            raise ValueError(f"fault: {self.text!r}: give its time as the event's `at` and `until`")
         if self.lasts_ns is not None and until_ns is not None:
-            raise SceneError(f"scenario: fault {self.text!r}: give `for` or `until`, not both")
+            raise ValueError(f"fault: {self.text!r}: give `for` or `until`, not both")
         words = self.text.split()  # the other words stay in their order, which names the random stream
         if self.lasts_ns is None:
             words += ["from", f"{start_ns}ns"] + ([] if until_ns is None else ["to", f"{until_ns}ns"])
