@@ -132,7 +132,7 @@ NOTHING = "the event does nothing; give it `fault`, `set`, `dead`, `hang` or `re
         ({"value": 1.0, "reset": True}, "value: it is the reading of the taxels in `dead`"),
         ({"taxels": (1,), "dead": (1,)}, "taxels: they are those whose options `set` changes"),
         ({"hang": True}, "hang: give its end with `until`"),
-        ({"fault": "drob 1%"}, "event: fault: 'drob 1%': unknown kind 'drob'; did you mean 'drop'?"),
+        ({"fault": "unplg"}, "event: fault: 'unplg': unknown kind 'unplg'; did you mean 'unplug'?"),
         ({"fault": "drop 1% from 2s"}, "give its time as the event's `at` and `until`"),
         ({"at": -1, "reset": True}, "event: at: "),
     ],
