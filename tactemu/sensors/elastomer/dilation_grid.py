@@ -108,13 +108,17 @@ def _kernels(real):
         if col < grid.box[env, 2] or col > grid.box[env, 3]:
             return
         at = i_block * WIDTH + grid.depth.shape[1] - 1
+        first = grid.box[env, 0]
+        last = grid.box[env, 1] + 1
+        depth = grid.depth  # arrays of a struct keep the compiler from unrolling the loops
+        power = grid.power
         total = block()
         if term < 2 * grid.n_terms:
-            for k in range(grid.box[env, 0], grid.box[env, 1] + 1):
-                total += grid.depth[env, k, col] * load_2(row_blocks, term, at - k)
+            for k in range(first, last):
+                total += depth[env, k, col] * load_2(row_blocks, term, at - k)
         else:
-            for k in range(grid.box[env, 0], grid.box[env, 1] + 1):
-                total += grid.power[env, k, col] * load_2(row_blocks, term, at - k)
+            for k in range(first, last):
+                total += power[env, k, col] * load_2(row_blocks, term, at - k)
         store(partial, env, term, i_block, col, total)
 
     @warp_kernel(launch_bounds=(BLOCK, 4))
@@ -125,16 +129,17 @@ def _kernels(real):
         env += first_env
         first = grid.box[env, 2]
         last = grid.box[env, 3] + 1
+        n_terms = grid.n_terms
         at = col + partial.shape[3] - 1
         u = block()
         v = block()
         w = block()
-        for term in range(grid.n_terms):
+        for term in range(n_terms):
             for k in range(first, last):
                 u += col_terms[term, at - k] * load_4(partial, env, term, i_block, k)
-                v += col_terms[grid.n_terms + term, at - k] * load_4(partial, env, grid.n_terms + term, i_block, k)
+                v += col_terms[n_terms + term, at - k] * load_4(partial, env, n_terms + term, i_block, k)
         for k in range(first, last):
-            w += col_terms[2 * grid.n_terms, at - k] * load_4(partial, env, 2 * grid.n_terms, i_block, k)
+            w += col_terms[2 * n_terms, at - k] * load_4(partial, env, 2 * n_terms, i_block, k)
         for m in range(WIDTH):
             row = i_block * WIDTH + m
             if row < grid.motion.shape[1]:
