@@ -30,6 +30,8 @@ from tactemu.sensors.models import REGISTRY as MODELS
 
 DEFAULTS = Path(__file__).parent / "defaults"
 """The folder of the scenes of devices, by their names; the scenes of other devices are made from their layouts."""
+_SAME_DEFAULT = dict.fromkeys(("linker_hand_l10", "linker_hand_o6"), "linker_hand_l6")
+"""The device whose default scene another device runs, too."""
 
 
 @dataclass(frozen=True)
@@ -89,9 +91,10 @@ def default_scene(name: str, device_options: Mapping[str, Any] | None = None) ->
     device, source = device_class(name), f"default scene of {name}"
     if device_options:
         return _with_options(name, device, device_options, source)
-    shipped = DEFAULTS / f"{name}.toml"
+    alike = _SAME_DEFAULT.get(name, name)
+    shipped = DEFAULTS / f"{alike}.toml"
     if name in firmware_protocols.DEVICES and shipped.is_file():
-        return parse(shipped.read_text(encoding="utf-8"), source=source)
+        return parse(shipped.read_text(encoding="utf-8").replace(f'"{alike}"', f'"{name}"'), source=source)
     if not vars(device).get("scene"):
         return check(tables_for(name, device), source=source)
     loaded = parse(device.scene, source=source)
