@@ -12,9 +12,11 @@ from firmware_protocols.sums import SUMS
 from firmware_protocols.tables import Frame
 
 
-def frames_of(cls: type[Device]) -> list[Frame]:
-    """Return the frame tables of a device."""
-    return tables_of(cls, Frame)
+def frames_of(device: Device | type[Device]) -> list[Frame]:
+    """Return the frame tables of a device: those bound in an instance, then those of its class."""
+    if isinstance(device, type):
+        return tables_of(device, Frame)
+    return [*(each for each in vars(device).values() if isinstance(each, Frame)), *tables_of(type(device), Frame)]
 
 
 def tables_of(cls: type[Device], kind: type | tuple[type, ...]) -> list[Any]:
@@ -37,7 +39,7 @@ def has_checksum(device: Device) -> bool:
     CAN, UDP and TCP have a check of their own, which this leaves out.
     """
     return (
-        any(field.kind == "sum" for frame in frames_of(type(device)) for field in frame.fields)
+        any(field.kind == "sum" for frame in frames_of(device) for field in frame.fields)
         or any(getattr(each, "has_checksum", False) for each in vars(device).values())
         or any(each in _SUM_FUNCTIONS for each in tables_of(type(device), FunctionType))
     )

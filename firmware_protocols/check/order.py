@@ -105,15 +105,11 @@ def _owners_by_query(subject: Subject) -> dict[Query, np.ndarray]:
     n = len(reader.host.device.layout)
     owners: dict[Query, np.ndarray] = {}
     for query in _queries(subject):
-        if _depends_on_push(reader, query):
+        if not np.array_equal(reader.bits(query, 0.0), reader.bits(query, PUSHES_N[0])):
             owners[query] = _owners(reader, query, n)
             if memory_of(reader.host.device) is not None and len(_taxels_in_order(owners[query])) == n:
                 break  # all registers have been read, so commands that read some of them add nothing
     return owners
-
-
-def _depends_on_push(reader: _BitReader, query: Query) -> bool:
-    return not np.array_equal(reader.bits(query, 0.0), reader.bits(query, PUSHES_N[0]))
 
 
 def _codes(n: int) -> np.ndarray:

@@ -299,10 +299,7 @@ class InspireRh56dftp(Device):
         registers["current"] = MAX_CURRENT_MA * share if motors.is_in_engine else MOVING_MA * moving
         held = motors.stalled & motors.is_in_engine
         status = np.select([held, ~moving, motors.goals < angles], [STATUS_AT_FORCE, 2, 1], 0)
-        registers["status"] = self._in_pairs(status)
-
-    def _in_pairs(self, values: np.ndarray) -> np.ndarray:
-        return values.reshape(-1, 2)[:, ::-1].ravel() if self.swapped else values
+        registers["status"] = status.reshape(-1, 2)[:, ::-1].ravel() if self.swapped else status
 
     def write(self, address: int, data: bytes, t_ns: int) -> Sequence[str]:
         """Store what the host writes, and execute its orders."""

@@ -8,7 +8,6 @@ decoded if it has a table of them; otherwise they pass unchanged, and the proxy 
 from __future__ import annotations
 
 import contextlib
-import sys
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol
@@ -17,6 +16,7 @@ import numpy as np
 
 from firmware_protocols import Can, Connector, Device, Sent, Serial, WireFrame, calls
 from firmware_protocols.check.readings import reading_of
+from firmware_protocols.declared import frames_of
 from firmware_protocols.tables import Frame as FrameTable
 from tactemu import transports
 from tactemu.base.clock import RealClock
@@ -82,10 +82,7 @@ def framing_of(device: Device) -> Framing:
     same = next((k for k, column in enumerate(zip(*frames)) if len(set(column)) > 1), 0)
     if same < 2:
         return Framing()
-    modules = [sys.modules[cls.__module__] for cls in type(device).__mro__]
-    held = [*vars(device).values(), *(value for module in modules for value in vars(module).values())]
-    tables = [each for each in held if isinstance(each, FrameTable)]
-    table = next((each for each in tables if _decodes(each, frames)), None)
+    table = next((each for each in frames_of(device) if _decodes(each, frames)), None)
     return Framing(frames[0][: min(same, 4)], len(frames[0]), table)
 
 

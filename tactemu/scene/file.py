@@ -30,7 +30,7 @@ from tactemu.sensors.models import REGISTRY as MODELS
 
 DEFAULTS = Path(__file__).parent / "defaults"
 """The folder of the scenes of devices, by their names; the scenes of other devices are made from their layouts."""
-_SAME_DEFAULT = dict.fromkeys(("linker_hand_l10", "linker_hand_o6"), "linker_hand_l6")
+_SAME_DEFAULT = {"linker_hand_l10": "linker_hand_l6", "linker_hand_o6": "linker_hand_l6"}
 """The device whose default scene another device runs, too."""
 
 

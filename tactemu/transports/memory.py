@@ -8,6 +8,7 @@ from typing import Any
 
 from firmware_protocols import WireFrame
 from firmware_protocols.can_frames import CanFrames
+from firmware_protocols.frames import payload
 from tactemu.transports.transport import (
     DROPPED,
     MAX_CHUNK_BYTES,
@@ -114,7 +115,7 @@ class MemoryTransport(Transport):
             if isinstance(sent[0], Received):
                 if room <= 0:
                     break
-                room -= _size(sent[0].data)
+                room -= len(payload(sent[0].data))
             events.append(sent.popleft())
         return events
 
@@ -146,7 +147,3 @@ class MemoryTransport(Transport):
     def setting(self) -> SerialSetting | None:
         """The settings that the driver's end has chosen; others are ``None``."""
         return self.driver.setting
-
-
-def _size(data: WireFrame) -> int:
-    return len(data) if isinstance(data, bytes) else len(data.data)

@@ -179,9 +179,6 @@ class PtyTransport(BytePort):
         """Return the present state of the port and of the watch for openings, by file descriptor."""
         return dict(self._poll.poll(0))
 
-    def _hung_up(self) -> bool:
-        return bool(self._ready().get(self._master, 0) & select.POLLHUP)
-
     def _read(self, room: int, *, to_the_end: bool) -> tuple[list[bytes], bool]:
         """Return at most ``room`` bytes in chunks, and whether those are all. ``to_the_end``: until the kernel says
         that there are no more; else the next poll finds what a short read has left."""
@@ -210,7 +207,7 @@ class PtyTransport(BytePort):
         try:
             slave = os.open(self._name, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
         except OSError:
-            if self._link and self._hung_up():
+            if self._link and self._ready().get(self._master, 0) & select.POLLHUP:
                 self._renew(self._link)
             return
         try:

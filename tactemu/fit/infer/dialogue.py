@@ -90,7 +90,7 @@ def pairs_of(chunks: Sequence[Chunk]) -> list[Pair]:
     sent, was_question = 0, False
     for number, chunk in enumerate(chunks):
         if chunk.direction == "rx":
-            if was_question and not pairs[-1].answer and _continues(pairs[-1], chunk.data):
+            if was_question and not pairs[-1].answer and len(pairs[-1].question) < 2 and chunk.data:
                 pairs[-1].question += chunk.data
             else:
                 pairs.append(Pair(number, chunk.data, b"", sent))
@@ -101,10 +101,6 @@ def pairs_of(chunks: Sequence[Chunk]) -> list[Pair]:
             sent += len(chunk.data)
             was_question = False
     return pairs
-
-
-def _continues(pair: Pair, data: bytes) -> bool:
-    return len(pair.question) < 2 and len(data) > 0
 
 
 def coding_of(answers: Sequence[bytes]) -> Coding | None:

@@ -80,14 +80,11 @@ class Link:
         """The bits in favour of the link in each half of the capture, and those of small steps alone."""
         full = 1 << self.high_bits
         high_step = (np.diff(self.high) + full // 2) % full - full // 2
-        if (high_step != 0).sum() + self._leaps().sum() < LEAST_EVENTS:
+        if (high_step != 0).sum() + (np.abs(np.diff(self.low)) > (1 << self.low_bits) // 2).sum() < LEAST_EVENTS:
             return [(0.0, 0.0)] * 2
         middle = len(high_step) // 2
         parts = slice(None, middle), slice(middle, None)
         return [self._foretold(high_step, known, asked) for known, asked in (parts[::-1], parts)]
-
-    def _leaps(self) -> np.ndarray:
-        return np.abs(np.diff(self.low)) > (1 << self.low_bits) // 2
 
     def _foretold(self, high_step: np.ndarray, known: slice, asked: slice) -> tuple[float, float]:
         full = 1 << self.low_bits

@@ -9,7 +9,7 @@ from typing import Any
 from tactemu.fit.infer.analysis import Draft, families_of, rates_of
 from tactemu.fit.infer.catalogue import Match
 from tactemu.fit.infer.channels import answers_of
-from tactemu.fit.infer.fields import Field, Group
+from tactemu.fit.infer.fields import Group
 from tactemu.fit.infer.frame_texts import Coverage, table_text
 from tactemu.fit.infer.running import unframed_places
 from tactemu.fit.infer.segments import LEAST_ROWS
@@ -142,9 +142,5 @@ def _group_dict(group: Group) -> dict[str, Any]:
         "question": group.question.hex() if group.question is not None else None,
         "selectors": {str(at): list(found) for at, found in group.selectors.items()},
         "sum": None if group.sum is None else {**vars(group.sum), "kit_name": group.sum.kit_name},
-        "fields": [_field_dict(each) for each in group.fields],
+        "fields": [{**vars(each), "width": each.width} for each in group.fields],
     }
-
-
-def _field_dict(each: Field) -> dict[str, Any]:
-    return {**vars(each), "width": each.width}

@@ -44,7 +44,8 @@ def features_of(triangles: Triangles, middle: np.ndarray) -> Features:
     sides = np.empty((many, 4, 3))
     normals = sides[:, 0]
     angles = np.empty((len(faces), 3))
-    for part in _blocks(len(faces)):
+    for start in range(0, len(faces), BLOCK_FACES):
+        part = slice(start, start + BLOCK_FACES)
         corners = points[faces[part]]
         way = np.roll(corners, -1, axis=1) - corners
         angles[part] = _angles(way)
@@ -60,10 +61,6 @@ def features_of(triangles: Triangles, middle: np.ndarray) -> Features:
         shown = np.concatenate([normals[:, k], shown_by_slivers[:, k]])
         vertex_sums[:, k] = np.bincount(faces.reshape(-1), (angles * shown[:, None]).reshape(-1), len(points))
     return Features(points, _cleared(vertex_sums), sides, _beside(edge, uses, many))
-
-
-def _blocks(count: int) -> list[slice]:
-    return [slice(start, start + BLOCK_FACES) for start in range(0, count, BLOCK_FACES)]
 
 
 def _edges(faces: np.ndarray, points: int) -> tuple[np.ndarray, np.ndarray]:

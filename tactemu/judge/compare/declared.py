@@ -5,18 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from firmware_protocols import Device
-from firmware_protocols.declared import tables_of
+from firmware_protocols.declared import frames_of
 from firmware_protocols.tables import Frame
 from tactemu.judge.compare.frame_classes import FrameClass
 
 MAX_TRIED_FRAMES = 6
 """Number of frames that a table must decode."""
-
-
-def frames_of(device: Device) -> list[Frame]:
-    """Return the frame tables of a device: those bound in its instance, then those of its files."""
-    bound = [each for each in vars(device).values() if isinstance(each, Frame)]
-    return [*bound, *tables_of(type(device), Frame)]
 
 
 def declare(made: FrameClass, device: Device, contents: Sequence[bytes]) -> None:

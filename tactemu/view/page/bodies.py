@@ -105,7 +105,7 @@ class Scene:
         self._surfaces[body] = _spread(mesh, _SHADOW_POINTS // 2)
 
     def _add_body(self, scene: viser.SceneApi, body: BodyDescription, *, is_carrier: bool, has_hand: bool) -> None:
-        path = f"/bodies/{_path(body.name)}"
+        path = f"/bodies/{body.name.replace('/', '∕')}"
         position, quaternion = np.array(body.position), np.array(body.quaternion)
         self.frames[body.name] = scene.add_frame(path, show_axes=False, position=position, wxyz=quaternion)
         self._poses[body.name] = position, quaternion
@@ -214,10 +214,6 @@ def _set_pose(frame: Any, position: np.ndarray, quaternion: np.ndarray) -> None:
         frame.position = position
     if not np.array_equal(frame.wxyz, quaternion):
         frame.wxyz = quaternion
-
-
-def _path(name: str) -> str:
-    return name.replace("/", "∕")
 
 
 def _reach(body: BodyDescription) -> float:
