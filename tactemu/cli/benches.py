@@ -7,6 +7,8 @@ from typing import Annotated
 
 import typer
 
+from tactemu.cli.fitting import print_fitted
+
 bench = typer.Typer(
     no_args_is_help=True,
     rich_markup_mode=None,
@@ -69,7 +71,9 @@ def physics(
     check(page, "the tables", "Written by `tactemu bench physics")
     check(out, "the figures", '_us":', '_s":')
     start_warp()
-    figures = run(typer.echo, device=device, starts=starts, only=only, largest=largest, loops=loops or page is not None)
+    figures = run(
+        print_fitted, device=device, starts=starts, only=only, largest=largest, loops=loops or page is not None
+    )
     if page is not None:
         page.write_text(markdown_page(figures, device), encoding="utf-8")
     save(figures, out)
@@ -90,7 +94,7 @@ def wire(
     from tactemu.tune.speed.wire import run
 
     check(out, "the figures", '"can bits":')
-    save(run(typer.echo, repeats=repeats), out)
+    save(run(print_fitted, repeats=repeats), out)
 
 
 @bench.command()
@@ -124,7 +128,7 @@ def trade(
     from tactemu.tune.trade.trade import TradeOptions, run_trade
 
     options = TradeOptions(quick=quick, only=only, fresh=fresh, times=times, page=page)
-    run_trade(typer.echo, scene, out=out, device=device, options=options, progress=show_progress)
+    run_trade(print_fitted, scene, out=out, device=device, options=options, progress=show_progress)
 
 
 @bench.command()
@@ -150,4 +154,4 @@ def realism(
     from tactemu.fit.realism import run
 
     check(out, "the figures", '"left out":')
-    save(run(typer.echo, data=data, held=held, page=page, parameters=parameters), out)
+    save(run(print_fitted, data=data, held=held, page=page, parameters=parameters), out)

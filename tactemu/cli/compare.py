@@ -80,9 +80,8 @@ def compare(
     Exit code 0 if the protocol agrees, 1 if it differs, 2 for an error in the command, 3 if nothing could be compared.
     See docs/compare.md.
     """
-    from rich.console import Console
-
     from tactemu.base.errors import TactemuError
+    from tactemu.cli.consoles import message_console
     from tactemu.cli.signals import ended_by_signals
     from tactemu.cli.words import options_of, typed_command
     from tactemu.judge.compare.running import Teller, Wanted, run
@@ -93,7 +92,7 @@ def compare(
         device, source, options_of(options or ()), port, baud, seconds, listen, ask_all,
         press_seconds if press else None, presses, out or _new_folder(device), typed_command(),
     )  # fmt: skip
-    console = Console(stderr=True)
+    console = message_console()
     with ended_by_signals() as interrupted, console.status("the model") as status:
         teller = Teller(lambda text: status.update(f"{text} …"), console.print, interrupted)
         try:
@@ -121,7 +120,9 @@ def _exit_code(report: CompareReport) -> int:
 
 
 def _print(console: Console, report: CompareReport, folder: Path) -> None:
-    from rich.markup import escape
+    from rich.text import Text
+
+    from tactemu.cli.consoles import print_row
 
     found = report.comparison.verdicts
     for mark, color, texts in (
@@ -130,12 +131,11 @@ def _print(console: Console, report: CompareReport, folder: Path) -> None:
         ("·", "cyan", found.notes),
         ("-", "dim", [f"not judged: {each}" for each in found.unjudged]),
     ):
-        for text in texts[:MAX_PRINTED]:
-            console.print(f"[{color}]{mark}[/] {escape(text)}", highlight=False)
-        if len(texts) > MAX_PRINTED:
-            console.print(f"[{color}]{mark}[/] and {len(texts) - MAX_PRINTED} more", highlight=False)
+        more = [f"and {len(texts) - MAX_PRINTED} more"] if len(texts) > MAX_PRINTED else []
+        for text in [*texts[:MAX_PRINTED], *more]:
+            print_row(console, Text(mark, color), text)
     color = "red" if found.protocol else "green" if found.agrees else "yellow"
-    console.print(f"[{color}]{escape(report.verdict)}[/]; {escape(str(folder / 'report.html'))}", highlight=False)
+    console.print(Text.assemble((report.verdict, color), f"; {folder / 'report.html'}"))
     if evidence := report.evidence():
         console.print("For the facts of the device file:")
-        console.print(evidence, markup=False, highlight=False, soft_wrap=True)
+        console.print(evidence, markup=False, soft_wrap=True)

@@ -6,12 +6,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from tactemu.cli.fitting import fitted, output_width
+from tactemu.cli.fitting import output_width, print_fitted
 from tactemu.cli.parameters import Compute
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
-
     from firmware_protocols import Device
     from tactemu.scene.file import LoadedScene
     from tactemu.scene.placement import PlacedSkin
@@ -78,11 +76,7 @@ def explain(
     if cost:
         simulation.plan.time_stages(time.perf_counter_ns)
     print("Plan: the stages that this scene needs, with their time per step on this machine")
-    _print_fitted(str(simulation.plan).splitlines())
-
-
-def _print_fitted(lines: Iterable[str]) -> None:
-    print("\n".join(fitted(lines, output_width())))
+    print_fitted(*str(simulation.plan).splitlines())
 
 
 def _print_bodies(loaded: LoadedScene) -> None:
@@ -103,7 +97,7 @@ def _print_schedule(loaded: LoadedScene) -> None:
         said = event.model_dump(exclude_defaults=True, exclude={"at", "until", "skin"})
         until = "" if event.until is None else f" to {event.until:g} s"
         what = ", ".join(f"{name} = {value}" for name, value in said.items())
-        _print_fitted([f"  {event.at:g} s{until}  {event.skin or 'every skin'}: {what}"])
+        print_fitted(f"  {event.at:g} s{until}  {event.skin or 'every skin'}: {what}")
     print()
 
 
@@ -111,19 +105,19 @@ def _print_skin(skin: SkinTable, device: Device, sensor: PlacedSkin | None) -> N
     from tactemu.cli.datasheet import frame_page, ports_of, rates_of, taxel_map
 
     where = f"on {skin.link!r}" if skin.link else f"plays {skin.readings}"
-    _print_fitted([f"Skin {skin.title!r}: {device.title}, {where}"])
+    print_fitted(f"Skin {skin.title!r}: {device.title}, {where}")
     if sensor is not None:
         from tactemu.scene.building import model_name
 
         senses = ", ".join(s.key for s in device.sensed)
-        _print_fitted([f"  model     {model_name(skin, device)}: the device senses {senses}"])
-    _print_fitted([f"  wire      {', '.join(ports_of(device))}", f"  rate      {rates_of(device, skin.rate_hz)}"])
+        print_fitted(f"  model     {model_name(skin, device)}: the device senses {senses}")
+    print_fitted(f"  wire      {', '.join(ports_of(device))}", f"  rate      {rates_of(device, skin.rate_hz)}")
     for fault in skin.faults:
         print(f"  fault     {fault}")
     print("  frames")
-    _print_fitted(f"    {line}".rstrip() for line in frame_page(device, output_width() - 4))
+    print_fitted(*(f"    {line}".rstrip() for line in frame_page(device, output_width() - 4)))
     lines = taxel_map(device.layout)
-    _print_fitted(f"  {line}".rstrip() for line in lines[:MAX_MAP_LINES])
+    print_fitted(*(f"  {line}".rstrip() for line in lines[:MAX_MAP_LINES]))
     if len(lines) > MAX_MAP_LINES:
         print(f"  … {len(lines) - MAX_MAP_LINES} more lines: `tactemu devices {skin.device}`")
     print()

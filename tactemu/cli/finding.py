@@ -6,6 +6,8 @@ import json as json_module
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field
 
+from tactemu.cli.fitting import print_fitted
+
 
 @dataclass(frozen=True)
 class Finding:
@@ -27,12 +29,12 @@ def tell(findings: Iterable[Finding], *, json: bool = False) -> list[Finding]:
     for each in findings:
         found.append(each)
         if not json:
-            print(_line(each), flush=True)
+            print_fitted(*_lines(each))
     if json:
         print(json_module.dumps({each.name: asdict(each) for each in found}))
     return found
 
 
-def _line(finding: Finding) -> str:
-    helps = f"\n{'':16}{finding.helps}" if finding.helps else ""
-    return f"{'yes' if finding.there else 'no ':3}  {finding.name:10} {finding.says}{helps}"
+def _lines(finding: Finding) -> list[str]:
+    lines = [f"{'yes' if finding.there else 'no':3}  {finding.name:10}  {finding.says}"]
+    return [*lines, f"{'':17}{finding.helps}"] if finding.helps else lines

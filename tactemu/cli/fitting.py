@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shutil
+import sys
 import textwrap
 from collections.abc import Iterable, Iterator
+from typing import IO
 
 PIPE_WIDTH = 160
 """Width of the output if it is no terminal and ``COLUMNS`` is not set [characters]."""
@@ -16,6 +19,17 @@ MIN_WIDTH = 80
 def output_width() -> int:
     """Return the width of the output [characters]: that of ``COLUMNS`` or of the terminal."""
     return max(shutil.get_terminal_size((PIPE_WIDTH, 24)).columns, MIN_WIDTH)
+
+
+def breaks_lines(stream: IO[str]) -> bool:
+    """Return True if long lines to a stream are broken: it is a terminal, or ``COLUMNS`` gives the width."""
+    return stream.isatty() or "COLUMNS" in os.environ
+
+
+def print_fitted(*lines: str) -> None:
+    """Print lines as :func:`fitted` breaks them, if they are to be broken."""
+    text = "\n".join(lines)
+    print("\n".join(fitted(text.split("\n"), output_width())) if breaks_lines(sys.stdout) else text, flush=True)
 
 
 def fitted(lines: Iterable[str], width: int) -> Iterator[str]:

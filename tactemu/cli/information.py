@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from tactemu.cli.fitting import print_fitted
 from tactemu.cli.parameters import Options
 
 commands = typer.Typer(rich_markup_mode=None)
@@ -66,7 +67,10 @@ def check(
             report = check_contract(target, from_words(options or ()), fuzz=fuzz, progress=progress)
     except (LookupError, ValueError) as error:
         raise DeviceError(str(error)) from None
-    typer.echo(json_module.dumps(report.as_dict()) if json else "\n".join(report.lines()))
+    if json:
+        typer.echo(json_module.dumps(report.as_dict()))
+    else:
+        print_fitted(*report.lines())
     if not report.ok:
         raise typer.Exit(1)
 
@@ -128,7 +132,6 @@ def faults() -> None:
       tactemu run anyskin --fault 'drop 1%' --fault 'unplug at 3s for 0.5s'
       tactemu run linker_hand_l6 --fault 'flip 5% id=0x28 from 2s to 6s'
     """
-    from tactemu.cli.fitting import fitted, output_width
     from tactemu.wire.faults import DIRECTIONS, FAULTS
     from tactemu.wire.line_models import kinds_with, modelled_for
 
@@ -144,4 +147,4 @@ def faults() -> None:
     lines += ["     [at T [for T] | from T] [to T]"]
     lines += ["Times are 3s, 16ms or 200us of emulation time; N% is per frame, or the share of the bus (load, babble)."]
     lines += ["Frames are counted from 1, bytes from 0 or, negative, from the end, bits from the lowest, 0."]
-    print("\n".join(fitted(lines, output_width())))
+    print_fitted(*lines)

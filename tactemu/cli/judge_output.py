@@ -10,13 +10,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from rich.console import Console
-from rich.markup import escape
-from rich.table import Table
+from rich.text import Text
 
 from tactemu.base.errors import TactemuError
 from tactemu.base.files import check_writable
 from tactemu.base.style import PAGE_SIGN
 from tactemu.cli import INTERRUPTED
+from tactemu.cli.consoles import message_console, print_row
 from tactemu.cli.signals import ended_by_signals, interrupt
 from tactemu.judge import smallest_case
 from tactemu.judge.budget import EVERY_POSITION_BUDGET_S
@@ -34,6 +34,9 @@ FAILED = 1
 """The exit code if a trial fails."""
 NOT_JUDGED = 3
 """The exit code if there was nothing to judge, or a task never succeeds without a fault."""
+
+MAX_PRINTED_COLUMNS = 40
+"""Largest number of the driver's columns that are printed; the report has all."""
 
 
 def words_of(texts: Sequence[str]) -> tuple[str, ...]:
@@ -121,7 +124,7 @@ def judge_driver(target: str, command: Sequence[str], options: JudgeOptions, fil
     if files.baseline is not None:
         report.compare(files.baseline)
     case = smallest_case.read(files.replay) if files.replay is not None else None
-    console = Console(stderr=True)
+    console = message_console()
     interrupted = False
     with ended_by_signals(interrupt), console.status("starting the driver") as status:
         with Judge(target, command, options, lambda text: status.update(f"{text} …")) as judge:
@@ -163,12 +166,11 @@ def _print_columns(console: Console, report: Report) -> None:
     if not report.columns:
         return
     console.print("Meaning of the driver's columns:")
-    table = Table(box=None, show_header=False, padding=(0, 2))
-    for name, holds in report.columns[:40]:
-        table.add_row(escape(name), escape(holds))
-    if len(report.columns) > 40:
-        table.add_row("…", f"{len(report.columns) - 40} more")
-    console.print(table)
+    width = max(len(name) for name, _ in report.columns[:MAX_PRINTED_COLUMNS])
+    for name, holds in report.columns[:MAX_PRINTED_COLUMNS]:
+        print_row(console, Text(f"  {name:{width}} "), holds)
+    if (left := len(report.columns) - MAX_PRINTED_COLUMNS) > 0:
+        console.print(f"  … and {left} more")
 
 
 def print_outcome(console: Console, report: Report, outcome: Outcome) -> None:
@@ -182,22 +184,18 @@ def print_outcome(console: Console, report: Report, outcome: Outcome) -> None:
         if outcome.name == "clean" and outcome.p50_ms
         else ""
     )
-    words = escape(outcome.verdict + outcome.doubt)
-    is_cut = bool(outcome.skipped) and console.is_terminal  # one line each: the reason is in the files of the report
-    console.print(
-        f"[{color}]{mark} {outcome.name:18}[/] {words}{known}{late}", highlight=False, no_wrap=is_cut,
-        overflow="ellipsis" if is_cut else None, soft_wrap=bool(outcome.skipped) and not is_cut,
-    )  # fmt: skip
+    head = Text(f"{mark} {outcome.name:18}", color)
+    print_row(console, head, f"{outcome.verdict}{outcome.doubt}{known}{late}", cut=bool(outcome.skipped))
     if outcome.remark:
-        console.print(f"  [dim]{escape(outcome.remark)}[/]", highlight=False)
+        print_row(console, Text(" "), outcome.remark, "dim")
     if outcome.said and outcome.verdict.startswith("noticed"):
-        console.print(f"  {'':18} [dim]{escape(outcome.said[0])}[/]", highlight=False)
+        print_row(console, Text(" " * 20), outcome.said[0], "dim")
 
 
 def _print_end(console: Console, report: Report) -> None:
     for case in report.cases[:3]:
         console.print(f"\n[bold]{case['trial']}, smallest case[/]")
-        console.print(smallest_case.in_words(case), markup=False, highlight=False)
+        console.print(smallest_case.in_words(case), markup=False)
     if report.left_behind:
         console.print(f"{report.left_behind} processes of the driver had left its session; tactemu ended them")
     failed, left_out = len(report.failed), sum(bool(outcome.skipped) for outcome in report.outcomes)
@@ -236,7 +234,7 @@ def judge_success(
     if json_file is not None:
         check_writable(json_file, "the success rates", '"strength":')
     points, interrupted = {}, False
-    with ended_by_signals(interrupt), Console(stderr=True).status("starting") as status:
+    with ended_by_signals(interrupt), message_console().status("starting") as status:
         trials = success_curve(target, _program(command), read_script(script), options, status.update)
         try:
             for each in trials:

@@ -11,7 +11,7 @@ import typer
 from tactemu.base.errors import TactemuError
 from tactemu.base.files import writing
 from tactemu.base.folders import EXAMPLES
-from tactemu.cli.fitting import fitted, output_width
+from tactemu.cli.fitting import print_fitted
 
 START = Path(__file__).parents[1] / "scene" / "start.toml"
 
@@ -53,8 +53,7 @@ def examples(
     if folder is None:
         width = max(len(path.name) for path in _examples())
         for path in _examples():
-            lines = fitted([f"{path.name:<{width}}  {_about(path)}"], output_width())
-            typer.echo("\n".join(lines))
+            print_fitted(f"{path.name:<{width}}  {_about(path)}")
         typer.echo("\n`tactemu examples FOLDER` copies them there")
         return
     try:

@@ -51,12 +51,13 @@ def tune(
     edge: the largest of them. Devices that read sums of all taxels are judged by the total.
     """
     from tactemu.base.kernels import start_warp
+    from tactemu.cli.fitting import print_fitted
     from tactemu.cli.progress import show_progress
     from tactemu.tune.choice import as_dict
     from tactemu.tune.tuner import run_tune
 
     start_warp()
-    say = (lambda _text: None) if json else typer.echo
+    say = (lambda _text: None) if json else print_fitted
     choices = run_tune(
         target, rate, error=error, report=say, seconds=seconds, write=write, device=device, progress=show_progress
     )

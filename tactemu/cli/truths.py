@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from tactemu.base.statistics import counter_words
+from tactemu.cli.fitting import print_fitted
 from tactemu.truth import COMMAND, BodyPose, Entry, Injection, Passage, PortEvent, Sample
 from tactemu.truth.entries import End, Header
 from tactemu.truth.log_reader import records
@@ -122,7 +123,7 @@ def print_summary(path: Path, *, json: bool = False) -> None:
                 value = ", ".join(f"{counter_words(_printable(what))} {count}" for what, count in counts) or "none"
             elif isinstance(value, float):
                 value = f"{value:.7g}"  # what a float32 holds
-            print(f"  {name.replace('_', ' '):<20} {value}")
+            print_fitted(f"  {name.replace('_', ' '):<20} {value}")
     if not summary:
         print(f"{path}: empty")
 

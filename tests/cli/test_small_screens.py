@@ -7,6 +7,7 @@ import pytest
 from rich.console import Console
 
 from tactemu.base.clock import VirtualClock
+from tactemu.cli.finding import Finding, tell
 from tactemu.emulator.assembly import assemble
 from tactemu.emulator.options import AssemblyOptions
 from tactemu.scene.file import load
@@ -45,3 +46,15 @@ def test_statistics_and_port_stay_on_the_screen(hand, width, height):
     shown = "\n".join(lines)
     for words in ("rate ", "samples ", "missed ", "late p50/p99/max ", "memory:", "Ctrl-C ends"):
         assert words in shown, words
+
+
+def test_a_finding_goes_on_below_itself_on_a_narrow_terminal_and_is_whole_in_a_pipe(capsys, monkeypatch):
+    finding = Finding("neighbours", False, "other programs use two CPUs " * 4, "stop them " * 8)
+    monkeypatch.delenv("COLUMNS", raising=False)
+    tell([finding])
+    assert len(capsys.readouterr().out.splitlines()) == 2
+    monkeypatch.setenv("COLUMNS", "80")
+    tell([finding])
+    first, *others = capsys.readouterr().out.splitlines()
+    assert first.startswith("no   neighbours  other programs") and len(others) > 1 and len(first) <= 80
+    assert all(len(line) <= 80 and line[:17].isspace() and not line[17].isspace() for line in others)

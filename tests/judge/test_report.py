@@ -1,5 +1,6 @@
 """Tests of reports: HTML, JUnit, JSON, the baseline, and a case for the driver's maintainers."""
 
+import io
 import json
 import re
 import sys
@@ -159,12 +160,27 @@ def test_of_a_traceback_the_exception_is_quoted(lines, quoted):
     assert without_tracebacks(lines.split("\n")) == quoted
 
 
+def shown(outcome, *, is_terminal):
+    """The lines of an outcome on a terminal of 60 columns, or in a pipe."""
+    console = Console(file=io.StringIO(), width=60, soft_wrap=not is_terminal, highlight=False)
+    print_outcome(console, Report("optoforce", ["./reader"], outcomes=[outcome]), outcome)
+    return console.file.getvalue().splitlines()
+
+
 @pytest.mark.parametrize("is_terminal", [True, False])
-def test_a_trial_that_was_not_tried_takes_one_line(is_terminal, capsys):
+def test_a_trial_that_was_not_tried_takes_one_line(is_terminal):
     skipped = judge_record(TrialRecord("reordered", {"skipped": "a stream keeps the order of its bytes: " + 9 * "x "}))
-    console = Console(file=sys.stdout, width=60, force_terminal=is_terminal, color_system=None)
-    print_outcome(console, Report("optoforce", ["./reader"], outcomes=[skipped]), skipped)
-    assert len(capsys.readouterr().out.splitlines()) == 1
+    (line,) = shown(skipped, is_terminal=is_terminal)
+    assert line.startswith("- reordered          not tried: a stream") and line.endswith("…") == is_terminal
+
+
+def test_a_verdict_stays_whole_in_a_pipe_and_goes_on_below_itself_on_a_terminal():
+    wrong = judge_record(record_of([*usual(without=[110]), (110.1, row(110, fy=7777.0))], name="flipped"))
+    (line,) = shown(wrong, is_terminal=False)
+    first, *others = shown(wrong, is_terminal=True)
+    assert len(line) > 60 and len(others) and max(map(len, [first, *others])) <= 60
+    assert first.startswith("✗ flipped            silent") and all(each[:21].isspace() for each in others)
+    assert " ".join(" ".join([first, *others]).split()) == " ".join(line.split()), "no word is broken"
 
 
 def test_a_report_overwrites_only_a_report(report, tmp_path):
