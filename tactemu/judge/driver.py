@@ -17,7 +17,7 @@ import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from tactemu.base.errors import TactemuError, nearest
+from tactemu.base.errors import TactemuError
 from tactemu.judge import processes
 from tactemu.judge.lateness import SchedulingDelay
 from tactemu.judge.row_parser import MAX_LINE_LENGTH, RowParser
@@ -55,17 +55,15 @@ def command_of(command: Sequence[str], ports: Mapping[str, str]) -> list[str]:
         values["port"] = next(iter(ports.values()))
         bus = _BUS.fullmatch(values["port"])
         values |= bus.groupdict() if bus else {}
+    offered = ", ".join(f"{{{name}}}" for name in values or ports)
     values |= ports
     found = [name for word in command for name in _PLACEHOLDER.findall(word)]
     if found and not {*found} & {*values, "port"} and not _names_variable(command):
-        about = f"{{{found[0]}}} in the driver's command is no placeholder{nearest(found[0], values)}"
-        raise TactemuError(f"{about}; expected {', '.join(f'{{{name}}}' for name in values)}")
+        raise TactemuError(f"{{{found[0]}}} in the driver's command is no placeholder; expected {offered}")
     words = []
     for word in command:
         if "{port}" in word and "port" not in values:
-            raise TactemuError(
-                f"{{port}} is ambiguous, there are several; name one of {', '.join(f'{{{name}}}' for name in ports)}"
-            )
+            raise TactemuError(f"{{port}} is ambiguous, there are several; name one of {offered}")
         for name, value in values.items():
             word = word.replace(f"{{{name}}}", value)
         words.append(word)
