@@ -46,6 +46,7 @@ def check(
     options: Mapping[str, Any] | None = None,
     *,
     fuzz: int = FUZZ,
+    quick: bool = False,
     progress: Callable[[str], None] = lambda part: None,
 ) -> Report:
     """Check a device and return its faults, worst first, and the declared facts that no example pins.
@@ -54,6 +55,8 @@ def check(
         target: a registered name, or ``path/to/file.py:Class``.
         options: the device's options.
         fuzz: the number of corrupted requests.
+        quick: leave out what takes most of the time: facts that no example pins, which taxel changes which bits,
+            restarts, and the snapshot that another process restores.
         progress: is called with the name of each part before it runs.
 
     Raises:
@@ -76,32 +79,33 @@ def check(
     except Exception as error:
         return Report(name, (_at_import(target, error),), seconds=time.perf_counter() - start)
     run = _Parts(subject, progress)
-    found, unpinned, count = _run_all(subject, baseline, fuzz, run)
-    notes = () if found else tuple(_notes(subject, count, run))
+    found, unpinned, count = _run_all(subject, baseline, fuzz, quick, run)
+    notes = () if found or quick else tuple(_notes(subject, count, run))
     return Report(name, distinct(found), tuple(unpinned), notes, count, time.perf_counter() - start)
 
 
 def _run_all(
-    subject: Subject, baseline: restarts.Baseline, fuzz: int, tried: _Parts
+    subject: Subject, baseline: restarts.Baseline, fuzz: int, quick: bool, tried: _Parts
 ) -> tuple[list[Fault], list[str], int]:
     found = tried("declarations", lambda: declarations.faults(subject))
-    state = tried("restart", lambda: restarts.faults(baseline))  # early: other checks may leave state behind
+    # Restarts come early: other checks may leave state behind.
+    state = [] if quick else tried("restart", lambda: restarts.faults(baseline))
     wrong = tried("converter", lambda: converter.faults(subject))
     wrong += tried("scale", lambda: slopes.faults(subject))
     tried.progress("examples")
-    judged, unpinned, count = examples.judged(subject)
+    judged, unpinned, count = examples.judged(subject, mutations=not quick)
     found += wrong + judged + state
     # A device with faults is not saved: its report does not wait for a process, and other faults may follow from these.
-    process, unsaved = (None, []) if found else other_process.start(subject)
+    process, unsaved = (None, []) if found or quick else other_process.start(subject)
     found += tried("commands", lambda: requests.faults(subject, fuzz))
     found += tried("registers", lambda: memory.faults(subject))
     found += tried("registers after power-off", lambda: flash.faults(subject))
     found += tried("garbage", lambda: garbage.faults(subject))
     found += tried("timing", lambda: timing.faults(subject))
-    if not any(fault.part in ("converter", "scale") for fault in wrong) and not baseline.why:
+    if not quick and not any(fault.part in ("converter", "scale") for fault in wrong) and not baseline.why:
         found += tried("order", lambda: order.faults(subject))
     found += unsaved + (tried("restart", process.faults) if process else [])
-    return found, [*unpinned, *([] if judged else order.undocumented(subject))], count
+    return found, [*unpinned, *([] if judged or quick else order.undocumented(subject))], count
 
 
 def _notes(subject: Subject, count: int, tried: _Parts) -> Iterator[str]:

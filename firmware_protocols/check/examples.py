@@ -194,8 +194,8 @@ def _some(data: bytes, at: int) -> str:
     return data[at : at + 4].hex().upper() + ("…" if len(data) > at + 4 else "") or "the end"
 
 
-def judged(subject: Subject) -> tuple[list[Fault], list[str], int]:
-    """Return faults, unpinned facts, and the number of examples."""
+def judged(subject: Subject, mutations: bool = True) -> tuple[list[Fault], list[str], int]:
+    """Return faults, unpinned facts (none without ``mutations``), and the number of examples."""
     faults: list[Fault] = []
     try:
         given = list(examples_of(subject.cls))
@@ -218,7 +218,7 @@ def judged(subject: Subject) -> tuple[list[Fault], list[str], int]:
             fits = []
         hint = f"; it fits with {' or '.join(fits[:3])}" if fits else ""
         faults.append(Fault("examples", f"{example.name!r} ({example.origin}): {text}{hint}", str(path)))
-    if faults:
+    if faults or not mutations:
         return faults, [], len(given)
     unpinned = [change for change, passes in _tried(subject, [example for _, example in given]) if passes]
     return [], unpinned, len(given)

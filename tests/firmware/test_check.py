@@ -261,6 +261,12 @@ def test_the_same_report_again(tmp_path):
     assert first == second and json.loads(json.dumps(first.as_dict()))["ok"]
 
 
+@pytest.mark.parametrize(("name", "is_found"), [("endianness: a number", True), ("restart: state in the class", False)])
+def test_a_quick_check_tries_the_examples_and_no_restarts(name, is_found, tmp_path):
+    report = check(planted(tmp_path, PLANTS[name][0]), fuzz=20, quick=True)
+    assert report.ok != is_found and report.examples and not report.unpinned, report.lines()
+
+
 def test_the_ways_are_different_orders():
     layout = grid_layout(3, 4, 0.002)
     for name in set(ORDERS) - {"last patch first", "row by row"}:

@@ -13,7 +13,7 @@ from tactemu.emulator.saving import snapshots
 from tests.emulator.saving import story, test_models
 from tests.fuzz import TIMES
 
-LEAVES = 100
+LEAVES = 40
 """Altered leaves per scene; the nightly run has ``TIMES`` as many."""
 SAVED_S = 0.0813
 WRITTEN = "n", "~", "class", "as", "factory"
