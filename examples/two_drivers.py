@@ -185,7 +185,7 @@ def linker_hand(console: Console) -> bool:
 
 def main() -> int:
     """Run both drivers; return exit code 0 if every frame that they read equals a sent one."""
-    console = Console(highlight=False)
+    console = Console(highlight=False, soft_wrap=not sys.stdout.isatty())
     # Linux delivers to a program on one multicast group the frames of every group that this machine has joined on the
     # same UDP port. python-can reads this variable: another port separates this run from, say, a second run.
     os.environ.setdefault("CAN_CONFIG", json.dumps({"port": 20_000 + os.getpid() % 20_000}))
