@@ -10,6 +10,7 @@ the parameters of the package on other recordings of the same sensors.
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
@@ -176,7 +177,9 @@ def run(
             others += (own := predicted(name, fitted[name], _read(name, folder), given.get(name, {})))
             _report_lines(report, own)
     if parameters is not None:
-        parameters.write_text(json.dumps(_rounded(fitted), indent=1) + "\n", encoding="utf-8")
+        text = json.dumps(_rounded(fitted), indent=1)
+        rows = re.sub(r"\[[^\[\]]*\]", lambda found: json.dumps(json.loads(found[0])), text)  # a list on one line
+        parameters.write_text(rows + "\n", encoding="utf-8")
     if page is not None:
         page.write_text(_page(laws, fixed, _rounded(fitted)), encoding="utf-8")
     return {
