@@ -11,7 +11,7 @@ import re
 import sys
 import zlib
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -53,6 +53,8 @@ class NamedClasses:
     """``"module:Class"`` of the base class of all of them."""
     listing: str = ""
     """The command that lists the names, if they are too many for a message."""
+    synonyms: Mapping[str, str] = field(default_factory=dict)
+    """Other words for some names, which messages translate."""
 
     def names(self) -> list[str]:
         """Return all names, those of installed packages included, sorted."""
@@ -93,10 +95,12 @@ class NamedClasses:
         if self.listing and Path(text).is_dir():
             return f"{name!r} is a folder; name a {self.what}, a scene file or path/to/{self.what}.py:Class"
         known = self._all() if among is None else [*among]
+        meant = self.synonyms.get(text)
+        near = f"; did you mean {meant!r}?" if meant in known else nearest(name, known)
         ways = f"your own: path/to/file.py:Class, or an entry point of {self.group}"
         if self.listing:
-            return f"unknown {self.what} {name!r}{nearest(name, known) or f'; {self.listing} lists them'} ({ways})"
-        return f"unknown {self.what} {name!r}{nearest(name, known)} ({self.what}s: {', '.join(known)}; {ways})"
+            return f"unknown {self.what} {name!r}{near or f'; {self.listing} lists them'} ({ways})"
+        return f"unknown {self.what} {name!r}{near} ({self.what}s: {', '.join(known)}; {ways})"
 
     def _all(self) -> list[str]:
         """Return all names, those of the table first."""

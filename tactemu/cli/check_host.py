@@ -10,7 +10,7 @@ import shutil
 import sys
 from collections.abc import Callable, Iterator, Sequence
 
-from tactemu.base.errors import TactemuError
+from tactemu.base.errors import TactemuError, no_such
 from tactemu.cli.finding import Finding, tell
 from tactemu.cli.host_timing import TIMING_CHECKS
 
@@ -25,7 +25,7 @@ def check_host(wanted: Sequence[str], *, json: bool = False) -> bool:
         TactemuError: there is no check of a name.
     """
     if unknown := [name for name in wanted if name not in CHECKS]:
-        raise TactemuError(f"check-host has no check {unknown[0]!r}; expected one of {', '.join(CHECKS)}")
+        raise TactemuError(f"check-host has {no_such('check', unknown[0], CHECKS)}")
     found = tell(_findings(), json=json)
     return all(each.there for each in found if each.name in (wanted or NEEDED))
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.text import Text
 
-from tactemu.base.errors import TactemuError
+from tactemu.base.errors import TactemuError, no_such
 from tactemu.base.files import check_writable
 from tactemu.base.style import PAGE_SIGN
 from tactemu.cli import INTERRUPTED
@@ -54,7 +54,7 @@ def kinds_of(words: Sequence[str]) -> tuple[str, ...]:
     if not kinds:
         return FAILING
     if unknown := [kind for kind in kinds if kind not in ABOUT and kind not in ("none", "all")]:
-        raise TactemuError(f"--fail-on: no finding is called {unknown[0]!r}; expected {', '.join(ABOUT)}, all or none")
+        raise TactemuError(f"--fail-on: {no_such('finding', unknown[0], [*ABOUT, 'all', 'none'])}")
     if "all" in kinds:
         return tuple(ABOUT)
     return tuple(kind for kind in kinds if kind != "none")

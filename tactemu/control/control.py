@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from tactemu.base.clock import LockstepClock
-from tactemu.base.errors import SceneError, TactemuError
+from tactemu.base.errors import SceneError, TactemuError, no_such
 from tactemu.base.units import DEFAULT_STEP_S
 from tactemu.control import state
 from tactemu.control.control_commands import CONTROL_COMMANDS
@@ -48,8 +48,7 @@ def mend(wires: Sequence[Wire], fault: str | None) -> None:
     on = [(wire, each) for wire in wires for each in wire.faults]
     found = [(wire, each) for wire, each in on if fault is None or fault == each.word or str(each).startswith(fault)]
     if fault is not None and not found:
-        there = ", ".join(sorted({str(each) for _, each in on})) or "none"
-        raise SceneError(f"mend: no fault {fault!r} is on; there are: {there}")
+        raise SceneError(f"mend: {no_such('fault', fault, sorted({str(each) for _, each in on}), 'those that are on')}")
     for wire, each in found:
         wire.remove_fault(each)
 
@@ -135,8 +134,10 @@ class Control:
         channels = {channel.name: channel for channel in self.emulator.channels}
         if skin is None and len(channels) == 1:
             return next(iter(channels.values()))
-        if skin not in channels:
+        if skin is None:
             raise TactemuError(f"which skin? give one of: {', '.join(channels)}")
+        if skin not in channels:
+            raise TactemuError(no_such("skin", skin, channels))
         return channels[skin]
 
     def _wires(self, skin: str | None) -> list[Wire]:
@@ -232,7 +233,7 @@ class Control:
         if not self.steered:
             raise TactemuError("no body can be moved: none that is not fixed, carries no skin and follows no joint")
         if name is not None and name not in self.steered:
-            raise TactemuError(f"body {name!r} cannot be steered; these can: {', '.join(self.steered)}")
+            raise TactemuError(no_such("steered body", name, self.steered, "steered bodies"))
         in_hand = [each for each, motion in self.steered.items() if motion.is_steered] or list(self.steered)
         return name or max(in_hand, key=lambda each: self.steered[each].moved_s)
 

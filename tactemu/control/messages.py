@@ -13,7 +13,7 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 
 from firmware_protocols.bounds import Bounds
-from tactemu.base.errors import TactemuError, shown
+from tactemu.base.errors import TactemuError, no_such, shown
 from tactemu.base.options import number
 from tactemu.control.control_commands import DEFAULT_WATCH_RATE_HZ
 from tactemu.control.state import row_of
@@ -77,7 +77,7 @@ def watch_options(args: dict[str, Any]) -> WatchOptions:
         TactemuError: an argument is unknown, or of a wrong type or value.
     """
     if unknown := [name for name in args if name not in WatchOptions._fields]:
-        raise TactemuError(f"watch: no argument {unknown[0]!r}; it has: {', '.join(WatchOptions._fields)}")
+        raise TactemuError(f"watch: {no_such('argument', unknown[0], WatchOptions._fields)}")
     rate = DEFAULT_WATCH_RATE_HZ if args.get("rate") is None else args["rate"]
     rate = number("watch", "rate", rate, WatchHertz)
     arrays = args.get("arrays")

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tactemu.base.errors import TactemuError
+from tactemu.base.errors import TactemuError, no_such
 from tactemu.datasets.shards import FOLDER
 from tactemu.datasets.spec import FILE
 
@@ -42,8 +42,8 @@ def read_dataset(
     shards = ds.dataset([str(path) for path in paths])
     available = shards.schema.names
     wanted = available if columns is None else list(dict.fromkeys(("env", "step", "t_ns", *columns)))
-    if missing := set(wanted) - set(available):
-        raise TactemuError(f"{folder}: no column {', '.join(sorted(missing))}; expected {', '.join(available)}")
+    if missing := [name for name in wanted if name not in available]:
+        raise TactemuError(f"{folder}: {no_such('column', missing[0], available)}")
     chosen = None if envs is None else ds.field("env").isin(list(envs))
     table = shards.to_table(columns=wanted, filter=chosen)
     found = {}

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from firmware_protocols.bounds import Bounds
-from tactemu.base.errors import TactemuError
+from tactemu.base.errors import TactemuError, no_such
 from tactemu.base.options import number
 from tactemu.version import __version__
 
@@ -59,7 +59,7 @@ class DatasetSpec:
         for name, value in (("shift", max(self.shift_m)), ("turn", self.turn_rad), ("shift", min(self.shift_m))):
             number("dataset", name, value, Annotated[float, Bounds(low=0, high=7)])
         if self.compression not in COMPRESSIONS:
-            raise TactemuError(f"compression: expected one of {', '.join(COMPRESSIONS)}, got {self.compression!r}")
+            raise TactemuError(no_such("compression", self.compression, COMPRESSIONS))
 
     @property
     def ranges(self) -> list[tuple[int, int]]:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from firmware_protocols import Device
 from tactemu import transports
 from tactemu.base.clock import Clock, VirtualClock
-from tactemu.base.errors import DeviceError, SceneError, TactemuError
+from tactemu.base.errors import DeviceError, SceneError, TactemuError, no_such
 from tactemu.base.random_streams import stream_key
 from tactemu.emulator.channel import Channel, Source
 from tactemu.emulator.emulator import Emulator
@@ -200,11 +200,10 @@ def _driven(loaded: LoadedScene, devices: dict[str, Device], local_ns: Callable[
             continue
         where = f"body {body!r}: motion"
         if motion.skin not in devices:
-            raise SceneError(f"{where}: no skin {motion.skin!r} (skins: {', '.join(devices)})")
+            raise SceneError(f"{where}: {no_such('skin', motion.skin, devices)}")
         has = devices[motion.skin].joints(0)
         if motion.joint not in has:
-            known = ", ".join(has) or "none"
-            raise SceneError(f"{where}: {devices[motion.skin].name} has no joint {motion.joint!r} (joints: {known})")
+            raise SceneError(f"{where}: {devices[motion.skin].name} has {no_such('joint', motion.joint, has)}")
 
         def position(t_s: float, motion: Joint = motion) -> float:
             return devices[motion.skin].joints(local_ns(motion.skin, round(t_s * 1e9)))[motion.joint]

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 import numpy as np
 
 from firmware_protocols import Device, Reading, Sense, calls
-from tactemu.base.errors import DeviceError, SceneError
+from tactemu.base.errors import DeviceError, SceneError, no_such
 from tactemu.base.statistics import ChannelStatistics
 from tactemu.emulator.sampling import SampleClock
 from tactemu.wire.wire import Wire
@@ -132,8 +132,8 @@ class Channel:
         for stream in self.wanted_periods:
             if stream not in self.device.periods:
                 named = [name for name in self.device.periods if name]
-                has = f"has the streams {', '.join(named)}" if named else "has one stream; give the rate alone"
-                raise DeviceError(f"{self.name}: rate_hz: no stream {stream!r}: {self.device.name} {has}")
+                alone = f"no stream {stream!r}: {self.device.name} has one stream; give the rate alone"
+                raise DeviceError(f"{self.name}: rate_hz: {no_such('stream', stream, named) if named else alone}")
 
     def _read_senses(self) -> None:
         """Read the senses of the streams, which are constant while the device has power."""

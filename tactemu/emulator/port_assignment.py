@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from firmware_protocols import Connector, Device
 from tactemu import transports
-from tactemu.base.errors import DeviceError, SceneError, TransportError
+from tactemu.base.errors import DeviceError, SceneError, TransportError, no_such
 from tactemu.scene.schema import SkinTable
 from tactemu.wire.line_models import line_model_for
 
@@ -60,7 +60,7 @@ def assign_ports(
         assignments += _assign_ports_of(skin.title, device, single, named, fresh_kinds)
     if wanted:
         known = [skin.title for skin in skins] + [f"{s.title}/{c.name}" for s in skins for c in devices[s.title].ports]
-        raise DeviceError(f"no such port: {', '.join(wanted)}; use one of: {', '.join(known)}")
+        raise DeviceError(no_such("port", next(iter(wanted)), known))
     return _shared([_own_memory(assignment, assignments) for assignment in assignments])
 
 
@@ -71,7 +71,7 @@ def _assign_ports_of(
     connectors = {connector.name: connector for connector in device.ports}
     for name in named:
         if name not in connectors:
-            raise DeviceError(f"{device.name} has no port {name!r} (ports: {', '.join(map(repr, connectors))})")
+            raise DeviceError(f"{device.name} has {no_such('port', name, connectors)}")
     first = device.ports[0]
     used = {each.name for each in device.ports if each is first or each.is_plugged or each.name in named}
     if single is not None:

@@ -28,7 +28,7 @@ import numpy as np
 
 from firmware_protocols import Device
 from firmware_protocols.senses import CONTACT, VECTORS
-from tactemu.base.errors import SceneError, SourceError, nearest
+from tactemu.base.errors import SceneError, SourceError, nearest, no_such
 from tactemu.geometry import rotation
 from tactemu.geometry.motion import Pose
 from tactemu.scene.placement import AMBIENT, PlacedSensor, PlacedSkin
@@ -333,8 +333,7 @@ def _skins_of(sensors: Sequence[Sensor], devices: Mapping[str, Device]) -> dict[
     missing = [name for name in devices if name not in named]
     if missing:
         raise SceneError(
-            f"source: no sensor called {missing[0]!r} (sensors: {', '.join(named) or 'none'}); "
-            "name each after its skin: scene.add_sensor(..., name=...)"
+            f"source: {no_such('sensor', missing[0], named)}; name each after its skin: scene.add_sensor(..., name=...)"
         )
     return {name: _placed(name, named[name], device) for name, device in devices.items()}
 

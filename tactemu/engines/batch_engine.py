@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self
 
 import numpy as np
 
-from tactemu.base.errors import SceneError, nearest
+from tactemu.base.errors import SceneError, no_such
 from tactemu.base.kernels import start_warp
 from tactemu.plan.clearing import restore_rows
 from tactemu.plan.plan import Stage
@@ -232,8 +232,7 @@ class BatchEngine(ABC):
     def _free(self, name: str) -> int:
         free = self.source.free_bodies
         if name not in free:
-            known = ", ".join(free) or "none"
-            raise SceneError(f"engine: {name!r} is no free body{nearest(name, free)} (free bodies: {known})")
+            raise SceneError(f"engine: {no_such('free body', name, free, 'free bodies')}")
         return free[name]
 
     def _place_bodies(self, simulation: Simulation) -> None:

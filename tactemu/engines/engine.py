@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from tactemu.base.errors import PoseError, SceneError, nearest
+from tactemu.base.errors import PoseError, SceneError, no_such
 from tactemu.engines.mujoco_contacts import REACH_RADII, Contacts, Pad, closing_speeds, contacts_of, mean_contacts
 from tactemu.engines.mujoco_drives import Drive, check_apart
 from tactemu.engines.mujoco_impacts import match_reason
@@ -131,7 +131,7 @@ class MujocoEngine:
         known = {name: k for k in self.source.geoms if (name := self.model.geom(k).name)}
         for name in self._table.breaks:
             if name not in known:
-                raise SceneError(f"engine: breaks: no geom {name!r}{nearest(name, known)} (geoms: {', '.join(known)})")
+                raise SceneError(f"engine: breaks: {no_such('geom', name, known)}")
         return {known[name]: force for name, force in self._table.breaks.items()}
 
     @property

@@ -17,7 +17,7 @@ import numpy as np
 
 from firmware_protocols import Device
 from firmware_protocols.motors import Motors
-from tactemu.base.errors import SceneError, nearest
+from tactemu.base.errors import SceneError, no_such
 from tactemu.engines.mujoco_source import load_mujoco
 from tactemu.scene.schema import JointTable
 
@@ -53,8 +53,7 @@ class Drive:
             raise SceneError(f"{self._where}: {device.name} has no motors that an engine can move; remove `joints`")
         for name in joints:
             if name not in names:
-                hint = f"{nearest(name, names)} (motors: {', '.join(names)})"
-                raise SceneError(f"{self._where}: {device.name} has no {name!r}{hint}")
+                raise SceneError(f"{self._where}: {device.name} has {no_such('motor', name, names)}")
         tables = [JointTable(joint=given) if isinstance(given, str) else given for given in joints.values()]
         self.joints = [table.joint for table in tables]
         self._motor = np.array([names.index(name) for name in joints])
@@ -81,8 +80,7 @@ class Drive:
         for name in self.joints:
             joint = spec.joint(name)
             if joint is None:
-                has = ", ".join(known) or "none"
-                raise SceneError(f"{self._where}: no joint {name!r} in the model{nearest(name, known)} (joints: {has})")
+                raise SceneError(f"{self._where}: the model has {no_such('joint', name, known)}")
             if joint.type not in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE):
                 raise SceneError(
                     f"{self._where}: joint {name!r} is neither a hinge nor a slide, so that a motor cannot move it"

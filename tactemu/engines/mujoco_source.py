@@ -30,7 +30,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tactemu.base.errors import SceneError
+from tactemu.base.errors import SceneError, no_such
 from tactemu.engines.mujoco_skeleton import skeleton
 from tactemu.geometry import rotation
 from tactemu.geometry.bodies import Body
@@ -272,7 +272,9 @@ class MujocoSource:
         count = getattr(self._model, f"n{kind}")
         found = self._mujoco.mj_name2id(self._model, table, which) if isinstance(which, str) else int(which)
         if not 0 <= found < count:
-            raise SceneError(f"no {kind} {which!r} in the MuJoCo model; there are: {self._names(kind, range(count))}")
+            known = [self._name(kind, index) for index in range(count)]
+            plural = "bodies" if kind == "body" else ""
+            raise SceneError(f"the MuJoCo model has {no_such(kind, which, known, plural)}")
         return found
 
     def _name(self, kind: str, index: int) -> str:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from gymnasium.spaces import Box
 
-from tactemu.base.errors import SceneError, nearest
+from tactemu.base.errors import SceneError, no_such
 from tactemu.imperfections import ChainOptions
 from tactemu.sensors.arrays import fields_of
 from tactemu.sensors.sensor import Sensor
@@ -47,7 +47,7 @@ def skin_fields(sensors: Sequence[Sensor], observed: Mapping[str, Sequence[str]]
     found = []
     for name, fields in observed.items():
         if name not in skins:
-            raise SceneError(f"observed: no skin {name!r}{nearest(name, skins)} (skins: {', '.join(skins) or 'none'})")
+            raise SceneError(f"observed: {no_such('skin', name, skins)}")
         found += [_field(skins[name], field) for field in fields]
     return found
 
@@ -55,8 +55,7 @@ def skin_fields(sensors: Sequence[Sensor], observed: Mapping[str, Sequence[str]]
 def _field(sensor: Sensor, field: str) -> SkinField:
     fields = fields_of(sensor)
     if field not in fields:
-        has = ", ".join(fields)
-        raise SceneError(f"observed: skin {sensor.name!r} has no {field!r}{nearest(field, fields)} (it has: {has})")
+        raise SceneError(f"observed: skin {sensor.name!r} has {no_such('field', field, fields)}")
     chain = sensor._chain
     n_channels = sensor.model.n_channels if chain is None else 3 if chain.output.vector else 1
     width = len(range(*fields[field].indices(n_channels)))

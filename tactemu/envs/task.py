@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 import numpy as np
 from gymnasium.spaces import Box, Space
 
-from tactemu.base.errors import SceneError
+from tactemu.base.errors import SceneError, no_such
 from tactemu.envs.arrays import Array, Arrays, make_arrays
 from tactemu.envs.observations import SkinField, skin_fields
 from tactemu.envs.uniform import uniform
@@ -109,7 +109,7 @@ class SkinTask(ABC):
         for sensor in self.scene.sensors:
             if sensor.name == name:
                 return sensor
-        raise SceneError(f"no skin {name!r}; there are: {', '.join(each.name for each in self.scene.sensors)}")
+        raise SceneError(no_such("skin", name, [each.name for each in self.scene.sensors]))
 
     def read(self, skin: str, field: str, ground_truth: bool = False) -> Array:
         """Return a field of the last step's reading, ``(n_envs, *layout[, 3])``. Do not write into it."""

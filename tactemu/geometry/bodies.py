@@ -12,7 +12,7 @@ from typing import Protocol
 
 import numpy as np
 
-from tactemu.base.errors import SceneError
+from tactemu.base.errors import SceneError, no_such
 from tactemu.geometry.motion import Motion, Pose, Times
 from tactemu.geometry.shapes.shape import Shape
 from tactemu.geometry.shapes.texture import Texture
@@ -81,5 +81,5 @@ def find_body(bodies: Sequence[Body], which: Body | str | int | np.integer) -> B
     if isinstance(which, int | np.integer) and not isinstance(which, bool) and 0 <= which < len(bodies):
         return bodies[int(which)]
     wanted = which.name if isinstance(which, Body) else which
-    known = ", ".join(f"{body.index}: {body.name}" for body in bodies) or "none"
-    raise SceneError(f"no body {wanted!r} in this scene; bodies: {known}")
+    named = [body.name if isinstance(wanted, str) else f"{body.index}: {body.name}" for body in bodies]
+    raise SceneError(f"this scene has {no_such('body', wanted, named, 'bodies')}")

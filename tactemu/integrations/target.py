@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Any
 from urllib.parse import parse_qs, unquote
 
-from tactemu.base.errors import SceneError
+from tactemu.base.errors import SceneError, no_such
 from tactemu.session.serving import Served, serve
 
 _SCHEME = "tactemu://"
@@ -35,7 +35,7 @@ def device_for(target: str, port: str | None = None) -> Served:
         if key == "fault":
             options["faults"] = values
         elif key not in _OPTIONS:
-            raise SceneError(f"{target}: unknown option {key!r}; expected one of: fault, {', '.join(_OPTIONS)}")
+            raise SceneError(f"{target}: {no_such('option', key, ['fault', *_OPTIONS])}")
         else:
             try:
                 options[key] = _OPTIONS[key](values[-1])

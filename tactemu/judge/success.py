@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from tactemu.base.errors import TactemuError
+from tactemu.base.errors import TactemuError, no_such
 from tactemu.judge.driver import Driver, command_of
 from tactemu.judge.options import JudgeOptions
 from tactemu.session.serving import Served, serve
@@ -106,7 +106,7 @@ def success_curve(
     only, budget_s = options.only, options.budget_s
     for kind in only:
         if kind not in STRENGTHS:
-            raise TactemuError(f"--only: no fault is called {kind!r} here; expected {', '.join(STRENGTHS)}")
+            raise TactemuError(f"--only: {no_such('fault', kind, STRENGTHS)}")
     keys = [("", 0.0)] + [(kind, s) for kind in only or STRENGTHS for s in STRENGTHS[kind][1]]
     points = {key: Point(*key) for key in keys}
     began, k = time.monotonic(), 0

@@ -16,7 +16,7 @@ import firmware_protocols
 from firmware_protocols.named_classes import UnknownNameError, WrongClassError, is_file_name
 from firmware_protocols.options import checked
 from firmware_protocols.registry import REGISTRY as DEVICES
-from tactemu.base.errors import DeviceError, SceneError, nearest
+from tactemu.base.errors import DeviceError, SceneError, no_such
 from tactemu.base.own_code import own_error
 from tactemu.geometry.motion import Motion
 from tactemu.scene.code_names import own_names
@@ -237,17 +237,15 @@ def _references(tables: SceneFile):
         if (skin.link is None) == (skin.readings is None):
             yield f"skin {skin.title!r}: give it a `link` to a body, or `readings` from a truth log (one of the two)"
         elif skin.link is not None and skin.link not in bodies and not elsewhere:
-            known = ", ".join(bodies) or "none"
-            yield f"skin {skin.title!r}: link: no body {skin.link!r}{nearest(skin.link, bodies)} (bodies: {known})"
+            yield f"skin {skin.title!r}: link: {no_such('body', skin.link, bodies, 'bodies')}"
         for link, place in skin.links.items():
             body = place if isinstance(place, str) else place.body
             if body not in bodies and not elsewhere:
-                known = ", ".join(bodies) or "none"
-                yield f"skin {skin.title!r}: links.{link}: no body {body!r}{nearest(body, bodies)} (bodies: {known})"
+                yield f"skin {skin.title!r}: links.{link}: {no_such('body', body, bodies, 'bodies')}"
         if skin.joints and tables.engine is None:
             yield f"skin {skin.title!r}: joints: they name joints of an engine's model; add an [engine]"
         if skin.model_ is not None and not MODELS.knows(skin.model_):
             yield f"skin {skin.title!r}: model: {MODELS.unknown(skin.model_)}"
     for k, event in enumerate(tables.scenario):
         if event.skin is not None and event.skin not in skins:
-            yield f"scenario[{k}]: skin: no skin {event.skin!r}{nearest(event.skin, skins)} (skins: {', '.join(skins)})"
+            yield f"scenario[{k}]: skin: {no_such('skin', event.skin, skins)}"

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from firmware_protocols import Layout
-from tactemu.base.errors import SceneError, nearest
+from tactemu.base.errors import SceneError, no_such
 from tactemu.scene.schema import LinkTable, SkinTable
 
 
@@ -39,11 +39,8 @@ def parts_of(skin: SkinTable, layout: Layout) -> list[SkinPart]:
     """
     for link in skin.links:
         if link not in layout.links:
-            has = ", ".join(name for name in layout.links if name) or "none"
-            raise SceneError(
-                f"skin {skin.title!r}: links: {skin.device} has no link {link!r}"
-                f"{nearest(link, layout.links)} (links: {has})"
-            )
+            known = [name for name in layout.links if name]
+            raise SceneError(f"skin {skin.title!r}: links: {skin.device} has {no_such('link', link, known)}")
     assert skin.link is not None
     on_skin_link = tuple(link for link in layout.links if link not in skin.links)
     parts = []

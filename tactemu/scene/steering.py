@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from tactemu.base.errors import SceneError
+from tactemu.base.errors import SceneError, no_such
 from tactemu.geometry import rotation
 from tactemu.geometry.bodies import Body
 from tactemu.geometry.motion import Hold, Joint, Keyframes, Motion, Placed, Pose
@@ -185,7 +185,7 @@ def steered(loaded: LoadedScene, names: Sequence[str] = (), *, by_hand: bool = F
     bodies = {body.name: body for body in loaded.tables.body if not body.fixed}
     for name in names:
         if name not in bodies:
-            raise SceneError(f"steer: there is no movable body {name!r} (bodies: {', '.join(bodies) or 'none'})")
+            raise SceneError(f"steer: there is {no_such('movable body', name, bodies, 'bodies')}")
     found: dict[str, Motion] = {}
     for name, body in bodies.items():
         own = loaded.motions.get(name)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 import warp as wp
 
-from tactemu.base.errors import SceneError
+from tactemu.base.errors import SceneError, no_such
 from tactemu.geometry.device_arrays import view
 from tactemu.plan.array_types import WarpArray
 
@@ -128,7 +128,7 @@ class SensorArrays:
             if name.startswith("_"):
                 raise AttributeError(name)
             if name not in self._makers:
-                raise SceneError(f"sensor {self._sensor!r} has no array {name!r}; it has: {', '.join(self._makers)}")
+                raise SceneError(f"sensor {self._sensor!r} has {no_such('array', name, self._makers)}")
             made = vars(self)[name] = self._makers[name]()
             return made
 

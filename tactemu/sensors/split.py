@@ -8,7 +8,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from tactemu.base.errors import SceneError
+from tactemu.base.errors import SceneError, no_such
 from tactemu.base.keywords import takes_words
 from tactemu.base.words import Names
 from tactemu.geometry import rotation
@@ -66,7 +66,7 @@ class SplitSimulation:
         """
         name = which if isinstance(which, str) else which.name
         if name not in self._names:
-            raise SceneError(f"no sensor {name!r} in this simulation; there are: {', '.join(self._names) or 'none'}")
+            raise SceneError(no_such("sensor", name, self._names))
         return self._handles[part][self._names.index(name)]
 
     def step(self, n: int = 1, *, dt: float | None = None) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypedDict
 
 from tactemu.base.clock import Clock, LockstepClock, PacedClock, RealClock, VirtualClock
-from tactemu.base.errors import SceneError
+from tactemu.base.errors import SceneError, nearest
 from tactemu.emulator.options import AssemblyOptions
 
 if TYPE_CHECKING:
@@ -67,7 +67,9 @@ class RunOptions(AssemblyOptions):
         super().__post_init__()
         self._make_tuples("steer")
         if self.clock not in CLOCKS:
-            raise SceneError(f"clock: expected one of {', '.join(CLOCKS)}, got {self.clock!r}")
+            raise SceneError(
+                f"clock: expected one of {', '.join(CLOCKS)}, got {self.clock!r}{nearest(self.clock, CLOCKS)}"
+            )
 
 
 class ServeOptions(TypedDict, total=False):

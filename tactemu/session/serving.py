@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any, Unpack
 from urllib.parse import urlsplit
 
 from firmware_protocols import Device
-from tactemu.base.errors import SceneError, TactemuError
+from tactemu.base.errors import SceneError, TactemuError, nearest
 from tactemu.control.control import Control
 from tactemu.control.control_commands import ControlCommands
 from tactemu.control.loop_task import LoopTask, TaskResult
@@ -50,9 +50,12 @@ def serve(target: str | Path, port: str | Mapping[str, str] | None = None, **opt
         TactemuError: when it starts, if an argument is wrong or something in the scene is not available.
     """
     if unknown := sorted(options.keys() - ServeOptions.__annotations__.keys()):
-        raise TypeError(f"serve() got an unexpected keyword argument {unknown[0]!r}")
+        near = nearest(unknown[0], ServeOptions.__annotations__)
+        raise TypeError(f"serve() got an unexpected keyword argument {unknown[0]!r}{near}")
     if (clock := options.get("clock", "real")) not in SERVE_CLOCKS:
-        raise SceneError(f"clock: expected one of {', '.join(SERVE_CLOCKS)}, got {clock!r}")
+        raise SceneError(
+            f"clock: expected one of {', '.join(SERVE_CLOCKS)}, got {clock!r}{nearest(clock, SERVE_CLOCKS)}"
+        )
     return Served(Session(str(target), RunOptions(port=port, fresh_ports=True, **options)))
 
 

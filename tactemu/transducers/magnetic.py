@@ -24,7 +24,7 @@ import numpy as np
 import warp as wp
 
 from firmware_protocols.bounds import Bounds
-from tactemu.base.errors import SceneError, shown
+from tactemu.base.errors import SceneError, no_such, shown
 from tactemu.base.kernels import warp_kernel
 from tactemu.base.options import numbers, triple
 from tactemu.base.units import Length, NonNegative
@@ -239,8 +239,7 @@ class Magnetic(Transducer):
     def _others(self, site: TransducerSite) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         for body, *_ in self.neighbours:
             if body not in site.bodies:
-                known = ", ".join(site.bodies)
-                raise SceneError(f"sensor {site.name!r}: neighbours: no body {body!r} (bodies: {known})")
+                raise SceneError(f"sensor {site.name!r}: neighbours: {no_such('body', body, site.bodies, 'bodies')}")
         at = np.array([each[1] for each in self.neighbours], float).reshape(-1, 3)
         moments = np.array([each[2] for each in self.neighbours], float).reshape(-1, 3)
         return np.array([site.bodies[each[0]] for each in self.neighbours], np.int32), at, moments

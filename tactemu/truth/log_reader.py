@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from tactemu.base.errors import TactemuError
+from tactemu.base.errors import TactemuError, no_such
 from tactemu.truth import jsonl_format
 from tactemu.truth.entries import BodyPose, End, Entry, Header, Injection, Passage, PortEvent, Sample
 from tactemu.truth.writer import log_format
@@ -136,7 +136,7 @@ class Log(Mapping[str, SkinLog]):
             KeyError: the log has no such skin; the message names those that it has.
         """
         if device not in self.skins:
-            raise KeyError(f"no {device!r} in this log; it has: {', '.join(self.skins) or 'nothing'}")
+            raise KeyError(f"the log has {no_such('skin', device, self.skins)}")
         return self.skins[device]
 
     def __iter__(self) -> Iterator[str]:

@@ -20,7 +20,7 @@ import numpy as np
 
 from firmware_protocols import Device
 from firmware_protocols.senses import Quantity
-from tactemu.base.errors import SceneError
+from tactemu.base.errors import SceneError, nearest
 from tactemu.scene.building import build_scene, make_devices, model_name, transducers_of
 from tactemu.scene.file import LoadedScene, load
 from tactemu.scene.schema import SkinTable
@@ -65,7 +65,7 @@ def run_tune(
         SceneError: the scene is invalid, nothing touches a skin, or it does not show the error that is asked for.
     """
     if error is not None and error not in ERRORS:
-        raise SceneError(f"--error: expected one of {', '.join(ERRORS)}, got {error!r}")
+        raise SceneError(f"--error: expected one of {', '.join(ERRORS)}, got {error!r}{nearest(error, ERRORS)}")
     if not rate_hz > 0:
         raise SceneError(f"--rate: expected a rate in Hz, more than 0, got {rate_hz!r}")
     progress = progress or (lambda items, _title, _total: items)

@@ -77,7 +77,7 @@ def test_with_transducers_the_reading_is_their_signal():
     assert np.array_equal(skin.arrays.resistance.numpy(), skin.read()) and skin.unit == "Ohm"
     assert skin.quantities == ("resistance",)
     with pytest.raises(
-        tt.SceneError, match="'skin' has no array 'force'; it has: resistance, packed, contacts, bad_poses"
+        tt.SceneError, match=r"'skin' has no array 'force' \(arrays: resistance, packed, contacts, bad_poses\)"
     ):
         _ = skin.arrays.force
 

@@ -126,7 +126,7 @@ WRONG = {
     "model that does not sense it": (["senses.toml"], "contact_probe provides touch and not force"),
     "several ports of nobody": (["two.toml", "--port", "memory:", "--port", "pty:x"], "--port SKIN=memory:"),
     "two ports for one skin": (["two.toml", "--port", "other=memory:a", "--port", "other=pty:x"], "has a port already"),
-    "port of a skin that is not there": (["two.toml", "--port", "toe=memory:"], "no such port: toe"),
+    "port of a skin that is not there": (["two.toml", "--port", "toe=memory:"], "no port 'toe' (ports: "),
     "one port for two skins": (["two.toml", "--port", "pty:both"], "cannot share pty:both"),
     "virtual without an end": (["anyskin", "--clock=virtual"], "--seconds"),
     "truth file": (["anyskin", "--truth", "/nonexistent/t.jsonl"], "cannot write the truth log"),

@@ -155,7 +155,7 @@ def test_a_body_is_moved_no_faster_than_is_said(dev):
         (b'{"id": 1, "protocol": 2, "verb": "stats"}', "protocol: this emulator has version 1, got 2"),
         (b'{"verb": "watch", "args": {"rate": 1e9}}', "watch: rate must be"),
         (b'{"verb": "watch", "args": {"wire": 1000}}', "watch: wire must be"),
-        (b'{"verb": "watch", "args": {"wire": 1, "skin": "thumb"}}', "which skin? give one of: anyskin"),
+        (b'{"verb": "watch", "args": {"wire": 1, "skin": "thumb"}}', "no skin 'thumb' (skins: anyskin)"),
         (b'{"verb": "watch", "args": {"arrays": "pickle"}}', "watch: arrays must be lists or base64"),
         (b'{"verb": "happen", "args": {"fault_": "drop"}}', "did you mean 'fault'?"),
         (b'{"verb": "step"}', "step: time runs by itself"),

@@ -161,7 +161,7 @@ def test_a_connector_is_found_that_goes_with_the_port():
     assert plugged({"touch/rtu": "memory:a"}) == {"rtu": "memory:a"}
     with pytest.raises(DeviceError, match="has a serial or tcp connector and cannot be plugged into can:"):
         plugged("can:virtual:x")
-    with pytest.raises(DeviceError, match="no such port: usb"):
+    with pytest.raises(DeviceError, match="no port 'usb'"):
         plugged({"usb": "memory:"})
 
 

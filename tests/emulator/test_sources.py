@@ -217,7 +217,7 @@ WRONG_AT_ONCE = {
     "no source": (7, SceneError, "expected a tactemu.Scene, built or not, or a function"),
     "text": (lambda t_s: "no", SourceError, "force: expected numbers of shape"),
     "another quantity": (lambda t_s: {"pressure": np.zeros(N)}, SourceError, "expected force, temperature"),
-    "an empty scene": (tt.Scene(), SceneError, "no sensor called 'anyskin'"),
+    "an empty scene": (tt.Scene(), SceneError, "no sensor 'anyskin'"),
     "of another sign": (
         of_another_sign,
         SceneError,

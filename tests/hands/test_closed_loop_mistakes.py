@@ -16,9 +16,9 @@ JOINT = 'index = "index",'
         (
             JOINT,
             'index2 = "index",',
-            r"joints: linker_hand_l6 has no 'index2'; did you mean 'index'\? \(motors: thumb_flex",
+            r"joints: linker_hand_l6 has no motor 'index2'; did you mean 'index'\? \(motors: thumb_flex",
         ),
-        (JOINT, 'index = "index2",', r"joints: no joint 'index2' in the model; did you mean 'index'\?"),
+        (JOINT, 'index = "index2",', r"joints: the model has no joint 'index2'; did you mean 'index'\?"),
         (JOINT, 'index = "middle",', "two motors on joint 'middle'; give it one motor only"),
         (JOINT, 'index = { joint = "index", ratio = 0.0 },', "ratio: expected a number that is not 0"),
         (

@@ -77,5 +77,5 @@ def test_a_task_that_wants_thirty_sound_packets_in_a_row(tmp_path, monkeypatch, 
     got = {(each["fault"], each["strength"]): each for each in json.loads(curve.read_text())}
     assert {key: each["succeeded"] for key, each in got.items()} == {("", 0): 1, ("flip", 1): 1, ("flip", 60): 0}
     assert "frames with a wrong bit" in capsys.readouterr().out
-    with pytest.raises(TactemuError, match="no fault is called 'dorp'"):
+    with pytest.raises(TactemuError, match="no fault 'dorp'"):
         judge_success("optoforce", command, script, replace(options, only=("dorp",)), curve)

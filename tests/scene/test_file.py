@@ -50,6 +50,7 @@ def test_a_file_becomes_tables_and_motions():
 WRONG = [
     ("radius", "radus", "body[1] 'ball': unknown key 'radus'; did you mean 'radius'?"),
     ('"sphere"', '"spere"', "unknown shape 'spere'; did you mean 'sphere'?"),
+    ('"sphere"', '"ball"', "unknown shape 'ball'; did you mean 'sphere'?"),
     ('"slide"', '"slid"', "body 'ball': motion: unknown kind of motion 'slid'; did you mean 'slide'?"),
     ("depth =", "deph =", "body 'ball': motion: unknown key 'deph'; did you mean 'depth'?"),
     ("depth = 0.001", "depth = nan", "body 'ball': motion.depth: must be >= -10 and <= 0.5 m (6 mm is 0.006), got nan"),

@@ -193,7 +193,9 @@ def test_one_data_per_environment(model):
 
 def test_unknown_names_are_answered_with_those_there_are(model):
     source = tt.MujocoSource(tt.Scene(), model, geoms=["ball"])
-    with pytest.raises(SceneError, match="no geom 'bal' in the MuJoCo model; there are: floor, top, ball"):
+    with pytest.raises(
+        SceneError, match=r"the MuJoCo model has no geom 'bal'; did you mean 'ball'\? \(geoms: floor, top, ball"
+    ):
         source.geom("bal")
     with pytest.raises(SceneError, match=r"'top' is not in the scene \(geoms: ball"):
         source.geom("top")

@@ -234,7 +234,7 @@ def test_a_contact_narrower_than_the_pitch_needs_a_radius_of_half_of_it():
         ({"positions": [[0, 0, np.nan]]}, "positions must be finite"),
         ({"radius": -1.0}, "radius must be >= 0"),
         ({"radius": [1.0, 2.0]}, "radius must be one number or 1, got 2"),
-        ({"sense": 7}, "no body 7 in this scene; bodies: 0: link, 1: body"),
+        ({"sense": 7}, r"this scene has no body 7 \(bodies: 0: link, 1: body\)"),
         ({"sense": "link"}, "names its own link"),
         ({"depth_query": "sonar"}, "depth_query"),
         ({"depth_query": "voxel", "voxel_size": 0.0}, "voxel_size must be > 0"),

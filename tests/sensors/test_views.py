@@ -62,7 +62,7 @@ def test_a_history_keeps_taxels_in_a_row():
 
 def test_what_is_not_there_is_said():
     _sim, _body, skin = pressed(tt.ContactDepthProbe)
-    with pytest.raises(SceneError, match="'skin' has no array 'force'; it has: depth, packed, contacts, bad_poses"):
+    with pytest.raises(SceneError, match=r"'skin' has no array 'force' \(arrays: depth, packed, contacts, bad_poses\)"):
         _ = skin.arrays.force
     with pytest.raises(SceneError, match="build the scene"):
         scene = tt.Scene()

@@ -28,7 +28,14 @@ SHAPES: dict[str, str] = {
 """The class of each shape. Scene files, the JSON schema, :mod:`tactemu`, MuJoCo's geoms and the docs derive from it."""
 
 
-REGISTRY = NamedClasses("shape", "tactemu.shapes", SHAPES, "tactemu.geometry.shapes.shape:Shape")
+SYNONYMS = {
+    "cube": "box", "cuboid": "box", "block": "box", "ball": "sphere", "rod": "cylinder", "disk": "cylinder",
+    "pill": "capsule", "floor": "plane", "ground": "plane",
+}  # fmt: skip
+"""Other words for shapes; messages about an unknown shape name ours."""
+
+
+REGISTRY = NamedClasses("shape", "tactemu.shapes", SHAPES, "tactemu.geometry.shapes.shape:Shape", synonyms=SYNONYMS)
 """The shapes of :data:`SHAPES`, of installed packages and of files."""
 
 
