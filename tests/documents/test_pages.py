@@ -12,6 +12,7 @@ a drawing. Blocks with a file's name are files in the folder; blocks of Python s
 """
 
 import contextlib
+import functools
 import json
 import os
 import re
@@ -154,13 +155,19 @@ def test_each_block_has_a_language_and_each_mark_a_reason(name):
                 assert any(word in command for command in pieces(block)), f"{block.place}: no {word}"
 
 
-@pytest.mark.parametrize("name", BLOCKS)
-def test_commands_that_are_not_run_have_options_that_exist(name):
+@functools.cache
+def command_line():
+    """Return the command of all commands; to make it takes a quarter of a second."""
     from typer.main import get_command
 
     from tactemu.cli.app import app
 
-    tactemu = get_command(app)
+    return get_command(app)
+
+
+@pytest.mark.parametrize("name", BLOCKS)
+def test_commands_that_are_not_run_have_options_that_exist(name):
+    tactemu = command_line()
     for block in BLOCKS[name]:
         for command in commands_of(block.text) if block.language == "sh" else ():
             words = words_of(re.sub(r"^(sudo )?(\S*/|\$\(which )?tactemu\)? ", "tactemu ", command))

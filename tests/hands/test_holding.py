@@ -9,8 +9,7 @@ pytestmark = [pytest.mark.driver, pytest.mark.timeout(180)]
 L6 = ALL["linker_l6"]
 
 
-@pytest.mark.parametrize("thing", ["ball", "box"])
-@pytest.mark.parametrize("pose", [0, 1])
+@pytest.mark.parametrize(("thing", "pose"), [("ball", 1), ("box", 0)])
 def test_a_linker_hand_holds_at_its_set_force(thing, pose, tmp_path):
     held = hold(L6, thing, poses(10)[pose], tmp_path, settle_s=2.5, hold_s=0.5, late_s=10)
     assert held.right(newtons_of(L6, thing), L6.resolution_n), held

@@ -16,6 +16,7 @@ import pytest
 
 from tactemu.judge.processes import MARK, marked
 from tactemu.judge.trial_runner import Judge, JudgeOptions
+from tests.cli.command import here
 from tests.scenes import ball, pad
 
 pytestmark = [pytest.mark.timeout(300)]
@@ -58,7 +59,7 @@ FLAWED = [
 
 @pytest.mark.parametrize(("options", "status", "says"), FLAWED)
 def test_a_request_that_would_judge_nothing_does_not_pass(options, status, says):
-    done = ended([sys.executable, "-m", "tactemu", "judge", "optoforce", *options, "--", *NO_SUM])
+    done = here("judge", "optoforce", *options, "--", *NO_SUM)
     assert done.returncode == status and says in " ".join(done.stderr.split()), done.stderr
 
 

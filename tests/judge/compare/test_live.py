@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.cli.command import here
 from tests.judge.compare.sensors import PLANTS
 
 ROOT = Path(__file__).parents[3]
@@ -140,6 +141,5 @@ def test_ctrl_c_keeps_capture_and_report(tmp_path):
     ],
 )
 def test_a_request_that_cannot_be_met_is_one_sentence(arguments, words, tmp_path):
-    command = [sys.executable, "-m", "tactemu", "compare", *arguments, "--out", str(tmp_path / "out")]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    done = here("compare", *arguments, "--out", str(tmp_path / "out"))
     assert done.returncode == 2 and words in done.stderr and "Traceback" not in done.stderr
