@@ -70,7 +70,7 @@ def say_text(console: Console) -> Say:
             line = f"{skin}: {entry['text']}"
         else:
             line = f"{time.strftime('%H:%M:%S') if event == 'running' else event} {skin}: {sentence(entry)}"
-        console.print(line, soft_wrap=True, markup=False)
+        console.print(line, soft_wrap=not console.file.isatty(), markup=False)
         sys.stdout.flush()
 
     return say

@@ -1,5 +1,6 @@
 """The live picture where there is little room: what is said stays on the screen, whatever the size of the skin."""
 
+import io
 import re
 from dataclasses import replace
 
@@ -8,6 +9,7 @@ from rich.console import Console
 
 from tactemu.base.clock import VirtualClock
 from tactemu.cli.finding import Finding, tell
+from tactemu.cli.reports import say_text
 from tactemu.emulator.assembly import assemble
 from tactemu.emulator.options import AssemblyOptions
 from tactemu.scene.file import load
@@ -58,3 +60,12 @@ def test_a_finding_goes_on_below_itself_on_a_narrow_terminal_and_is_whole_in_a_p
     first, *others = capsys.readouterr().out.splitlines()
     assert first.startswith("no   neighbours  other programs") and len(others) > 1 and len(first) <= 80
     assert all(len(line) <= 80 and line[:17].isspace() and not line[17].isspace() for line in others)
+
+
+@pytest.mark.parametrize("is_terminal", [True, False])
+def test_an_event_breaks_between_words_on_a_terminal_only(hand, is_terminal):
+    screen = io.StringIO()
+    screen.isatty = lambda: is_terminal
+    say_text(Console(file=screen, width=60, color_system=None))("summary", **hand.summary()[0])
+    lines = screen.getvalue().splitlines()
+    assert all(len(line) <= 60 for line in lines) == is_terminal and (len(lines) > 1) == is_terminal
