@@ -110,6 +110,7 @@ def test_anyskins_driver_opens_the_port_that_it_has_by_heart(env):
     assert found == ["/dev/ttyACM0", 15]
 
 
+@pytest.mark.nightly
 @pytest.mark.driver
 def test_lerobot_finds_the_port_that_is_unplugged(exec_environment):
     env = exec_environment("feetech_sts3215")
