@@ -15,6 +15,9 @@ PIPE_WIDTH = 160
 MIN_WIDTH = 80
 """Minimum width of the output; on a narrower terminal the terminal breaks the lines [characters]."""
 
+FIGURES_INDENT = 4
+"""Indent of the rest of a row whose first column takes more than half of the width [characters]."""
+
 
 def output_width() -> int:
     """Return the width of the output [characters]: that of ``COLUMNS`` or of the terminal."""
@@ -65,8 +68,9 @@ def _fit(block: list[str], width: int) -> Iterator[str]:
     if all(len(line) <= width for line in block) or not re.search("[A-Za-z]", block[0]):
         yield from block
         return
-    starts = [at for at in _columns(block[0]) if at <= width // 2]
-    hanging = starts[-1] if starts else _indent(block[0])
+    columns = _columns(block[0])
+    starts = [at for at in columns if at <= width // 2]
+    hanging = starts[-1] if starts else _indent(block[0]) + (FIGURES_INDENT if columns else 0)
     text = block[0] + "".join(f" {line.strip()}" for line in block[1:])
     yield from textwrap.wrap(
         text, width, subsequent_indent=" " * hanging, break_long_words=False, break_on_hyphens=False

@@ -9,6 +9,7 @@ from rich.console import Console
 
 from tactemu.base.clock import VirtualClock
 from tactemu.cli.finding import Finding, tell
+from tactemu.cli.fitting import fitted
 from tactemu.cli.reports import say_text
 from tactemu.emulator.assembly import assemble
 from tactemu.emulator.options import AssemblyOptions
@@ -69,3 +70,9 @@ def test_an_event_breaks_between_words_on_a_terminal_only(hand, is_terminal):
     say_text(Console(file=screen, width=60, color_system=None))("summary", **hand.summary()[0])
     lines = screen.getvalue().splitlines()
     assert all(len(line) <= 60 for line in lines) == is_terminal and (len(lines) > 1) == is_terminal
+
+
+def test_figures_behind_a_long_name_are_indented_below_it():
+    name, figures = "ContactDepthProbe in Genesis's scene, 4096 taxels", "777.4 µs (step 593.9, read 183.5)  aim 900"
+    first, second = fitted([f"{name}   {figures}"], 60)
+    assert (first, second) == (f"{name}   777.4 µs", "    (step 593.9, read 183.5)  aim 900")
