@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
 from tactemu.base import units
@@ -39,9 +39,18 @@ def _unit_reader(units: Mapping[str, float]) -> Callable[[str], Any]:
     return read
 
 
-def _number(kind: Any, word: str, json: str, read: Callable[[str], Any]) -> ArgumentType:
-    """Return the type of an argument that is a number of a type of :mod:`tactemu.base.units`."""
-    return ArgumentType(word, lambda verb, name, value: number(verb, name, value, kind), read, json)
+def _number(kind: Any, word: str, json: str, units: Mapping[str, float]) -> ArgumentType:
+    """Return the type of a number of :mod:`tactemu.base.units`, which as a text may have a unit."""
+
+    def check(verb: str, name: str, value: Any) -> Any:
+        try:
+            return number(verb, name, value, kind)
+        except SceneError as error:
+            if isinstance(value, str) and units:
+                raise SceneError(f"{error}; on a command line it may have a unit: {', '.join(units)}") from None
+            raise
+
+    return ArgumentType(word, check, _unit_reader(units), json)
 
 
 def _integer(text: str) -> Any:
@@ -152,12 +161,12 @@ def _vector_reader(units: Mapping[str, float]) -> Callable[[list[str]], Any]:
     return lambda words: [read(word) for word in words]
 
 
-Depth = Annotated[float, _number(units.Depth, "LENGTH", "number [m]", _unit_reader(LENGTHS_M))]
-Distance = Annotated[float, _number(units.Distance, "LENGTH", "number [m]", _unit_reader(LENGTHS_M))]
-Seconds = Annotated[float, _number(units.Seconds, "TIME", "number [s]", _unit_reader(TIMES_S))]
-Speed = Annotated[float, _number(units.MetresPerSecond, "SPEED", "number [m/s]", _unit_reader(SPEEDS_M_S))]
-Number = Annotated[float, _number(units.Number, "NUMBER", "number", _unit_reader({}))]
-NonNegativeInt = Annotated[int, _number(units.Taxel, "N", "whole number", _integer)]
+Depth = Annotated[float, _number(units.Depth, "LENGTH", "number [m]", LENGTHS_M)]
+Distance = Annotated[float, _number(units.Distance, "LENGTH", "number [m]", LENGTHS_M)]
+Seconds = Annotated[float, _number(units.Seconds, "TIME", "number [s]", TIMES_S)]
+Speed = Annotated[float, _number(units.MetresPerSecond, "SPEED", "number [m/s]", SPEEDS_M_S)]
+Number = Annotated[float, _number(units.Number, "NUMBER", "number", {})]
+NonNegativeInt = Annotated[int, replace(_number(units.Taxel, "N", "whole number", {}), read=_integer)]
 Text = Annotated[str, ArgumentType("TEXT", _text)]
 Name = Annotated[str, ArgumentType("NAME", _text)]
 File = Annotated[str | os.PathLike, ArgumentType("FILE", _file)]

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -39,6 +40,22 @@ if TYPE_CHECKING:
     from tactemu.transducers.transducer import Transducer
 
 
+@contextmanager
+def _named_file(loaded: LoadedScene, where: str = "") -> Iterator[None]:
+    """Begin the message of an error within with the scene file, if the scene is of one, and the place in it.
+
+    Raises:
+        SceneError, DeviceError: the error, with this message.
+    """
+    try:
+        yield
+    except (SceneError, DeviceError) as error:
+        if Path(loaded.source).suffix != ".toml" or str(error).startswith(loaded.source):
+            raise
+        place = "" if str(error).startswith(where) else where
+        raise type(error)(f"{loaded.source}: {place}{error}") from error
+
+
 def make_devices(loaded: LoadedScene) -> dict[str, Device]:
     """Return the device of each skin, by the skin's name.
 
@@ -47,11 +64,8 @@ def make_devices(loaded: LoadedScene) -> dict[str, Device]:
     """
     devices = {}
     for skin in loaded.tables.skin:
-        try:
+        with _named_file(loaded, f"skin {skin.title!r}: "):
             devices[skin.title] = _device_of(skin)
-        except DeviceError as error:
-            where = f"{loaded.source}: skin {skin.title!r}: " if Path(loaded.source).suffix == ".toml" else ""
-            raise DeviceError(f"{where}{error}") from error
     return devices
 
 
@@ -110,33 +124,36 @@ def build_scene(
     from tactemu.scene.scene import Scene
 
     scene = Scene(dt=loaded.tables.scene.dt, convention=loaded.tables.scene.convention)
-    for body in loaded.tables.body:
-        scene.add_body(
-            _shape(body, loaded.folder),
-            name=body.name,
-            fixed=body.fixed,
-            position=body.position,
-            quaternion=body.quaternion,
-            motion=loaded.motions.get(body.name),
-            texture=_texture(body, loaded.folder),
+    with _named_file(loaded):
+        for body in loaded.tables.body:
+            scene.add_body(
+                _shape(body, loaded.folder),
+                name=body.name,
+                fixed=body.fixed,
+                position=body.position,
+                quaternion=body.quaternion,
+                motion=loaded.motions.get(body.name),
+                texture=_texture(body, loaded.folder),
+            )
+        engine = (
+            None if loaded.tables.engine is None else open_engine(scene, loaded, _motors(loaded, devices, local_ns))
         )
-    engine = None if loaded.tables.engine is None else open_engine(scene, loaded, _motors(loaded, devices, local_ns))
-    friction = loaded.tables.engine.friction if loaded.tables.engine else None
-    skins = {}
-    for skin in loaded.tables.skin:
-        device = devices[skin.title]
-        if skin.link is None or not len(device.layout):
-            continue
-        placed = []
-        for part in parts_of(skin, device.layout):
-            link, ignored = _body_of(scene, engine, part)
-            wanted = (laws or {}).get(skin.title, ())
-            model = sensor_model(skin, device, wanted, part=part, ignored=ignored, friction=friction)
-            sensor = scene.add_sensor(model, link=link, name=part.name, transducers=transducers_of(skin))
-            if engine is not None:
-                engine.attach_sensor(sensor)
-            placed.append(PlacedSensor(sensor, part))
-        skins[skin.title] = PlacedSkin(placed, len(device.layout))
+        friction = loaded.tables.engine.friction if loaded.tables.engine else None
+        skins = {}
+        for skin in loaded.tables.skin:
+            device = devices[skin.title]
+            if skin.link is None or not len(device.layout):
+                continue
+            placed = []
+            for part in parts_of(skin, device.layout):
+                link, ignored = _body_of(scene, engine, part)
+                wanted = (laws or {}).get(skin.title, ())
+                model = sensor_model(skin, device, wanted, part=part, ignored=ignored, friction=friction)
+                sensor = scene.add_sensor(model, link=link, name=part.name, transducers=transducers_of(skin))
+                if engine is not None:
+                    engine.attach_sensor(sensor)
+                placed.append(PlacedSensor(sensor, part))
+            skins[skin.title] = PlacedSkin(placed, len(device.layout))
     return scene, skins
 
 

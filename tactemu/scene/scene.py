@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, overload
 import numpy as np
 from numpy.typing import NDArray
 
-from tactemu.base.errors import SceneError
+from tactemu.base.errors import SceneError, shown
 from tactemu.base.keywords import takes_words
 from tactemu.base.options import choice, number
 from tactemu.base.units import DEFAULT_STEP_S, StepSeconds
@@ -92,6 +92,8 @@ class Scene:
         """
         if shape is not None and not isinstance(shape, Shape):
             raise SceneError(f"add_body: expected a shape ({', '.join(SHAPES)}) or None, got {shape!r}")
+        if not isinstance(fixed, bool | np.bool_):
+            raise SceneError(f"add_body: fixed must be true or false, got {shown(fixed)}")
         index = len(self.bodies)
         kind = type(shape).__name__.lower() if shape is not None else "frame"
         name = name or f"{kind}{index}"

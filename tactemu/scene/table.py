@@ -20,7 +20,7 @@ from pydantic import (
 
 from firmware_protocols.named_classes import NamedClasses, beside
 from tactemu.base import words
-from tactemu.base.errors import SceneError
+from tactemu.base.errors import SceneError, shown
 
 
 class Table(BaseModel):
@@ -37,6 +37,10 @@ class Table(BaseModel):
                 if key not in known:
                     hint = words.hint(key, known) or f"; it has: {', '.join(known)}"
                     raise ValueError(f"unknown key {key!r}{hint}")
+            for name, field in cls.model_fields.items():
+                given = data.get(field.alias or name, False)
+                if field.annotation is bool and not isinstance(given, bool):  # pydantic would also take "yes" and 1
+                    raise ValueError(f"{name} must be true or false, got {shown(given)}")
         return data
 
 

@@ -22,6 +22,7 @@ PAD = '[[body]]\nname = "pad"\nshape = "box"\nsize = [0.1, 0.1, 0.01]\n[[skin]]\
         ),
         ("run anyskin --port /dev/ttyUSB0", "at the other end of its cable, write 'serial:/dev/ttyUSB0'"),
         ("tune anyskin --rate 1e9", "rate_hz: a rate must be >= 0.001 and <= 1e+06 Hz"),
+        ("poke press --depth 1kg", "got the text '1kg'; on a command line it may have a unit: "),
         ("poke press", "press: depth is missing: depth of the body's foremost point below the untouched surface"),
         ("run anyskin --port /tmp/x", "port '/tmp/x': a path needs its scheme; did you mean 'pty:/tmp/x'?"),
         ("run anyskin --port ptty:/tmp/x", "port 'ptty:/tmp/x': unknown scheme 'ptty'; did you mean 'pty'?"),

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from tactemu.base.errors import DeviceError, SceneError
+from tactemu.base.errors import DeviceError, SceneError, TactemuError
+from tactemu.emulator.assembly import assemble
 from tactemu.geometry.motion import InTurn, Press
 from tactemu.scene import file, schema
 from tactemu.scene.building import make_devices
@@ -50,6 +51,8 @@ def test_a_file_becomes_tables_and_motions():
 WRONG = [
     ("radius", "radus", "body[1] 'ball': unknown key 'radus'; did you mean 'radius'?"),
     ('"sphere"', '"spere"', "unknown shape 'spere'; did you mean 'sphere'?"),
+    ("fixed = true", 'fixed = "yes"', "body[0] 'pad': fixed must be true or false, got 'yes'"),
+    ("fixed = true", "fixed = 1", "body[0] 'pad': fixed must be true or false, got 1"),
     ('"sphere"', '"ball"', "unknown shape 'ball'; did you mean 'sphere'?"),
     ('"slide"', '"slid"', "body 'ball': motion: unknown kind of motion 'slid'; did you mean 'slide'?"),
     ("depth =", "deph =", "body 'ball': motion: unknown key 'deph'; did you mean 'depth'?"),
@@ -185,3 +188,24 @@ def test_names_of_many_bodies_are_compared_once(tmp_path):
     for body in loaded.tables.body:
         scene.add_body(name=body.name)
     assert compared < 10_000
+
+
+OPTIONS = {
+    "options = { nois = 1.0 }": "skin 'anyskin': options: kinematic_taxel has no 'nois'; did you mean 'noise'?",
+    "device_options = { nois = 1 }": "skin 'anyskin': device anyskin: unknown option 'nois'",
+    "transducer = [{ kind = 'magnetc' }]": "skin 'anyskin': transducer 1: unknown transducer 'magnetc'",
+}
+
+
+@pytest.mark.parametrize("line", OPTIONS)
+def test_an_error_of_an_option_names_the_file(line, tmp_path):
+    path = tmp_path / "hand.toml"
+    path.write_text(f"[[body]]\nname = 'pad'\nshape = 'plane'\n[[skin]]\ndevice = 'anyskin'\nlink = 'pad'\n{line}\n")
+    with pytest.raises(TactemuError) as error:
+        assemble(file.load(path))
+    assert str(error.value).startswith(f"{path}: {OPTIONS[line]}")
+
+
+def test_a_body_of_python_is_fixed_or_not():
+    with pytest.raises(SceneError, match="add_body: fixed must be true or false, got 'yes'"):
+        Scene().add_body(fixed="yes")
