@@ -19,7 +19,7 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from tactemu.base.errors import TactemuError, TransportError, nearest
+from tactemu.base.errors import TactemuError, TransportError
 from tactemu.base.folders import is_private_folder
 
 PROTOCOL = 1
@@ -210,7 +210,5 @@ def chosen(name: str | None = None) -> Path:
         several = f"several emulators run; choose one with --name:{listed}"
         raise TactemuError(several if there else "no emulator runs; start one: tactemu run anyskin")
     if name not in names:
-        raise TactemuError(
-            f"no emulator {name!r} runs{nearest(name, names)}" + (f"; choose one of:{listed}" * bool(there))
-        )
+        raise TactemuError(f"no emulator {name!r} runs" + (f"; choose one of:{listed}" if there else ""))
     return folder() / f"{name}.sock"
