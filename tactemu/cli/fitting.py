@@ -64,11 +64,12 @@ def _goes_on(line: str, following: str) -> bool:
 
 
 def _fit(block: list[str], width: int) -> Iterator[str]:
-    """Yield the lines of a paragraph, or of one row of a table."""
+    """Yield the lines of a paragraph, or of one row of a table, which has at least :data:`MIN_WIDTH`."""
+    columns = _columns(block[0])
+    width = max(width, MIN_WIDTH) if columns else width
     if all(len(line) <= width for line in block) or not re.search("[A-Za-z]", block[0]):
         yield from block
         return
-    columns = _columns(block[0])
     starts = [at for at in columns if at <= width // 2]
     hanging = starts[-1] if starts else _indent(block[0]) + (FIGURES_INDENT if columns else 0)
     text = block[0] + "".join(f" {line.strip()}" for line in block[1:])

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 from tactemu.base.errors import TactemuError
 from tactemu.cli.datasheet import datasheet
+from tactemu.cli.fitting import fitted
 from tactemu.cli.signals import ended_by_signals
 from tactemu.control.client import connect
 from tactemu.control.endpoints import chosen
@@ -21,6 +22,9 @@ from tactemu.view.page.opening import PageListener, inherited_listener
 if TYPE_CHECKING:
     from tactemu.view.page.feed import PageSkin
     from tactemu.view.page.page import Page
+
+DATASHEET_WIDTH = 56
+"""Width of the lines of a datasheet in the page's right panel, and on a phone [characters]."""
 
 _RETRY_S = 0.5
 """The time after which the page looks for the next run of its name."""
@@ -73,7 +77,8 @@ def _datasheet(skin: PageSkin) -> Sequence[str]:
     try:
         if target is None:
             raise TactemuError("the emulator does not name it")
-        return datasheet(skin.described.device, make_device(target, dict(skin.about.get("options", {}))))
+        device = make_device(target, dict(skin.about.get("options", {})))
+        return list(fitted(datasheet(skin.described.device, device, DATASHEET_WIDTH), DATASHEET_WIDTH))
     except (TactemuError, OSError) as error:
         return [skin.described.title, "", f"its device cannot be made here: {error}"]
 

@@ -74,5 +74,7 @@ def test_an_event_breaks_between_words_on_a_terminal_only(hand, is_terminal):
 
 def test_figures_behind_a_long_name_are_indented_below_it():
     name, figures = "ContactDepthProbe in Genesis's scene, 4096 taxels", "777.4 µs (step 593.9, read 183.5)  aim 900"
-    first, second = fitted([f"{name}   {figures}"], 60)
-    assert (first, second) == (f"{name}   777.4 µs", "    (step 593.9, read 183.5)  aim 900")
+    row = f"{name}   {figures}"
+    assert list(fitted([row], 80)) == [f"{name}   777.4 µs (step 593.9, read", "    183.5)  aim 900"]
+    assert list(fitted(["a paragraph of six words here"], 20)) == ["a paragraph of six", "words here"]
+    assert list(fitted([f"{name}   777.4 µs"], 20)) == [f"{name}   777.4 µs"]  # a page scrolls along its rows

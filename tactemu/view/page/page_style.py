@@ -45,7 +45,7 @@ STYLE = f"""
 .tt th {{ font-weight: 600; text-align: left; }}
 .tt-keys td {{ padding: 1px 6px 1px 0; vertical-align: top; }}
 .tt-keys td:first-child {{ white-space: nowrap; }}
-.tt-status {{ font-size: 13px; }}
+.tt-status {{ font-size: 13px; min-height: 50px; }}
 .tt-answer {{ border-left: 3px solid var(--tt-answer); padding-left: 6px; }}
 
 .tt-kinds {{ display: flex; flex-direction: column; gap: 10px; }}
@@ -92,7 +92,7 @@ STYLE = f"""
 .tt-fault {{ border-left: 3px solid var(--tt-fault); padding-left: 4px; margin-left: -7px; }}
 .tt-event .tt-mark, .tt-event .tt-what {{ color: var(--tt-dim); }}
 
-pre.tt-sheet {{ font-size: 11px; line-height: 1.35; white-space: pre-wrap; overflow-wrap: anywhere; margin: 0;
+pre.tt-sheet {{ font-size: 11px; line-height: 1.35; white-space: pre; overflow-x: auto; margin: 0;
   color: var(--tt-text); }}
 .mantine-Notification-description {{ color: var(--tt-text) !important; }}
 .mantine-Tabs-tab {{ color: var(--tt-text); }}
