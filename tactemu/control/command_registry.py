@@ -133,7 +133,9 @@ def control_command(*words: str, name: str = "", changes: bool = True) -> Callab
             try:
                 given = dict(signature.bind(self, *args, **kwargs).arguments)
             except TypeError as error:
-                raise TypeError(f"{declared.method}: {error}") from None
+                unknown = next((word for word in kwargs if word not in signature.parameters), None)
+                near = "" if unknown is None else nearest(unknown, declared.arguments)
+                raise TypeError(f"{declared.method}: {error}{near}") from None
             del given["self"]
             given |= given.pop("event", {})
             return self._do(declared.name, declared.checked(given))

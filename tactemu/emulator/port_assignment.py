@@ -104,7 +104,13 @@ def _fitting(device: Device, address: str) -> Connector:
     fits = [(schemes.index(scheme), each) for schemes, each in fits if scheme in schemes]
     if not fits:
         has = " or ".join(dict.fromkeys(line_model_for(each).kind for each in device.ports))
-        raise DeviceError(f"{device.name} has a {has} connector and cannot be plugged into {scheme}:")
+        schemes = dict.fromkeys(name for each in device.ports for name in line_model_for(each).schemes)
+        possible = ", ".join(f"{name}:" for name in (*schemes, "memory"))
+        usual = line_model_for(device.ports[0]).usual_port(device.name)
+        raise DeviceError(
+            f"{device.name} has a {has} connector and cannot be plugged into {scheme}:; ports that fit: {possible} "
+            f"(without one: {usual})"
+        )
     return min(fits, key=lambda entry: entry[0])[1]
 
 

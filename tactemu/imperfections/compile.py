@@ -108,10 +108,12 @@ class Imperfections(Adjustments):
 
     def _off(self, option: str) -> SceneError:
         known = get_args(Law)
-        told = hint(option, known) if option not in known else ""
+        if option not in known:
+            told = hint(option, known) or f" (can change: {', '.join(known)})"
+            return SceneError(f"sensor {self.info.name!r} has no imperfection {option!r}{told}")
         return SceneError(
-            f"sensor {self.info.name!r} was built without {option}{told}: set it when you build, or list it in "
-            f"`adjustable` (`tactemu run ... --adjustable {option}`)"
+            f"sensor {self.info.name!r} was built without {option}: set it when you build, or make it adjustable "
+            f"(`adjustable=[{option!r}]` in Python, `tactemu run ... --adjustable {option}`)"
         )
 
     # -- for the sensor's kernel

@@ -33,6 +33,7 @@ from tactemu.truth import Sample, Truth
 
 if TYPE_CHECKING:
     from tactemu.emulator.emulator import Emulator
+    from tactemu.wire.wire import Wire
 
 
 def serve(target: str | Path, port: str | Mapping[str, str] | None = None, **options: Unpack[ServeOptions]) -> Served:
@@ -195,14 +196,32 @@ class Served(ControlCommands):
         """
         url = urlsplit(self.port)
         if url.hostname is None or url.port is None:
-            raise TactemuError(f"the port {self.port} has no host and port; give serve(..., port='tcp:0')")
+            raise TactemuError(f"the port {self.port} has no host and port; {self._advise('tcp', 'tcp:0')}")
         return url.hostname, url.port
 
     @property
     def can(self) -> dict[str, str]:
-        """``interface`` and ``channel`` of a CAN port: ``can.Bus(**dev.can)``."""
+        """``interface`` and ``channel`` of a CAN port: ``can.Bus(**dev.can)``.
+
+        Raises:
+            TactemuError: the port is no ``can:INTERFACE:CHANNEL``.
+        """
         interface, _, channel = self.port.partition(":")
+        if self._wire.transport.scheme != "can":
+            raise TactemuError(f"the port {self.port} is no CAN bus; {self._advise('can', 'can:virtual:NAME')}")
         return {"interface": interface, "channel": channel}
+
+    @property
+    def _wire(self) -> Wire:
+        """The wire of the only port."""
+        return next(wire for wire in self.emulator.wires if wire.transport.address == self.port)
+
+    def _advise(self, scheme: str, port: str) -> str:
+        """Return what to do for a port of this scheme, or how to open the one that there is."""
+        if scheme in self._wire.line_model.schemes:
+            return f"give serve(..., port={port!r})"
+        kind, can = self._wire.line_model.kind, self._wire.transport.scheme == "can"
+        return f"the device has a {kind} connector: open {'can.Bus(**dev.can)' if can else 'dev.port'}"
 
     def device(self, skin: str | None = None) -> Device:
         """Return the firmware model of a skin (default: the only one)."""

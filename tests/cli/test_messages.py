@@ -26,6 +26,10 @@ PAD = '[[body]]\nname = "pad"\nshape = "box"\nsize = [0.1, 0.1, 0.01]\n[[skin]]\
         ("poke press", "press: depth is missing: depth of the body's foremost point below the untouched surface"),
         ("run anyskin --port /tmp/x", "port '/tmp/x': a path needs its scheme; did you mean 'pty:/tmp/x'?"),
         ("run anyskin --port ptty:/tmp/x", "port 'ptty:/tmp/x': unknown scheme 'ptty'; did you mean 'pty'?"),
+        (
+            "run xela_uskin --port pty:/tmp/x",
+            "into pty:; ports that fit: can:, slcan:, socketcand:, gsusb:, memory: (wi",
+        ),
         ("run anyskin --rate touch=100", "no stream 'touch': anyskin has one stream; give the rate alone"),
         ("run anyskin --fault 'flip 5% id=0x28'", "'id=': a serial wire has no identifiers; name frames by prefix=HEX"),
     ],
@@ -77,6 +81,20 @@ def test_a_mistake_in_a_scene_file_is_named_with_the_file(before, after, message
 def test_a_mistake_in_a_live_command_names_it():
     with tt.serve("anyskin", "memory:") as dev, pytest.raises(TypeError, match=r"^set: missing a required argument"):
         dev.set(gain=0.9)  # type: ignore[call-arg]
+
+
+@pytest.mark.parametrize(
+    ("call", "error", "message"),
+    [
+        (lambda dev: dev.press(1e-3, taxl=3), TypeError, "keyword argument 'taxl'; did you mean 'taxel'?"),
+        (lambda dev: dev.set({"nois": 1}), tt.SceneError, "no imperfection 'nois'; did you mean 'noise'?"),
+        (lambda dev: dev.set({"noise": 1}), tt.SceneError, "`adjustable=['noise']` in Python, `tactemu run ... --ad"),
+    ],
+)
+def test_a_wrong_name_in_a_live_command_has_only_the_hint_that_helps(call, error, message):
+    with tt.serve("anyskin", "memory:") as dev, pytest.raises(error) as raised:
+        call(dev)
+    assert message in str(raised.value) and (message[-1] != "?" or str(raised.value).endswith(message))
 
 
 def test_a_log_without_can_frames_says_what_takes_it(tmp_path):

@@ -127,6 +127,19 @@ def test_a_path_has_no_host(dev):
         _ = dev.host_port
 
 
+def test_a_port_is_a_can_bus_or_has_a_host_if_its_connector_has():
+    with serve("anyskin", "memory:") as device:
+        with pytest.raises(TactemuError, match=r"no CAN bus; the device has a serial connector: open dev\.port"):
+            _ = device.can
+    with serve("xela_uskin", "can:virtual:hosts") as device:
+        assert device.can == {"interface": "virtual", "channel": "hosts"}
+        with pytest.raises(TactemuError, match=r"the device has a can connector: open can.Bus\(\*\*dev.can\)"):
+            _ = device.host_port
+    with serve("xela_uskin", "memory:") as device:
+        with pytest.raises(TactemuError, match=r"no CAN bus; give serve.*port='can:virtual:NAME'"):
+            _ = device.can
+
+
 def test_a_port_that_cannot_be_made_leaves_nothing():
     before = threading.active_count()
     with pytest.raises(TransportError):
