@@ -47,7 +47,7 @@ def explain(
 
     from tactemu.base.kernels import start_warp
     from tactemu.base.long_work import notices_to
-    from tactemu.emulator.scenario import laws_needed
+    from tactemu.emulator.scenario import check_scenario, laws_needed
     from tactemu.scene import file
     from tactemu.scene.building import build_scene, make_devices
 
@@ -58,6 +58,7 @@ def explain(
         raise typer.BadParameter("name a device or a scene file, or ask for --schema", param_hint="DEVICE_OR_SCENE")
     loaded = file.load(target, code=code)
     devices = make_devices(loaded)
+    check_scenario(loaded.tables.scenario, devices, loaded.source)
     laws = {name: laws_needed(loaded.tables.scenario, name) for name in devices}
     scene, skins = build_scene(loaded, devices, laws)
     world = loaded.tables.scene

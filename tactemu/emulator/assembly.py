@@ -20,7 +20,7 @@ from tactemu.emulator.options import AssemblyOptions
 from tactemu.emulator.playback import Playback, RecordedReadings, recorded_readings
 from tactemu.emulator.port_assignment import PortAssignment, assign_ports
 from tactemu.emulator.sampling import SampleClock
-from tactemu.emulator.scenario import faults_of, laws_needed, schedule
+from tactemu.emulator.scenario import check_scenario, faults_of, laws_needed, schedule
 from tactemu.emulator.sources import resolve_source, without_replaced
 from tactemu.geometry.motion import Joint
 from tactemu.scene.building import build_scene, make_devices
@@ -108,6 +108,8 @@ def assemble(
     seed = world.seed if options.seed is None else options.seed
     wire_seed = stream_key(seed, f"environment {options.env}") if options.env else seed
     devices = make_devices(loaded)
+    check_scenario(loaded.tables.scenario, devices, loaded.source)
+    check_scenario(options.scenario, devices)
     given = resolve_source(options.source, loaded, devices, lambda scene: _built(scene, options, world, seed, like))
     loaded = without_replaced(loaded, given)
     events = (*loaded.tables.scenario, *options.scenario)

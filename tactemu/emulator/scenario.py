@@ -9,11 +9,12 @@ The wire applies faults of bytes at their times; the loop applies events of valu
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, get_args
 
 import numpy as np
 
+from firmware_protocols import Device
 from tactemu.base.errors import SceneError, nearest
 from tactemu.base.loop import Action
 from tactemu.emulator.channel import Channel
@@ -28,26 +29,47 @@ def applies_to(event: EventTable, skin: str) -> bool:
     return event.skin in (None, skin)
 
 
-def laws_needed(events: Iterable[EventTable], skin: str) -> tuple[str, ...]:
-    """Return the laws that a skin's sensor must be built with, so that these events can switch them on.
+def check_scenario(events: Iterable[EventTable], devices: Mapping[str, Device], source: str = "") -> None:
+    """Raise if an event changes an option or a taxel that its devices do not have.
+
+    Args:
+        events: the events, as in the scene file ``source`` or in its place in Python.
+        devices: the devices, by the skin's name.
+        source: the file, with which the message begins.
 
     Raises:
-        SceneError: an event sets an option that cannot change while the emulator runs.
+        SceneError: names the event by its number.
     """
+    start = f"{source}: " if source else ""
+    for k, event in enumerate(events):
+        for option in event.set:
+            _check_changeable(f"{start}scenario[{k}]: set", option)
+        for skin, device in devices.items():
+            if applies_to(event, skin):
+                _check_taxels(f"{start}scenario[{k}]: ", event, skin, device)
+
+
+def laws_needed(events: Iterable[EventTable], skin: str) -> tuple[str, ...]:
+    """Return the laws that a skin's sensor must be built with, so that these events can switch them on."""
     needed = set()
     for event in events:
         if applies_to(event, skin):
-            needed |= {_changeable(event, option) for option in event.set}
-            needed |= {"dead"} if event.dead else set()
+            needed |= {*event.set, *(["dead"] if event.dead else [])}
     return tuple(sorted(needed))
 
 
-def _changeable(event: EventTable, option: str) -> str:
+def _check_changeable(where: str, option: str) -> None:
     options = [law for law in get_args(Law) if law != "dead"]
     if option not in options:
-        hint = f"{nearest(option, options)} (can: {', '.join(options)})"
-        raise SceneError(f"scenario at {event.at:g} s: set: {option!r} cannot change{hint}")
-    return option
+        raise SceneError(f"{where}: {option!r} cannot change{nearest(option, options)} (can: {', '.join(options)})")
+
+
+def _check_taxels(where: str, event: EventTable, skin: str, device: Device) -> None:
+    """Raise if a device does not have the taxels of an event."""
+    last = len(device.layout) - 1
+    for name, taxels in (("dead", event.dead), ("taxels", event.taxels or ())):
+        if taxels and not 0 <= min(taxels) <= max(taxels) <= last:
+            raise SceneError(f"{where}{name}: expected taxels 0..{last} of {skin!r}, got {list(taxels)}")
 
 
 def faults_of(events: Iterable[EventTable], skins: Sequence[str]) -> list[Fault]:
@@ -64,7 +86,7 @@ def schedule(emulator: Emulator, events: Iterable[EventTable], *, now_s: float =
     """
     pairs = [(c, event) for event in events for c in emulator.channels if applies_to(event, c.name)]
     for channel, event in pairs:
-        _check(channel, event, "" if now_s else f"scenario at {event.at:g} s: ")
+        _check(channel, event)
     for channel, event in pairs:
         _plan(emulator, channel, event, round(now_s * 1e9))
 
@@ -81,12 +103,9 @@ def apply_event(emulator: Emulator, event: EventTable, now_s: float) -> None:
             wire.add_fault(timed_fault(event, now_s))
 
 
-def _check(channel: Channel, event: EventTable, where: str) -> None:
+def _check(channel: Channel, event: EventTable) -> None:
     """Raise if this device cannot have the event."""
-    for name, taxels in (("dead", event.dead), ("taxels", event.taxels or ())):
-        if taxels and not 0 <= min(taxels) <= max(taxels) < len(channel.device.layout):
-            last = len(channel.device.layout) - 1
-            raise SceneError(f"{where}{name}: expected taxels 0..{last} of {channel.name!r}, got {taxels}")
+    _check_taxels("", event, channel.name, channel.device)
     if event.dead:
         channel.imperfections.set_dead([], True, event.value)
     for option, value in event.set.items():

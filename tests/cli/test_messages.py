@@ -68,14 +68,25 @@ def test_a_fault_of_a_scene_that_is_wrong_is_named_with_its_place(table, where, 
             '[scene]\ndt = "1ms"\n[[body]]',
             "scene.dt: must be a number >= 1e-07 and <= 10 s, got the text '1ms'",
         ),
+        (
+            "[[body]]",
+            "[[scenario]]\ndead = [40]\n[[body]]",
+            "scenario[0]: dead: expected taxels 0..4 of 'anyskin', got [40]",
+        ),
+        (
+            "[[body]]",
+            "[[scenario]]\nset = {nois = 1}\n[[body]]",
+            "scenario[0]: set: 'nois' cannot change; did you mean",
+        ),
         ("anyskin", "anyskni", "skin 'anyskni': unknown device 'anyskni'; did you mean 'anyskin'?"),
     ],
 )
 def test_a_mistake_in_a_scene_file_is_named_with_the_file(before, after, message, tmp_path):
     scene = tmp_path / "scene.toml"
     scene.write_text(PAD.replace(before, after))
-    done = here("explain", str(scene), "--no-cost")
-    assert done.returncode == 2 and f"tactemu: {scene}: {message}" in done.stderr, done.stderr
+    for words in (["explain", str(scene), "--no-cost"], ["run", str(scene), "--port", "memory:", "--seconds", "0.1"]):
+        done = here(*words)
+        assert done.returncode == 2 and f"tactemu: {scene}: {message}" in done.stderr, done.stderr
 
 
 def test_a_mistake_in_a_live_command_names_it():

@@ -95,7 +95,7 @@ def test_faults_get_the_time_of_their_event():
 @pytest.mark.parametrize(
     ("event", "says"),
     [
-        ("at = 1\ndead = [9]", r"dead: expected taxels 0\.\.4 of 'anyskin'"),
+        ("at = 1\ndead = [9]", r"^scene: scenario\[0\]: dead: expected taxels 0\.\.4 of 'anyskin', got \[9\]"),
         ("at = 1\nhang = true", "give its end with `until`"),
         ("at = 1\nset = { nois = 1.0 }", "'nois' cannot change; did you mean 'noise'"),
         ('at = 1\nfault = "drop 1% from 2s"', "time as the event's `at`"),
