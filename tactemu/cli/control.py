@@ -10,7 +10,7 @@ from typing import Annotated, Any, NoReturn
 
 import typer
 
-from tactemu.base.errors import TactemuError
+from tactemu.base.errors import SceneError, TactemuError
 from tactemu.cli.sections import in_sections
 from tactemu.control.argument_types import ArgumentType
 from tactemu.control.client import connect
@@ -39,6 +39,11 @@ NAME = typer.Option("--name", metavar="NAME", help="Name of the emulator; defaul
 JSON = typer.Option("--json", help="Print the answer as JSON.")
 WORDS = {"seconds": "for"}
 """The names of arguments that differ on the command line."""
+EXAMPLES = {
+    "body": "ball", "depth": "1mm", "fault": "'drop 5% for 1s'", "file": "state.npz", "options": "noise=0.01",
+    "seconds": "500ms", "taxels": "3,4",
+}  # fmt: skip
+"""A value for each argument that a command needs, in messages; a switch needs none."""
 
 
 def main(words: Sequence[str]) -> None:
@@ -95,6 +100,17 @@ def _help(verb: ControlCommand) -> str:
     needed = [each for each in verb.arguments.values() if each.needed and each.name not in verb.words]
     words += [f"--{_word(argument.name)} {argument.type.word}" for argument in needed]
     return f"{verb.about}\n\n\b\n  tactemu poke {' '.join([verb.name, *words])}"
+
+
+def _require(verb: ControlCommand, given: dict[str, Any]) -> None:
+    """Raise with an example if an argument is missing that the command needs."""
+    needed = [each for each in verb.arguments.values() if each.needed]
+    named = {each.name: "" if each.name in verb.words else f"--{_word(each.name)} " for each in needed}
+    words = " ".join(f"{named[each.name]}{EXAMPLES.get(each.name, '')}".strip() for each in needed)
+    for each in needed:
+        if given.get(each.name) is None:
+            what = named[each.name].strip() or _placeholder(each)
+            raise SceneError(f"{verb.name}: {what} is missing: {each.about}; example: tactemu poke {verb.name} {words}")
 
 
 def _placeholder(argument: Argument) -> str:
@@ -167,6 +183,8 @@ def _run(verb: ControlCommand, *, name: str | None, json: bool, **given: Any) ->
     if verb.name == "happen":
         event = arguments["event"]
         arguments = event if isinstance(event, dict) else _refuse(f"happen: expected KEY=VALUE ..., got {event!r}")
+    else:
+        _require(verb, arguments)
     checked = verb.checked(arguments)
     with connect(name) as emulator:
         result = emulator._do(verb.name, checked)
@@ -174,6 +192,17 @@ def _run(verb: ControlCommand, *, name: str | None, json: bool, **given: Any) ->
         print(json_module.dumps({"ok": True, "result": result}))
     elif result is not None:
         _print(verb.name, result)
+    elif (duration := verb.arguments.get("seconds")) and verb.changes and duration.default is None:
+        print(_lasting(verb.name, checked, duration))
+
+
+def _lasting(verb: str, given: dict[str, Any], duration: Argument) -> str:
+    """Return what a command has changed, and until when: ``set noise=0.1: every skin, for 2 s``."""
+    words = [verb, *(f"{name}={value}" for name, value in given.get("options", {}).items())]
+    words += [f"taxels {','.join(map(str, given['taxels']))}"] if "taxels" in given else []
+    until = duration.about.partition("default: ")[2].replace("`mend`", "`tactemu poke mend`")
+    ends = f"for {given['seconds']:g} s" if "seconds" in given else until
+    return f"{' '.join(words)}: {given.get('skin', 'every skin')}, {ends}"
 
 
 def _refuse(text: str) -> NoReturn:

@@ -23,7 +23,9 @@ PAD = '[[body]]\nname = "pad"\nshape = "box"\nsize = [0.1, 0.1, 0.01]\n[[skin]]\
         ("run anyskin --port /dev/ttyUSB0", "at the other end of its cable, write 'serial:/dev/ttyUSB0'"),
         ("tune anyskin --rate 1e9", "rate_hz: a rate must be >= 0.001 and <= 1e+06 Hz"),
         ("poke press --depth 1kg", "got the text '1kg'; on a command line it may have a unit: "),
-        ("poke press", "press: depth is missing: depth of the body's foremost point below the untouched surface"),
+        ("poke press", "press: --depth is missing: depth of the body's foremost point below the untouched surface"),
+        ("poke press", "; example: tactemu poke press --depth 1mm\n"),
+        ("poke dead", "dead: TAXELS is missing: their numbers; 3:7 are 3, 4, 5, 6; example: tactemu poke dead 3,4\n"),
         ("run anyskin --port /tmp/x", "port '/tmp/x': a path needs its scheme; did you mean 'pty:/tmp/x'?"),
         ("run anyskin --port ptty:/tmp/x", "port 'ptty:/tmp/x': unknown scheme 'ptty'; did you mean 'pty'?"),
         (
@@ -92,6 +94,23 @@ def test_a_mistake_in_a_scene_file_is_named_with_the_file(before, after, message
 def test_a_mistake_in_a_live_command_names_it():
     with tt.serve("anyskin", "memory:") as dev, pytest.raises(TypeError, match=r"^set: missing a required argument"):
         dev.set(gain=0.9)  # type: ignore[call-arg]
+
+
+@pytest.mark.parametrize(
+    ("words", "line"),
+    [
+        ("unplug --for 500ms", "unplug: every skin, for 0.5 s\n"),
+        ("unplug --for 500", "unplug: every skin, for 500 s\n"),
+        ("unplug", "unplug: every skin, until `tactemu poke mend`\n"),
+        ("set gain=0.9 --taxels 1:3", "set gain=0.9 taxels 1,2: every skin, until the run ends\n"),
+        ("dead 3,4 --skin anyskin --for 1s", "dead taxels 3,4: anyskin, for 1 s\n"),
+        ("hang --for 1s", "hang: every skin, for 1 s\n"),
+    ],
+)
+def test_a_command_that_lasts_says_until_when(words, line):
+    with tt.serve("anyskin", "memory:", adjustable=["gain", "dead"], name="lasting"):
+        done = here("poke", *words.split(), "--name", "lasting")
+    assert (done.returncode, done.stdout) == (0, line), done.stderr
 
 
 @pytest.mark.parametrize(
