@@ -14,6 +14,9 @@ from typing import Annotated
 from firmware_protocols.bounds import Bounds
 
 TIMES_S = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+DURATIONS_S = {**TIMES_S, "m": 60.0, "h": 3600.0}
+"""Units of the durations of the command line, where no length can be meant."""
+RATES_HZ = {"Hz": 1.0, "kHz": 1e3}
 LENGTHS_M = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6}
 SPEEDS_M_S = {"m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3}
 DEFAULT_STEP_S = 1e-3
@@ -93,7 +96,7 @@ MAX_TAXELS = 1_000_000
 Taxel = Annotated[int, Bounds(low=0, high=MAX_TAXELS)]
 """The number of a taxel."""
 
-_NUMBER = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?)([a-z/%]*)", re.ASCII)
+_NUMBER = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?)([A-Za-z/%]*)", re.ASCII)
 
 
 def scaled(text: str, units: Mapping[str, float]) -> float | None:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from tactemu.cli.parameters import Options
+from tactemu.cli.parameters import Options, quantity_of
 from tactemu.cli.sections import in_sections
 
 if TYPE_CHECKING:
@@ -52,12 +52,16 @@ def compare(
     press: Annotated[
         bool, typer.Option("--press", help="Have you press taxels one after the other, to check their order.")
     ] = False,
-    press_seconds: Annotated[float, typer.Option(metavar="S", min=0.2, help="Time for each press.")] = 3.0,
+    press_seconds: Annotated[
+        float, typer.Option(metavar="S", parser=quantity_of("--press-seconds", low=0.2), help="Time for each press.")
+    ] = 3.0,
     presses: Annotated[
         Path | None,
         typer.Option("--presses", metavar="FILE", help="The presses in a capture: a CSV of taxel,begin_s,end_s."),
     ] = None,
-    seconds: Annotated[float, typer.Option("--seconds", metavar="S", min=0.5, help="Time to listen.")] = 10.0,
+    seconds: Annotated[
+        float, typer.Option("--seconds", metavar="S", parser=quantity_of("--seconds", low=0.5), help="Time to listen.")
+    ] = 10.0,
     port: Annotated[str, typer.Option("--port", metavar="NAME", help="The device's port, if it has several.")] = "",
     baud: Annotated[int | None, typer.Option(metavar="N", min=1, help="Baud rate; default: the model's.")] = None,
     out: Annotated[

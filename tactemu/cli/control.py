@@ -11,6 +11,7 @@ from typing import Annotated, Any, NoReturn
 import typer
 
 from tactemu.base.errors import SceneError, TactemuError
+from tactemu.cli.parameters import quantity_of
 from tactemu.cli.sections import in_sections
 from tactemu.control.argument_types import ArgumentType
 from tactemu.control.client import connect
@@ -258,7 +259,9 @@ def _numbers(value: Any) -> str:
 
 def _watch(
     context: typer.Context,
-    rate: Annotated[float, typer.Option(metavar="HZ", help="States a second, at most.")] = 10.0,
+    rate: Annotated[
+        float, typer.Option(metavar="HZ", parser=quantity_of("--rate", "Hertz"), help="States a second, at most.")
+    ] = 10.0,
     name: Annotated[str | None, NAME] = None,
 ) -> None:
     """Print states as lines of JSON until Ctrl-C.

@@ -7,9 +7,9 @@ from typing import Annotated
 
 import typer
 
-from tactemu.cli.parameters import Faults, Options, Ports, Seconds, Seed, Target, TruthFile
+from tactemu.cli.parameters import Faults, Options, Ports, Seconds, Seed, Target, TruthFile, quantity_of
 from tactemu.cli.sections import in_sections
-from tactemu.cli.words import budget_of, options_of, ports_of, typed_command
+from tactemu.cli.words import options_of, ports_of, typed_command
 
 commands = typer.Typer(rich_markup_mode=None)
 
@@ -33,8 +33,12 @@ def judge(
     ] = None,
     port: Ports = None,
     budget: Annotated[
-        str | None,
-        typer.Option(metavar="T", help="Time for all trials, such as 30s or 5m; with 2m or more every byte is tried."),
+        float | None,
+        typer.Option(
+            metavar="T",
+            parser=quantity_of("--budget", low=1e-3),
+            help="Time for all trials, such as 30s or 5m; with 2m or more every byte is tried.",
+        ),
     ] = None,
     only: Annotated[
         list[str] | None,
@@ -79,11 +83,19 @@ def judge(
     no_contact: Annotated[
         float,
         typer.Option(
-            "--rest", metavar="S", min=0.0, max=600.0, help="Time without touch after the driver's first row."
+            "--rest",
+            metavar="S",
+            parser=quantity_of("--rest", high=600.0),
+            help="Time without touch after the driver's first row.",
         ),
     ] = 1.0,
     patience: Annotated[
-        float, typer.Option(metavar="S", min=0.1, max=600.0, help="Time in which the driver must recover from a fault.")
+        float,
+        typer.Option(
+            metavar="S",
+            parser=quantity_of("--patience", low=0.1, high=600.0),
+            help="Time in which the driver must recover from a fault.",
+        ),
     ] = 1.5,
     seed: Seed = None,
     success: Annotated[
@@ -123,7 +135,7 @@ def judge(
     from tactemu.judge.options import JudgeOptions
 
     chosen = JudgeOptions(
-        no_contact_s=no_contact, seed=seed or 0, budget_s=budget_of(budget), only=words_of(only or ()), columns=columns,
+        no_contact_s=no_contact, seed=seed or 0, budget_s=budget, only=words_of(only or ()), columns=columns,
         fail_on=kinds_of(fail_on or ()), record=record, device_options=options_of(options or ()),
         port=ports_of(port or ()), patience_s=patience,
     )  # fmt: skip

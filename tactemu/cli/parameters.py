@@ -50,25 +50,20 @@ Rates = Annotated[
 ]
 
 
-def number_of(option: str, kind: str) -> Callable[[str], float]:
-    """Return the reader of an option that is a number of a type of :mod:`tactemu.base.units`, by the type's name."""
+def quantity_of(option: str, kind: str = "Seconds", **bounds: float) -> Callable[[str | float], float]:
+    """Return the reader of an option that is a duration or a rate, as :func:`tactemu.cli.words.quantity` reads it."""
 
-    def read(text: str) -> float:
-        from tactemu.base import units
-        from tactemu.base.options import number
+    def read(text: str | float) -> float:
+        from tactemu.cli.words import quantity
 
-        try:
-            given: float | str = float(text)
-        except ValueError:
-            given = text
-        return number("command line", option, given, getattr(units, kind))
+        return quantity(option, text, kind, **bounds)
 
     return read
 
 
 Seconds = Annotated[
     float | None,
-    typer.Option("--seconds", metavar="S", parser=number_of("--seconds", "Seconds"), help="Stop after this long."),
+    typer.Option("--seconds", metavar="S", parser=quantity_of("--seconds"), help="Stop after this long."),
 ]
 Seed = Annotated[int | None, typer.Option(metavar="N", help="Seed of all random numbers; same seed, same bytes.")]
 Compute = Annotated[
@@ -122,7 +117,7 @@ SaveAt = Annotated[
     float | None,
     typer.Option(
         metavar="S",
-        parser=number_of("--save-at", "Seconds"),
+        parser=quantity_of("--save-at"),
         help="Save the state at this time [s] instead of the end.",
     ),
 ]

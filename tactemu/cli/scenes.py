@@ -9,7 +9,7 @@ import typer
 
 from tactemu.base.errors import TactemuError
 from tactemu.cli import INTERRUPTED
-from tactemu.cli.parameters import Compute, Target, number_of
+from tactemu.cli.parameters import Compute, Target, quantity_of
 from tactemu.cli.sections import in_sections
 from tactemu.cli.words import pairs_of, typed_command
 
@@ -22,7 +22,15 @@ commands = typer.Typer(rich_markup_mode=None)
 @commands.command()
 def tune(
     target: Target,
-    rate: Annotated[float, typer.Option("--rate", metavar="HZ", help="Samples per second that every skin must keep.")],
+    rate: Annotated[
+        float,
+        typer.Option(
+            "--rate",
+            metavar="HZ",
+            parser=quantity_of("--rate", "Hertz"),
+            help="Samples per second that every skin must keep.",
+        ),
+    ],
     error: Annotated[
         str | None,
         typer.Option(
@@ -32,7 +40,12 @@ def tune(
         ),
     ] = None,
     seconds: Annotated[
-        float, typer.Option(metavar="S", min=0.01, max=1000, help="How much of the scene is simulated.")
+        float,
+        typer.Option(
+            metavar="S",
+            parser=quantity_of("--seconds", low=0.01, high=1000.0),
+            help="How much of the scene is simulated.",
+        ),
     ] = 4.0,
     write: Annotated[bool, typer.Option(help="Write the choice into the scene file.")] = True,
     device: Compute = None,
@@ -177,7 +190,7 @@ def fit_recordings(
     rate: Annotated[
         float | None,
         typer.Option(
-            metavar="HZ", parser=number_of("--rate", "Hertz"), help="Rate of the rows, if they have no times."
+            metavar="HZ", parser=quantity_of("--rate", "Hertz"), help="Rate of the rows, if they have no times."
         ),
     ] = None,
     report: Annotated[

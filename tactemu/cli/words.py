@@ -6,12 +6,18 @@ import re
 import shlex
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
+from typing import Annotated
 
 from tactemu.base.errors import DeviceError, SceneError, TactemuError, TransportError
 
 _OWNER = re.compile(r"[^:=]+=")
 """The name of a skin or a connector in front of a port."""
-_BUDGET = re.compile(r"(\d+(?:\.\d+)?)\s*(s|m|h|)")
+_QUANTITIES = {
+    "Seconds": ("DURATIONS_S", "a time such as 90s, 500ms or 5m"),
+    "Hertz": ("RATES_HZ", "a rate such as 100 or 100Hz"),
+}
+"""The table of units of each kind of quantity, and examples for messages."""
 
 
 def typed_command() -> str:
@@ -33,6 +39,32 @@ def options_of(words: Sequence[str]) -> dict[str, str]:
         raise DeviceError(str(error)) from None
 
 
+def quantity(option: str, text: str | float, kind: str, **bounds: float) -> float:
+    """Return a duration or a rate that may have a unit: ``90``, ``90s``, ``500ms``, ``5m``; ``100``, ``100Hz``.
+
+    Args:
+        option: the option, for the message.
+        text: what was typed, or the option's default.
+        kind: ``Seconds`` or ``Hertz``, of :mod:`tactemu.base.units`.
+        bounds: the option's own bounds, where they are narrower.
+
+    Raises:
+        SceneError: it is neither, or out of bounds.
+    """
+    from tactemu.base import units
+    from tactemu.base.options import number
+
+    table, such = _QUANTITIES[kind]
+    try:
+        given = float(text)
+    except ValueError:
+        given = units.scaled(str(text).replace(" ", ""), getattr(units, table))
+    if given is None:
+        raise SceneError(f"{option}: expected {such}, got {text!r}")
+    base, limits = getattr(units, kind).__origin__, getattr(units, kind).__metadata__[0]
+    return number("command line", option, given, Annotated[base, replace(limits, **bounds)])
+
+
 def rate_of(words: Sequence[str]) -> float | dict[str, float] | None:
     """Return ``["200"]`` as a number, ``["touch=200", "imu=1000"]`` as a dictionary by stream.
 
@@ -42,10 +74,7 @@ def rate_of(words: Sequence[str]) -> float | dict[str, float] | None:
     rates: dict[str, float] = {}
     for word in words:
         stream, _, hz = word.rpartition("=")
-        try:
-            rates[stream] = float(hz)
-        except ValueError:
-            raise SceneError(f"--rate {word}: expected HZ, or STREAM=HZ") from None
+        rates[stream] = quantity(f"--rate {stream}=" if stream else "--rate", hz, "Hertz")
     if len(words) > 1 and "" in rates:
         raise SceneError(f"--rate: with several rates, name the stream of each: --rate STREAM={rates['']:g}")
     return rates.get("", rates or None)
@@ -104,17 +133,3 @@ def pairs_of(option: str, text: str | None) -> dict[str, str] | None:
             raise TactemuError(f"{option}: expected NAME=VALUE, several with commas, got {part!r}")
         found[name.strip()] = value.strip()
     return found
-
-
-def budget_of(text: str | None) -> float | None:
-    """Return ``5m``, ``90s`` or ``90`` in seconds.
-
-    Raises:
-        TactemuError: the text is no time.
-    """
-    if text is None:
-        return None
-    match = _BUDGET.fullmatch(text.strip())
-    if match is None or not float(match[1]):
-        raise TactemuError(f"--budget: expected a time such as 90s or 5m, got {text!r}")
-    return float(match[1]) * {"": 1, "s": 1, "m": 60, "h": 3600}[match[2]]

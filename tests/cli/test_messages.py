@@ -21,7 +21,7 @@ PAD = '[[body]]\nname = "pad"\nshape = "box"\nsize = [0.1, 0.1, 0.01]\n[[skin]]\
             "examples/hand.toml: this is a scene file, not a plan; a plan has [[driver]] tables",
         ),
         ("run anyskin --port /dev/ttyUSB0", "at the other end of its cable, write 'serial:/dev/ttyUSB0'"),
-        ("tune anyskin --rate 1e9", "rate_hz: a rate must be >= 0.001 and <= 1e+06 Hz"),
+        ("tune anyskin --rate 1e9", "command line: --rate must be >= 0.001 and <= 1e+06 Hz, got 1000000000.0"),
         ("poke press --depth 1kg", "got the text '1kg'; on a command line it may have a unit: "),
         ("poke press", "press: --depth is missing: depth of the body's foremost point below the untouched surface"),
         ("poke press", "; example: tactemu poke press --depth 1mm\n"),
@@ -31,6 +31,14 @@ PAD = '[[body]]\nname = "pad"\nshape = "box"\nsize = [0.1, 0.1, 0.01]\n[[skin]]\
         (
             "run xela_uskin --port pty:/tmp/x",
             "into pty:; ports that fit: can:, slcan:, socketcand:, gsusb:, memory: (wi",
+        ),
+        ("run anyskin --rate -5", "command line: --rate must be >= 0.001 and <= 1e+06 Hz, got -5.0"),
+        ("run anyskin --rate 5m", "--rate: expected a rate such as 100 or 100Hz, got '5m'"),
+        ("run anyskin --seconds 2kg", "--seconds: expected a time such as 90s, 500ms or 5m, got '2kg'"),
+        ("judge anyskin --budget soon -- true", "--budget: expected a time such as 90s, 500ms or 5m, got 'soon'"),
+        (
+            "judge anyskin --patience 11m -- true",
+            "command line: --patience must be >= 0.1 and <= 600 s, got 66",
         ),
         ("run anyskin --rate touch=100", "no stream 'touch': anyskin has one stream; give the rate alone"),
         ("run anyskin --fault 'flip 5% id=0x28'", "'id=': a serial wire has no identifiers; name frames by prefix=HEX"),

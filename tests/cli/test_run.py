@@ -11,7 +11,7 @@ import pytest
 import serial
 
 from tactemu.base.errors import SceneError
-from tactemu.cli.words import rate_of
+from tactemu.cli.words import quantity, rate_of
 from tactemu.control import endpoints
 from tests.cli.command import ROOT, here, start, tactemu
 
@@ -211,10 +211,23 @@ def test_a_reader_that_has_had_enough_ends_it_quietly(port):
 
 @pytest.mark.parametrize(
     ("words", "rate"),
-    [((), None), (("200",), 200.0), (("touch=200", "imu=1e3"), {"touch": 200.0, "imu": 1000.0})],
+    [
+        ((), None),
+        (("200",), 200.0),
+        (("100Hz",), 100.0),
+        (("touch=200", "imu=1e3"), {"touch": 200.0, "imu": 1000.0}),
+        (("touch=200 Hz", "imu=1kHz"), {"touch": 200.0, "imu": 1000.0}),
+    ],
 )
 def test_rates_are_read_as_numbers_or_by_stream(words, rate):
     assert rate_of(words) == rate
+
+
+@pytest.mark.parametrize(
+    ("text", "seconds"), [("2s", 2.0), ("500ms", 0.5), ("5m", 300.0), ("1.5 h", 5400.0), (3.0, 3.0)]
+)
+def test_a_duration_may_have_a_unit(text, seconds):
+    assert quantity("--seconds", text, "Seconds") == seconds
 
 
 @pytest.mark.parametrize("words", [("fast",), ("touch=",), ("100", "200"), ("touch=1", "2")])
