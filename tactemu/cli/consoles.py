@@ -16,7 +16,7 @@ def message_console() -> Console:
     return console
 
 
-def print_row(console: Console, head: Text, text: str, style: str = "", cut: bool = False) -> None:
+def print_row(console: Console, head: Text, text: str, style: str = "") -> None:
     """Print a row of two columns; if its text is too long for the line, it goes on below itself.
 
     Args:
@@ -24,14 +24,10 @@ def print_row(console: Console, head: Text, text: str, style: str = "", cut: boo
         head: the first column.
         text: the second column, without markup.
         style: the style of the text.
-        cut: cut a text that is too long for a line of the terminal; a pipe gets it whole.
     """
     line = Text.assemble(head, " ", (text, style))
     if console.soft_wrap:
         console.print(line)
-        return
-    if cut:
-        console.print(line, no_wrap=True, overflow="ellipsis")
         return
     grid = Table.grid(padding=(0, 1))
     grid.add_column(no_wrap=True)

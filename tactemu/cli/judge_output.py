@@ -27,11 +27,14 @@ from tactemu.judge.outcome import ABOUT, FAILING, Outcome
 from tactemu.judge.processes import age_s
 from tactemu.judge.report import Report, written
 from tactemu.judge.success import as_data, as_text, read_script, success_curve
+from tactemu.judge.trial_choice import check_names
 from tactemu.judge.trial_runner import Judge, JudgeOptions
 from tactemu.judge.verdicts import judge_record
 
 FAILED = 1
 """The exit code if a trial fails."""
+WRONG_COMMAND = 2
+"""The exit code if the driver ends at its first start before it reads anything."""
 NOT_JUDGED = 3
 """The exit code if there was nothing to judge, or a task never succeeds without a fault."""
 
@@ -120,12 +123,12 @@ def judge_driver(target: str, command: Sequence[str], options: JudgeOptions, fil
         every=(limit or 0.0) >= EVERY_POSITION_BUDGET_S,
     )  # fmt: skip
     files.check()
+    check_names(options.only)
     report = Report(target, list(command), options.seed, options.fail_on)
     if files.baseline is not None:
         report.compare(files.baseline)
     case = smallest_case.read(files.replay) if files.replay is not None else None
     console = message_console()
-    interrupted = False
     with ended_by_signals(interrupt), console.status("starting the driver") as status:
         with Judge(target, command, options, lambda text: status.update(f"{text} …")) as judge:
             try:
@@ -136,23 +139,20 @@ def judge_driver(target: str, command: Sequence[str], options: JudgeOptions, fil
                         _print_columns(console, report)
                     print_outcome(console, report, outcome)
             except KeyboardInterrupt:
-                interrupted = True
-                console.print("interrupted: the other trials were not run")
+                report.interrupted = True
+                report.outcomes += judge.left_out("the run was interrupted")
             judge.end()
             report.left_behind = judge.left_behind
     report.seconds = time.monotonic() - began
     _write(report, files)
     _print_end(console, report)
-    if interrupted:
+    if report.interrupted:
         return INTERRUPTED
+    if judge.is_command_wrong:
+        return WRONG_COMMAND
     if report.is_judged and report.failed:
         return FAILED
-    return 0 if report.is_judged and not _none_tried(report) else NOT_JUDGED
-
-
-def _none_tried(report: Report) -> bool:
-    """Return True if every trial after the one without faults was left out."""
-    return len(report.outcomes) > 1 and all(outcome.skipped for outcome in report.outcomes[1:])
+    return 0 if report.is_judged and not report.is_only_clean else NOT_JUDGED
 
 
 def _replayed(judge: Judge, case: dict):
@@ -185,7 +185,7 @@ def print_outcome(console: Console, report: Report, outcome: Outcome) -> None:
         else ""
     )
     head = Text(f"{mark} {outcome.name:18}", color)
-    print_row(console, head, f"{outcome.verdict}{outcome.doubt}{known}{late}", cut=bool(outcome.skipped))
+    print_row(console, head, f"{outcome.verdict}{outcome.doubt}{known}{late}")
     if outcome.remark:
         print_row(console, Text(" "), outcome.remark, "dim")
     if outcome.said and outcome.verdict.startswith("noticed"):
@@ -198,12 +198,10 @@ def _print_end(console: Console, report: Report) -> None:
         console.print(smallest_case.in_words(case), markup=False)
     if report.left_behind:
         console.print(f"{report.left_behind} processes of the driver had left its session; tactemu ended them")
-    failed, left_out = len(report.failed), sum(bool(outcome.skipped) for outcome in report.outcomes)
-    tried = len(report.outcomes) - left_out
-    words = f"[red]{failed} of {tried} trials fail[/]" if failed else "[green]nothing fails[/]"
-    if _none_tried(report):
-        words += ", but only the run without faults was tried: raise --budget, or name other trials in --only"
-    console.print(f"{words}; {tried} trials in {report.seconds:.1f} s, {left_out} not tried")
+    if report.left_for_time:
+        console.print(report.left_for_time)
+    color = "red" if report.failed else "yellow" if report.interrupted else "green"
+    console.print(f"[{color}]{report.verdict}[/]; {report.counts}")
 
 
 def _write(report: Report, files: ReportFiles) -> None:

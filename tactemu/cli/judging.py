@@ -10,6 +10,7 @@ import typer
 from tactemu.cli.parameters import Faults, Options, Ports, Seconds, Seed, Target, TruthFile, quantity_of
 from tactemu.cli.sections import in_sections
 from tactemu.cli.words import options_of, ports_of, typed_command
+from tactemu.judge.outcome import titles
 
 commands = typer.Typer(rich_markup_mode=None)
 
@@ -51,8 +52,7 @@ def judge(
         typer.Option(
             "--fail-on",
             metavar="KIND",
-            help="Findings that fail the run, such as wrong,stale,late; all or none. Default: wrong values, stale, "
-            "lost sync, died, and not judged.",
+            help=f"Findings that fail the run, such as wrong,stale,late; all or none. Default: {titles()}.",
         ),
     ] = None,
     html: Annotated[Path | None, typer.Option("--html", metavar="FILE", help="Write the report as one page.")] = None,
@@ -121,7 +121,8 @@ def judge(
     With --success the output of the command is not read: lost, damaged and late frames and dead taxels (--only drop,
     flip, late, dead) increase, and the result is the success rate; you can add --port, --budget, --seed and
     --json.
-    Exit code 0 if nothing fails, 1 if something fails, 2 for an error in the command, 3 if there was nothing to judge.
+    Exit code 0 if nothing fails, 1 if something fails, 2 for an error in the command or a driver that ends before it
+    reads anything, 3 if there was nothing to judge.
     See docs/judge.md.
     """
     from tactemu.cli.judge_output import (

@@ -16,6 +16,8 @@ SHUTDOWN_S = 0.4
 """Time reserved for ending the driver and writing the report [s]."""
 EVERY_POSITION_BUDGET_S = 120.0
 """Budget from which every position of a frame is tried [s]."""
+EVERY_POSITION_BUDGET = "2m"
+"""The same time, as you write it for ``--budget``."""
 
 
 class BudgetSpentError(Exception):

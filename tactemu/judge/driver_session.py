@@ -15,9 +15,9 @@ from tactemu.judge.driver_rig import DriverRig
 from tactemu.judge.lateness import DriverTimeout, late_ms
 from tactemu.judge.options import JudgeOptions
 from tactemu.judge.outcome import CleanRun
-from tactemu.judge.plan import LineFacts
+from tactemu.judge.plan import LineFacts, Trial
 from tactemu.judge.row_tracking import RowTracker, left_times, recovered
-from tactemu.judge.trial_counts import without_tracebacks
+from tactemu.judge.trial_counts import shortened, without_tracebacks
 from tactemu.judge.trial_record import TrialRecord
 
 POLL_PERIOD_S = 0.02
@@ -51,6 +51,10 @@ class DriverSession:
         self.columns, self.known, self.facts = Columns(), CleanRun(), LineFacts()
         self.starts: list[float] = []
         """Times from each start of the driver to its first row [s]."""
+        self.waiting: list[Trial] = []
+        """The trials that have not ended."""
+        self.is_command_wrong = False
+        """True if the driver ended at its first start, before it opened the port or printed a reading."""
         self.left_behind = 0
         """Largest number of processes that had left the driver's session."""
         self._silent_timeout_s = SILENT_TIMEOUT_S
@@ -81,6 +85,7 @@ class DriverSession:
             TactemuError: the command cannot be run at its first start.
         """
         self.end()
+        self.is_command_wrong = False
         self.rig.release()
         ports = self.rig.ports
         try:
@@ -106,11 +111,14 @@ class DriverSession:
 
     def _why_silent(self, driver: Driver) -> str:
         time.sleep(0.05)  # for its last messages
-        last = without_tracebacks([note.text for note in driver.notes])[-3:]
+        last = [shortened(text) for text in without_tracebacks([note.text for note in driver.notes])[-3:]]
         words = f": {' | '.join(last)}" if last else ""
         if driver.flooded:
             return "floods: it prints more than 8 MB in 5 s that is no reading"
         if driver.exit is not None:
+            self.is_command_wrong = not (self.starts or driver.rows or self.rig.recorder.was_opened)
+            if self.is_command_wrong:
+                words += " (it ends before it reads anything: the command is likely wrong)"
             return f"exits with status {driver.exit} before it is judged{words}"
         if driver.notes:
             return f"prints nothing that holds numbers within {self.options.start_s:g} s{words}"

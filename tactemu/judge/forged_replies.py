@@ -19,6 +19,9 @@ SLAVE_FAILURE = 0x04
 VALUE_MASK = 0x15
 """Bits that are flipped in the values of a forged answer, so that they match no sample."""
 
+NAMES = ("exception", "another unit", "short answer", "another transaction")
+"""Names of the forged answers."""
+
 
 class ForgedReply(NamedTuple):
     """A forged answer."""

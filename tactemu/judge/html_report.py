@@ -12,21 +12,19 @@ from typing import Any
 from tactemu.base.charts import histogram
 from tactemu.base.style import figure, page
 from tactemu.judge import smallest_case
-from tactemu.judge.outcome import ABOUT, Outcome
+from tactemu.judge.outcome import Outcome, titles
 from tactemu.judge.report import Report
 
 
 def html_report(report: Report, command: str = "") -> str:
     """Return a report as an HTML page; ``command`` is the command line that made it."""
-    failed = report.failed
-    verdict = (
-        f'<span class="bad">{len(failed)} trials fail</span>' if failed else '<span class="good">nothing fails</span>'
-    )
+    mark = "bad" if report.failed else "odd" if report.interrupted else "good"
+    verdict = f'<span class="{mark}">{escape(report.verdict)}</span>'
     parts = [
         f"<h1>{escape(report.device)}: {verdict}</h1>",
-        f"<p>Driver: <code>{escape(' '.join(report.command))}</code>. {len(report.outcomes)} trials in "
-        f"{report.seconds:.1f} s, seed {report.seed}. Findings marked <span class=bad></span>fail the run "
-        f"({escape(', '.join(ABOUT[kind] for kind in report.fail_on))}); those marked <span class=odd></span>are for "
+        f"<p>Driver: <code>{escape(' '.join(report.command))}</code>. {report.counts}, "
+        f"seed {report.seed}. Findings marked <span class=bad></span>fail the run "
+        f"({escape(titles(report.fail_on))}); those marked <span class=odd></span>are for "
         "you to weigh.</p>",
         "<h2>Trials</h2>",
         _table(report),
@@ -144,4 +142,5 @@ def _skipped(report: Report) -> str:
     rows = "".join(
         f"<tr><td>{escape(o.name)}</td><td>{escape(o.skipped)}</td></tr>" for o in report.outcomes if o.skipped
     )
-    return f"<h2>Trials that were not tried</h2><table>{rows}</table>" if rows else ""
+    hint = f"<p>{escape(report.left_for_time)}</p>" if report.left_for_time else ""
+    return f"<h2>Trials that were not tried</h2>{hint}<table>{rows}</table>" if rows else ""

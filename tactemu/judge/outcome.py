@@ -31,6 +31,11 @@ FAILING = ("wrong", "stale", "lost sync", "died", "silent", "clipped", "floods",
 """Kinds of finding that fail a run unless ``--fail-on`` names others."""
 
 
+def titles(kinds: Sequence[str] = FAILING) -> str:
+    """Return the titles of kinds of finding, as a list for a sentence."""
+    return ", ".join(ABOUT[kind] for kind in kinds)
+
+
 @dataclass(frozen=True)
 class Finding:
     """A defect of the driver, as one trial shows it."""
@@ -124,6 +129,8 @@ class Outcome:
     """The reason why there was no second run, although findings do not count without one."""
     skipped: str = ""
     """The reason why the trial was not tried."""
+    lacks_time: bool = False
+    """True if it was not tried because the budget was spent."""
     remark: str = ""
     """A reason for the wrong values that is not the driver's."""
     case: dict[str, Any] | None = None

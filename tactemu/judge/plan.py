@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from firmware_protocols import Rollover, Serial
-from tactemu.base.errors import nearest
 from tactemu.emulator.replay import DEFAULT_BAUD
 from tactemu.judge import forged_replies
 from tactemu.wire.faults import Fault, frames, link
@@ -62,6 +61,8 @@ class Trial:
     """True if the driver should recover afterwards, in the same process."""
     skipped: str = ""
     """The reason why it is not tried."""
+    lacks_time: bool = False
+    """True if that is the spent budget."""
     remark: str = ""
     """A reason for wrong values that is not the driver's."""
     takes_s: float = 0.0
@@ -114,22 +115,6 @@ class LineFacts:
     """Number of taxels."""
     numbered: bool = False
     """True if frames carry a number or a time, by which a driver can recognise old ones."""
-
-
-def chosen(trials: Sequence[Trial], names: Sequence[str]) -> list[Trial]:
-    """Return the trials of these names: exactly so, else all whose names have these words.
-
-    For a name that is none, as on another line, there is a trial that says so and is skipped.
-    """
-    wanted, unknown = set(), []
-    for name in names:
-        known = [trial.name for trial in trials]
-        found = {name} & {*known} or {each for each in known if {*name.split()} <= {*each.split()}}
-        if not found and name != CLEAN:
-            about = f"there is no trial of this name here{nearest(name, known)}"
-            unknown.append(Trial(name, "named in --only", skipped=about))
-        wanted |= found
-    return [*(trial for trial in trials if trial.name in wanted), *unknown]
 
 
 def positions(size: int, random: np.random.Generator, every: bool = False) -> list[int]:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from tactemu.base.errors import TactemuError
+from tactemu.judge.budget import EVERY_POSITION_BUDGET
 from tactemu.judge.outcome import FAILING, Outcome
 from tactemu.version import __version__
 
@@ -32,6 +33,8 @@ class Report:
     seconds: float = 0.0
     known: set[tuple[str, str]] = field(default_factory=set)
     """Findings of the baseline, as trial and kind; they do not fail the run."""
+    interrupted: bool = False
+    """True if Ctrl-C ended the run before its last trial."""
 
     def failures(self, outcome: Outcome) -> list[str]:
         """Return the kinds of a trial's findings that fail the run."""
@@ -44,6 +47,40 @@ class Report:
     def failed(self) -> list[Outcome]:
         """The outcomes that fail the run."""
         return [outcome for outcome in self.outcomes if self.failures(outcome)]
+
+    @property
+    def tried(self) -> list[Outcome]:
+        """The outcomes of the trials that were run."""
+        return [outcome for outcome in self.outcomes if not outcome.skipped]
+
+    @property
+    def is_only_clean(self) -> bool:
+        """True if every trial after the one without faults was left out."""
+        return len(self.outcomes) > 1 and all(outcome.skipped for outcome in self.outcomes[1:])
+
+    @property
+    def verdict(self) -> str:
+        """The verdict on the driver, in words."""
+        if self.failed:
+            return f"{len(self.failed)} of {len(self.tried)} trials fail"
+        if self.interrupted:
+            return "nothing fails so far: the run was interrupted" if self.tried else "interrupted: nothing was tried"
+        if self.is_only_clean:
+            about = "raise --budget, or name other trials in --only"
+            return f"nothing fails, but only the run without faults was tried: {about}"
+        return "nothing fails"
+
+    @property
+    def counts(self) -> str:
+        """The numbers of trials that were run and that were left out, in words."""
+        left_out = len(self.outcomes) - len(self.tried)
+        return f"{len(self.tried)} trials in {self.seconds:.1f} s, {left_out} not tried"
+
+    @property
+    def left_for_time(self) -> str:
+        """The number of trials for which no time was left, in words, with the remedy; empty if there are none."""
+        count = sum(outcome.lacks_time for outcome in self.outcomes)
+        return f"{count} not tried for lack of time: --budget {EVERY_POSITION_BUDGET} tries all" if count else ""
 
     @property
     def is_judged(self) -> bool:

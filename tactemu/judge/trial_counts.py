@@ -27,6 +27,8 @@ MIN_LEAK_BYTES = 1_000_000
 """Least total growth for such a leak [byte]."""
 LEAK_AT_ONCE_BYTES = 100_000_000
 """Growth in a trial that is a finding however short the trial is [byte]."""
+MAX_QUOTED_LENGTH = 200
+"""Maximum length of a message that is quoted in a report [characters]."""
 MIN_GROWING_SHARE = 0.15
 """Least share of measurements at which the memory has grown: a buffer that is doubled once is no leak."""
 
@@ -39,6 +41,14 @@ _CHAINED = ("During handling of the above exception", "The above exception was t
 def template(text: str) -> str:
     """Return a message with its numbers replaced, so that its repetitions are equal."""
     return re.sub(r"0x[0-9a-fA-F]+|\d+(\.\d+)?(e-?\d+)?", "#", text)[:120]
+
+
+def shortened(text: str) -> str:
+    """Return a message for the reports: one that is too long ends at a word, with an ellipsis."""
+    if len(text) <= MAX_QUOTED_LENGTH:
+        return text
+    start, _, _ = text[:MAX_QUOTED_LENGTH].rpartition(" ")
+    return f"{(start or text[:MAX_QUOTED_LENGTH]).rstrip(' ,;:')} …"
 
 
 def without_tracebacks(texts: Sequence[str]) -> list[str]:
@@ -194,7 +204,10 @@ def count_messages(out: Outcome, record: TrialRecord, known: CleanRun) -> None:
         if record.on < printed.t_ns <= record.end and columns.values and columns.row(printed.row) is None
     ]
     out.notes = len(new)
-    out.said = list(dict.fromkeys(map(template, without_tracebacks([text for _, text in new]))))[:4]
+    first: dict[str, str] = {}
+    for text in without_tracebacks([text for _, text in new]):
+        first.setdefault(template(text), text)
+    out.said = list(map(shortened, first.values()))[:4]
     times = sorted(
         [record.on, *(printed.t_ns for printed in record.rows if record.on < printed.t_ns <= record.off), record.off]
     )

@@ -14,8 +14,9 @@ from tactemu.judge.driver_session import POLL_PERIOD_S, DriverSession
 from tactemu.judge.excitation import STEP
 from tactemu.judge.options import JudgeOptions
 from tactemu.judge.outcome import ABOUT, CleanRun, Outcome
-from tactemu.judge.plan import CLEAN, LineFacts, Plan, Trial, chosen
+from tactemu.judge.plan import CLEAN, LineFacts, Plan, Trial
 from tactemu.judge.rollover_counter import RolloverCounter
+from tactemu.judge.trial_choice import chosen
 from tactemu.judge.trial_record import TrialRecord
 from tactemu.judge.verdicts import judge_record, measure_clean_run
 from tactemu.truth import Injection
@@ -49,8 +50,17 @@ class Judge(DriverSession):
         yield outcome
         if not self.columns.values:
             return
-        for trial in self.plan():
-            yield self.judge(trial)
+        self.waiting = self.plan()
+        while self.waiting:
+            outcome = self.judge(self.waiting[0])
+            self.waiting.pop(0)
+            yield outcome
+
+    def left_out(self, why: str) -> Iterator[Outcome]:
+        """Yield the outcomes of the trials that were not run; ``why`` is the reason where they have no other."""
+        for trial in self.waiting:
+            trial.skipped = trial.skipped or why
+            yield judge_record(TrialRecord(trial.name, trial.as_dict()))
 
     def plan(self) -> list[Trial]:
         """Return the trials after the clean run, the most valuable first."""
@@ -62,7 +72,9 @@ class Judge(DriverSession):
     def judge(self, trial: Trial) -> Outcome:
         """Run a trial and confirm its findings; if edits of frames cause them, search for the smallest case."""
         expected = trial.takes_s + self._restart_s()
-        trial.skipped = trial.skipped or self.budget.lacks(expected, times=2)
+        if not trial.skipped:
+            trial.skipped = self.budget.lacks(expected, times=2)
+            trial.lacks_time = bool(trial.skipped)
         if trial.skipped:
             return judge_record(TrialRecord(trial.name, trial.as_dict()))
         began = time.monotonic()
@@ -70,7 +82,7 @@ class Judge(DriverSession):
             self.budget.begin()
             record = self.run_trial(trial)
         except BudgetSpentError:
-            trial.skipped = "the budget was spent during the trial"
+            trial.skipped, trial.lacks_time = "the budget was spent during the trial", True
             return judge_record(TrialRecord(trial.name, trial.as_dict()))
         finally:
             self.budget.end(expected, time.monotonic() - began)

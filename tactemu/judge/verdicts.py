@@ -23,6 +23,7 @@ from tactemu.judge.trial_counts import (
     count_messages,
     count_rows,
     measure_resources,
+    shortened,
     template,
 )
 from tactemu.judge.trial_record import TrialRecord
@@ -57,7 +58,9 @@ def judge_record(record: TrialRecord) -> Outcome:
     """Return the outcome of a recorded trial."""
     columns, known = Columns.from_dict(record.columns or {"columns": []}), CleanRun(**record.known)
     trial = record.trial
-    out = Outcome(record.name, trial.get("why", ""), skipped=trial.get("skipped", ""))
+    out = Outcome(
+        record.name, trial.get("why", ""), skipped=trial.get("skipped", ""), lacks_time=trial.get("lacks_time", False)
+    )
     out.seconds = (record.end - record.on) / 1e9
     if out.skipped:
         out.verdict = f"not tried: {out.skipped}"
@@ -132,7 +135,7 @@ class _FindingRules:
             return
         how = f"signal {-exit}" if exit < 0 else f"exit status {exit}"
         last = next((note.text for note in reversed(self.record.notes) if note.err), "")
-        yield Finding("died", f"{how}{': ' + last if last else ''}")
+        yield Finding("died", f"{how}{': ' + shortened(last) if last else ''}")
 
     def _wrong(self):
         out = self.out

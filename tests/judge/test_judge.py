@@ -50,7 +50,7 @@ def test_a_sum_that_nobody_checks_with_report_case_and_replay(tmp_path):
 
 
 FLAWED = [
-    (["--only=flapped"], 3, "no trial of this name here; did you mean 'flipped'?"),
+    (["--only=flapped"], 2, "--only: no trial 'flapped'; did you mean 'flipped'?"),
     (["--html=/no/such/folder/r.html"], 2, "there is no folder /no/such/folder"),
     (["--budget=1s"], 3, "only the run without faults was tried"),
     (["--only=clean"], 0, "nothing fails"),

@@ -7,8 +7,10 @@ import pytest
 
 from firmware_protocols import Can, Rollover, Serial, Tcp
 from firmware_protocols.sums import crc16_modbus
+from tactemu.base.errors import TactemuError
 from tactemu.judge import forged_replies
-from tactemu.judge.plan import NO_CHECKSUM, LineFacts, Plan, chosen, positions
+from tactemu.judge.plan import NO_CHECKSUM, LineFacts, Plan, positions
+from tactemu.judge.trial_choice import check_names, chosen
 from tactemu.wire.faults import check_fits, parse
 from tactemu.wire.line_models import line_model_for
 
@@ -55,6 +57,14 @@ def test_trials_are_chosen_by_name_else_by_words_and_one_that_is_none_says_so():
     assert {trial.name for trial in chosen(trials, ["wraps", "cut"])} == {"counter wraps", "tick wraps", "cut"}
     hang, none = chosen(trials, ["flip", "hang"])
     assert hang.name == "hang" and not hang.skipped and none.name == "flip" and "no trial of this name" in none.skipped
+
+
+def test_names_that_no_plan_has_are_refused_before_the_run():
+    for facts in (STREAM, POLLED, CAN):
+        check_names(list(plan(facts)))
+    check_names(["clean", "tick wraps", "lost"])
+    with pytest.raises(TactemuError, match="no trial 'flapped'; did you mean 'flipped'"):
+        check_names(["hang", "flapped"])
 
 
 @pytest.mark.parametrize("size", [1, 16, 30, 31, 82, 1000])

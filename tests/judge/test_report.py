@@ -4,6 +4,7 @@ import io
 import json
 import re
 import sys
+from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
@@ -14,10 +15,10 @@ from tactemu.cli.judge_output import ReportFiles, print_outcome
 from tactemu.judge import smallest_case
 from tactemu.judge.html_report import html_report
 from tactemu.judge.junit_report import junit_report
-from tactemu.judge.outcome import ABOUT, FAILING, Finding, Outcome
+from tactemu.judge.outcome import ABOUT, FAILING, Finding, Outcome, titles
 from tactemu.judge.plan import Trial
 from tactemu.judge.report import Report
-from tactemu.judge.trial_counts import without_tracebacks
+from tactemu.judge.trial_counts import MAX_QUOTED_LENGTH, shortened, without_tracebacks
 from tactemu.judge.trial_record import TrialRecord
 from tactemu.judge.verdicts import judge_record
 from tactemu.wire.faults.frames import Flip
@@ -44,7 +45,7 @@ def report():
 def test_a_page_holds_everything_and_asks_for_nothing(report):
     text = html_report(report)
     assert "&lt;flipped&gt;" in text and "<flipped>" not in text and "USB &amp; all" in text
-    assert "7777" in text and "<mark>" in text and "<svg" in text and "1 trials fail" in text
+    assert "7777" in text and "<mark>" in text and "<svg" in text and "1 of 2 trials fail" in text
     assert not re.search(r"<script|src=|url\(|https?://", text)
 
 
@@ -168,10 +169,37 @@ def shown(outcome, *, is_terminal):
 
 
 @pytest.mark.parametrize("is_terminal", [True, False])
-def test_a_trial_that_was_not_tried_takes_one_line(is_terminal):
-    skipped = judge_record(TrialRecord("reordered", {"skipped": "a stream keeps the order of its bytes: " + 9 * "x "}))
-    (line,) = shown(skipped, is_terminal=is_terminal)
-    assert line.startswith("- reordered          not tried: a stream") and line.endswith("…") == is_terminal
+def test_the_reason_why_a_trial_was_not_tried_is_never_cut(is_terminal):
+    reason = "a stream keeps the order of its bytes: no frame arrives twice"
+    lines = shown(judge_record(TrialRecord("reordered", {"skipped": reason})), is_terminal=is_terminal)
+    assert len(lines) == 1 + is_terminal and " ".join(" ".join(lines).split()).endswith(f"not tried: {reason}")
+
+
+def test_every_report_counts_only_the_trials_that_were_run(report):
+    late = judge_record(TrialRecord("split", {"skipped": "1 s of the budget is left", "lacks_time": True}))
+    report.outcomes.append(late)
+    text = html_report(report)
+    assert report.counts == "2 trials in 0.0 s, 2 not tried" and report.counts in text
+    assert (
+        report.left_for_time == "1 not tried for lack of time: --budget 2m tries all" and report.left_for_time in text
+    )
+    report.outcomes.pop(1)
+    assert report.verdict.startswith("nothing fails, but only")
+    report.interrupted = True
+    assert report.verdict == "nothing fails so far: the run was interrupted" and report.verdict in html_report(report)
+
+
+def test_the_page_of_the_verdicts_has_in_bold_those_that_fail_a_run():
+    table = Path("docs/judge.md").read_text().partition("| verdict | condition |")[2].partition("\n\n")[0]
+    assert {*re.findall(r"^\| \*\*([^*]+)\*\*", table, re.MULTILINE)} == {*titles().split(", ")}
+
+
+def test_a_quoted_message_keeps_its_numbers_and_ends_at_a_word():
+    assert shortened("no data for 1 s") == "no data for 1 s"
+    text = "(device disconnected or multiple access on port) " * 9
+    start = shortened(text).removesuffix(" …")
+    assert len(start) <= MAX_QUOTED_LENGTH and text.startswith(f"{start} "), "no word is cut"
+    assert shortened(300 * "x") == MAX_QUOTED_LENGTH * "x" + " …"
 
 
 def test_a_verdict_stays_whole_in_a_pipe_and_goes_on_below_itself_on_a_terminal():
