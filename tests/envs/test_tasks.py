@@ -105,7 +105,7 @@ def step(task):
     ("make", "message"),
     [
         (lambda: variant(observed={"pat": ["force"]})(), r"no skin 'pat'; did you mean 'pad'\? \(skins: pad\)"),
-        (lambda: variant(observed={"pad": ["forces"]})(), r"skin 'pad' has no 'forces'; did you mean 'force'\?"),
+        (lambda: variant(observed={"pad": ["forces"]})(), r"skin 'pad' has no field 'forces'; did you mean 'force'\?"),
         (lambda: Still(max_episode_steps=0), "max_episode_steps must be >= 1, got 0"),
         (lambda: tt.envs.SkinEnv(), "an environment needs a task: give one, or set task_class in a subclass"),
         (lambda: tt.envs.SkinEnv(Still(), rows=3), "options of a task that is made already: rows"),

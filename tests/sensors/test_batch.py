@@ -142,7 +142,7 @@ def test_unknown_environments_and_bodies_are_named():
     for envs in ([3], [-1], [0.5]):
         with pytest.raises(SceneError, match=r"indices in 0\.\.2"):
             sim.set_pose(body, position=(0, 0, 0), envs=envs)
-    with pytest.raises(SceneError, match="0: link, 1: body"):
+    with pytest.raises(SceneError, match=r"no body 'ball' \(bodies: link, body\)"):
         sim.set_pose("ball", position=(0, 0, 0))
     late = tt.Scene().add_body(tt.Plane(), name="late")
     with pytest.raises(SceneError, match="'late' was added after the scene was built"):

@@ -7,7 +7,7 @@ import sys
 from pymodbus.client import ModbusSerialClient
 
 logging.disable(logging.CRITICAL)
-client = ModbusSerialClient(sys.argv[1], baudrate=115200, timeout=2, retries=0)
+client = ModbusSerialClient(sys.argv[1], baudrate=115200, timeout=10, retries=0)
 assert client.connect()
 many = []
 for _ in range(200):
