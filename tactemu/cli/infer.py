@@ -42,8 +42,11 @@ def infer(
     It finds framing, checksum, counters and fields, and says of each whether it is certain, with the proof, or likely,
     with the capture that would decide it. Press each taxel slowly, to full scale and back.
     """
+    from tactemu.cli.fitting import print_fitted
     from tactemu.cli.words import typed_command
     from tactemu.fit.infer.commands import InferFiles, run_infer
 
     files = InferFiles(out, dbc, picture, typed_command())
-    run_infer(captures, catalogue=catalogue, shown=shown, files=files, json=json, say=typer.echo)
+    run_infer(
+        captures, catalogue=catalogue, shown=shown, files=files, json=json, say=typer.echo if json else print_fitted
+    )

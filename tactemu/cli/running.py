@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from tactemu.cli.fitting import print_fitted
 from tactemu.cli.parameters import (
     Compute,
     Faults,
@@ -216,8 +217,11 @@ def see(
 
 def _show_demo(name: str | None, page: PageListener) -> None:
     """Run the scene of the demo with its page until Ctrl-C."""
-    print("A glove and three objects that touch it; no driver is needed. Open the link in a browser, drag an object,")
-    print(f"click a taxel. Ctrl-C ends it.\n{page.url}", flush=True)
+    print_fitted(
+        "A glove and three objects that touch it; no driver is needed. Open the link in a browser, drag an object, "
+        "click a taxel. Ctrl-C ends it.",
+        page.url,
+    )
     with contextlib.suppress(KeyboardInterrupt):  # before the loop runs
         from tactemu.cli.run_output import run_session
         from tactemu.session.options import RunOptions

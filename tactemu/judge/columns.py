@@ -7,7 +7,7 @@ may edit.
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -191,6 +191,9 @@ class Columns:
         lines: list[tuple[str, str]] = []
         for run in _runs(self.values):
             first, last = run[0], run[-1]
+            if first.also and len(run) > 1:
+                lines.append((_listed(column.name for column in run), self._equal(run)))
+                continue
             name = first.name if len(run) == 1 else f"{first.name} … {last.name}"
             channels = self._name(first) if len(run) == 1 else f"{self._name(first)} … {self._name(last)}"
             others = [self.channels[k].name for k in first.also if k != first.channel and k < len(self.channels)]
@@ -220,6 +223,11 @@ class Columns:
             self.channels[column.channel].name if column.channel < len(self.channels) else f"channel {column.channel}"
         )
 
+    def _equal(self, run: Sequence[Column]) -> str:
+        """Return the content of columns that hold the same channels in an order that cannot be told."""
+        names = _listed(self.channels[k].name for k in run[0].also if k < len(self.channels))
+        return f"one each of {names}, which are the same, {self._how(run[0])}"
+
     def _how(self, column: Column) -> str:
         if column.how == "mix":
             return f"a sum of {len(column.weights)} channels"
@@ -234,10 +242,10 @@ class Columns:
     def _scale(self, column: Column) -> str:
         channel = self.channels[column.channel] if column.channel < len(self.channels) else Channel("")
         plus = f" {column.offset:+.6g}" if abs(column.offset) > column.tolerance else ""
+        if channel.unit and channel.counts_per_unit and abs(column.gain * channel.counts_per_unit - 1) < 1e-3:
+            return f"in {channel.unit}{plus}"
         if abs(column.gain - 1) < 1e-6:
             return f"in counts{plus}"
-        if channel.counts_per_unit and abs(column.gain * channel.counts_per_unit - 1) < 1e-3:
-            return f"in {channel.unit}{plus}"
         return f"{column.gain:.6g} per count{plus}"
 
     # -- as data -------------------------------------------------------------------------------------------------------
@@ -303,10 +311,19 @@ class Columns:
 _DEFAULTS = {**asdict(Column("")), "name": None}
 
 
+def _listed(names: Iterable[str]) -> str:
+    """Return names as a list, with an ellipsis for those after the sixth."""
+    first = list(names)
+    return ", ".join(first[:6] + ["…"] * (len(first) > 6))
+
+
 def _runs(values: Sequence[Column]) -> list[list[Column]]:
     """Return the columns in runs: consecutive columns of consecutive channels with the same scale."""
     runs: list[list[Column]] = []
     for column in values:
+        if column.also and (alike := [run for run in runs if _are_alike(run[0], column)]):
+            alike[0].append(column)
+            continue
         last = runs[-1][-1] if runs else None
         alone = last is None or column.also or last.also or len(values) <= 12
         follows = last is not None and column.how == last.how != "mix" and column.channel == last.channel + 1
@@ -315,6 +332,15 @@ def _runs(values: Sequence[Column]) -> list[list[Column]]:
         else:
             runs.append([column])
     return runs
+
+
+def _are_alike(one: Column, other: Column) -> bool:
+    """Return True if two columns could hold the same channels, with the same scale."""
+    return (
+        {*one.also} == {*other.also}
+        and one.how == other.how
+        and bool(np.isclose([one.gain, one.offset], [other.gain, other.offset], rtol=1e-3, atol=1e-6).all())
+    )
 
 
 def channels_of(devices: Mapping[str, Device], shapes: Sequence[tuple[str, str, tuple[int, ...]]]) -> list[Channel]:

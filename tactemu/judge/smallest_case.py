@@ -24,6 +24,12 @@ from tactemu.wire.faults.options import Ranges
 
 MAX_RUNS = 8
 """Maximum number of runs of a search; bounds its time."""
+MAX_WHOLE_DIGITS = 64
+"""Maximum number of hexadecimal digits of a frame that is shown whole, so that the line fits a terminal."""
+MAX_CUT_DIGITS = 36
+"""Number of digits that are shown of a longer one."""
+NEXT_PIECE = "\n" + 11 * " "
+"""The line break and indent before another piece of a frame."""
 VERSION = 1
 _CAN_HEAD = re.compile(r"([0-9A-Fa-f]+#(#[0-9A-Fa-f])?)?")
 """A pattern of the identifier and flags of a CAN frame; it matches "" at the begin of other frames."""
@@ -182,7 +188,7 @@ def in_words(case: dict[str, Any]) -> str:
     lines += [f"Faults on the wire: {'; '.join(case['faults'])} (frames counted from 1, bytes from 0)"]
     for each in case["bytes"][:2]:
         sent, *arrived = _around(each["before"], each["after"])
-        lines += [f"  sent:    {sent}", f"  arrived: {' + '.join(arrived) or 'nothing'}"]
+        lines += [f"  sent:    {sent}", f"  arrived: {(' +' + NEXT_PIECE).join(arrived) or 'nothing'}"]
     lines += [f"Verdict: {case['verdict']}"]
     lines += [f"Note: {case['remark']}"] if case.get("remark") else []
     if case["row"]:
@@ -194,17 +200,22 @@ def in_words(case: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def _around(before: str, after: Sequence[str], most: int = 96) -> list[str]:
-    """Return the sent and the arrived frames, with long ones cut around the first byte in which they differ."""
-    if max(map(len, (before, *after))) <= most:
-        return [before, *after]
+def _around(before: str, after: Sequence[str]) -> list[str]:
+    """Return the sent and the arrived frames with what differs in brackets; long ones are cut around it."""
     match = _CAN_HEAD.match(before)
     head = match[0] if match else ""
     sent, *arrived = (data.removeprefix(head) for data in (before, *after))
-    same = max((_common_length(sent, each) for each in arrived if each != sent), default=0)
-    start = max(0, same - most // 2) // 2 * 2
-    # A piece that continues another one has its own beginning.
-    return [_cut(head, data, start if data[:start] == sent[:start] else 0, most) for data in (sent, *arrived)]
+    same = max((_common_length(sent, each) for each in arrived if each != sent), default=0) // 2 * 2
+    end = _common_length(sent[same:][::-1], arrived[0][same:][::-1]) // 2 * 2 if len(arrived) == 1 else None
+    is_long = max(map(len, (sent, *arrived))) > MAX_WHOLE_DIGITS
+    start = max(0, same - MAX_CUT_DIGITS // 2) // 2 * 2 if is_long else 0
+    most = MAX_CUT_DIGITS if is_long else MAX_WHOLE_DIGITS
+    shown = []
+    for data in (sent, *arrived):
+        changed = (same, same if end is None else len(data) - end)
+        # A piece that continues another one has its own beginning.
+        shown.append(_cut(head, data, start if data[:start] == sent[:start] else 0, most, changed))
+    return shown
 
 
 def _common_length(one: str, other: str) -> int:
@@ -212,10 +223,15 @@ def _common_length(one: str, other: str) -> int:
     return next((k for k, (a, b) in enumerate(zip(one, other)) if a != b), min(len(one), len(other)))
 
 
-def _cut(head: str, data: str, start: int, most: int) -> str:
+def _cut(head: str, data: str, start: int, most: int, changed: tuple[int, int]) -> str:
+    """Return the digits of a frame from ``start`` on, with the changed ones in brackets."""
     left, right = "… " if start else "", " …" if start + most < len(data) else ""
     where = f" (from byte {start // 2} of {len(data) // 2})" if left or right else ""
-    return f"{head}{left}{data[start : start + most]}{right}{where}"
+    at, end = changed[0], min(changed[1], start + most)
+    shown = data[start : start + most]
+    if end > at:
+        shown = f"{data[start:at]}[{data[at:end]}]{data[end : start + most]}"
+    return f"{head}{left}{shown}{right}{where}"
 
 
 __all__ = ["find", "in_words", "may_be", "read", "trial_of", "write"]

@@ -31,6 +31,10 @@ def test_no_channel_is_unread_of_which_a_column_holds_an_equal_one(made):
     own = np.where(np.arange(15) % 3 == 0, 0, np.cumsum(np.arange(15) % 3 > 0))
     taken = [sample_of(s.t_ns, s.number, s.counts[own]) for s in samples(11)]
     columns = learned(lambda x, k: dict(enumerate_names([made(x[0]), *x[1:]])), taken=taken, channels=channels)
+    several = learned(lambda x, k: dict(enumerate_names([made(v) if i % 3 == 0 else v for i, v in enumerate(x)])),
+                      taken=taken, channels=channels)  # fmt: skip
+    alike = [line for line in several.describe() if "which are the same" in line[1]]
+    assert len(alike) == 1 and "one each of skin[0].T, skin[1].T" in alike[0][1], "one line, not five"
     assert columns.values[0].also == [0, 3, 6, 9, 12] and not columns.unread() and not unread_channels(columns)
     columns = learned(lambda x, k: dict(enumerate_names(x[np.arange(15) % 3 > 0])), taken=taken, channels=channels)
     assert [each.name for each in columns.unread()] == [f"skin[{k}].T" for k in range(5)]

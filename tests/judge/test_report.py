@@ -83,7 +83,7 @@ def test_junit(report):
     suite = ElementTree.fromstring(junit_report(report))
     assert (suite.get("tests"), suite.get("failures"), suite.get("skipped")) == ("3", "1", "1")
     (failure,) = suite.iter("failure")
-    assert failure.get("type") == "wrong" and "aa07080a0502" in (failure.text or "")
+    assert failure.get("type") == "wrong" and "aa07080a[05]02" in (failure.text or "")
     report.outcomes[1].verdict = "died: \x1b[31mred\x00"
     ElementTree.fromstring(junit_report(report))
 
@@ -130,7 +130,7 @@ def test_a_case_is_kept_and_told(tmp_path):
     assert smallest_case.read(tmp_path / "case.json") == CASE
     assert list(map(str, smallest_case.trial_of(CASE).faults)) == CASE["faults"]
     words = smallest_case.in_words(CASE)
-    assert len(words.splitlines()) <= 10 and "aa07080a0502" in words and "fx = 7777" in words and "fx = 7.5" in words
+    assert len(words.splitlines()) <= 10 and "aa07080a[05]02" in words and "fx = 7777" in words and "fx = 7.5" in words
     for wrong in ("", "[]", '{"version": 9}', '{"version": 1, "device": 3}'):
         (tmp_path / "x.json").write_text(wrong)
         with pytest.raises(TactemuError, match="not a case"):

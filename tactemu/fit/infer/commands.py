@@ -69,6 +69,12 @@ def run_infer(
         _write(files.picture, svg(answers, files.command))
     if files.out is not None:
         _write(files.out, device_file(draft, files.out, captures))
+    if not json:
+        for path in (files.dbc, files.picture, files.out):
+            if path is not None:
+                say(f"wrote {path}")
+        if files.out is not None:
+            say(f"next: `tactemu run {files.out}`; what the capture does not show is marked as assumed in the file")
 
 
 def _write(path: Path, text: str) -> None:
