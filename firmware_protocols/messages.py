@@ -6,6 +6,14 @@ import re
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+_EXPECTED = {
+    "bool_parsing": "true or false", "bool_type": "true or false", "dict_type": "a table", "finite_number": "a number",
+    "float_parsing": "a number", "float_type": "a number", "int_from_float": "a whole number",
+    "int_parsing": "a whole number", "int_type": "a whole number", "list_type": "a list", "model_attributes_type":
+    "a table", "model_type": "a table", "string_type": "a text", "tuple_type": "a list",
+}  # fmt: skip
+"""What each of pydantic's errors about a type expects, in words."""
+
 
 def shown(value: object) -> str:
     """Return a value as a message shows it: its ``repr``, cut where it is long."""
@@ -36,4 +44,6 @@ def error_message(entry: Mapping[str, Any]) -> str:
     """
     if entry["type"] == "value_error":
         return str(entry["ctx"]["error"])
+    if (expected := _EXPECTED.get(entry["type"])) is not None:
+        return f"expected {expected}, got {shown(entry['input'])}"
     return f"{entry['msg'][0].lower()}{entry['msg'][1:]}, got {shown(entry['input'])}"

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from typing import Annotated, Any
 
 from firmware_protocols.bounds import Bounds
-from firmware_protocols.messages import error_message, nearest
+from firmware_protocols.messages import error_message, nearest, shown
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,19 @@ def _checked(known: dict[str, Declared], name: str, value: Any) -> Any:
         adapter = TypeAdapter(each.annotation, config=config)
         return adapter.validate_python(_from_text(value, each.annotation))
     except ValidationError as error:
-        raise ValueError(f"option {name}: {error_message(error.errors()[0])}") from None
+        entry = error.errors()[0]
+        length = _fixed_length(each.annotation)
+        if length and entry["type"] in ("tuple_type", "missing", "too_long"):
+            such = f"[{', '.join(map(str, range(1, length + 1)))}]"
+            raise ValueError(f"option {name}: expected {length} values, such as {such}, got {shown(value)}") from None
+        raise ValueError(f"option {name}: {error_message(entry)}") from None
+
+
+def _fixed_length(annotation: Any) -> int:
+    """Return the number of values of a tuple of a fixed length; 0: the type is another."""
+    kind = typing.get_args(annotation)[0]
+    parts = typing.get_args(kind) if typing.get_origin(kind) is tuple else ()
+    return 0 if Ellipsis in parts else len(parts)
 
 
 def _from_text(value: Any, annotation: Any) -> Any:

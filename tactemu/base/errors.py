@@ -17,6 +17,7 @@ Bad bytes from a driver are no error: the device counts them and answers as the 
 
 from __future__ import annotations
 
+import errno
 import os
 from collections.abc import Iterable
 
@@ -24,9 +25,16 @@ from firmware_protocols.messages import nearest as nearest
 from firmware_protocols.messages import shown as shown
 
 
-def reason_of(error: Exception) -> str:
-    """Return the system's reason for an error, without the path, which pyserial repeats; else the error's own words."""
+def reason_of(error: Exception, path: str | os.PathLike | None = None) -> str:
+    """Return the system's reason for an error, without the path, which pyserial repeats; else the error's own words.
+
+    Args:
+        error: the error.
+        path: the file that could not be written; the reason names its folder if there is none.
+    """
     number = getattr(error, "errno", None)
+    if number == errno.ENOENT and path is not None and not os.path.isdir(folder := os.path.dirname(path) or "."):
+        return f"there is no folder {folder}; make it first"
     return os.strerror(number) if number else str(error)
 
 

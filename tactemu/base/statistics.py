@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-COUNTER_WORDS = {"unheard": "no reader"}
+COUNTER_WORDS = {"unheard": "frames without a reader"}
 """Words for counters whose names do not explain themselves."""
 
 

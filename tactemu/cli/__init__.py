@@ -48,8 +48,10 @@ def main() -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(OUTPUT_CLOSED)
     except OSError as error:  # such as a full disk, a missing folder, no permission
+        from tactemu.cli.fitting import print_error
+
         where = error.filename or "cannot write the output"
-        print(f"tactemu: {where}: {error.strerror or error}", file=sys.stderr)
+        print_error(f"tactemu: {where}: {error.strerror or error}")
         if error.filename is None:  # the output itself
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(EXEC_FAILED if sys.argv[1:2] == ["exec"] else 2)
@@ -73,7 +75,9 @@ def _run() -> None:
         words, command = _split(sys.argv[1:])
         _application(words)(words, prog_name="tactemu", obj=command)
     except TactemuError as error:
-        print(f"tactemu: {error}", file=sys.stderr)
+        from tactemu.cli.fitting import print_error
+
+        print_error(f"tactemu: {error}")
         sys.exit(2)
 
 

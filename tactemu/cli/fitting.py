@@ -35,6 +35,12 @@ def print_fitted(*lines: str) -> None:
     print("\n".join(fitted(text.split("\n"), output_width())) if breaks_lines(sys.stdout) else text, flush=True)
 
 
+def print_error(text: str) -> None:
+    """Print a message on the standard error: on a terminal as :func:`fitted` breaks it, in a pipe whole."""
+    lines = text.split("\n")
+    print(*(fitted(lines, output_width()) if sys.stderr.isatty() else lines), sep="\n", file=sys.stderr, flush=True)
+
+
 def fitted(lines: Iterable[str], width: int) -> Iterator[str]:
     """Yield lines of at most ``width`` characters, broken between words; pictures of numbers stay as they are."""
     for line in lines:

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from tactemu.base.errors import TactemuError
+from tactemu.base.errors import TactemuError, reason_of
 from tactemu.base.files import writing
 from tactemu.base.folders import EXAMPLES
 from tactemu.cli.fitting import print_fitted
@@ -84,4 +84,4 @@ def _write(path: Path, text: str) -> None:
         with writing(path) as file:
             file.write(text.encode())
     except OSError as error:
-        raise TactemuError(f"{path}: cannot write it: {error.strerror}") from None
+        raise TactemuError(f"{path}: cannot write it: {reason_of(error, path)}") from None

@@ -84,11 +84,13 @@ def _listed(value: Any) -> str:
 
 
 def sentence(entry: dict[str, Any]) -> str:
-    """Return ``300 samples at 100 Hz, late p50/p99/max 40/90/210 us; wire: sent 299, no reader 1``."""
-    late = "/".join(f"{entry[f'lateness_{which}_us']:.0f}" for which in ("p50", "p99", "max"))
-    text = f"{entry['samples']} samples at {entry['rate_hz']:.1f} Hz, late p50/p99/max {late} us"
-    odd = [f"{entry[name]} {name}" for name in ("missed", "stretched", "silent") if entry[name]]
-    text += f" ({', '.join(odd)})" if odd else ""
+    """Return ``300 samples at 100 Hz, late p50/p99/max 40/90/210 us; wire: sent 299``."""
+    lateness = "/".join(f"{entry[f'lateness_{which}_us']:.0f}" for which in ("p50", "p99", "max"))
+    text = f"{entry['samples']} samples at {entry['rate_hz']:.1f} Hz, late p50/p99/max {lateness} us"
+    odd = [f"{entry[name]} {name}" for name in ("missed", "stretched") if entry[name]]
+    late = [f"{entry['missed'] + entry['stretched']} not in time: {', '.join(odd)}"] if odd else []
+    late += [f"{entry['silent']} silent"] if entry["silent"] else []
+    text += f" ({'; '.join(late)})" if late else ""
     for group in ("wire", "device", "injected"):
         counts = [f"{counter_words(name)} {count}" for name, count in entry[group].items() if count]
         text += f"; {group}: {', '.join(counts)}" if counts else ""

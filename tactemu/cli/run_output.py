@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from tactemu.base.errors import StateError, TransportError
 from tactemu.base.gc_tuning import enable_collections
 from tactemu.base.statistics import Lateness
+from tactemu.cli.fitting import print_error
 from tactemu.cli.reports import Say, advice, report_if_slow, say_json, say_text, unreached_hint
 from tactemu.cli.signals import ended_by_signals
 from tactemu.control.state import statistics_of
@@ -135,7 +136,7 @@ def _save_failed(session: Session) -> bool:
     try:
         session.save()
     except StateError as error:
-        print(f"tactemu: {error}", file=sys.stderr)
+        print_error(f"tactemu: {error}")
         return True
     return False
 

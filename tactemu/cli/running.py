@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -136,8 +138,20 @@ def run(
         truth=truth, keep=truth_keep, clock=clock, preempt=preempt, name=name, default_name=True, again=again,
         seconds=seconds, restore=restore, save=save, save_at=save_at,
     )  # fmt: skip
+    _note_shares(fault or ())
     style = "json" if json else "plain" if plain else "auto"
     run_session(Session(target, run_options), style=style, viewer=rerun_to or rerun, page=page)
+
+
+def _note_shares(faults: Sequence[str]) -> None:
+    """Print which faults hit every frame, as their text names no share and no time."""
+    from tactemu.wire.faults import parse
+    from tactemu.wire.faults.fault import FrameFault
+
+    for text in faults:
+        fault = parse(text)
+        if isinstance(fault, FrameFault) and text.strip() == fault.word:
+            print(f"fault {text!r}: it hits every frame; for one in ten write '{text} 10%'", file=sys.stderr)
 
 
 def _page(host: str | None, port: int | None) -> PageListener:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from firmware_protocols import Device
 from tactemu import transports
 from tactemu.base.clock import Clock, VirtualClock
-from tactemu.base.errors import DeviceError, SceneError, TactemuError, no_such
+from tactemu.base.errors import DeviceError, SceneError, TactemuError, no_such, reason_of
 from tactemu.base.random_streams import stream_key
 from tactemu.emulator.channel import Channel, Source
 from tactemu.emulator.emulator import Emulator
@@ -187,7 +187,7 @@ def truth_of(loaded: LoadedScene, path: str | Path | None = None, keep: str | in
     try:
         return Truth(path, keep=loaded.tables.truth.keep if keep is None else keep, reads=reads)
     except OSError as error:
-        raise TactemuError(f"{path}: cannot write the truth log: {error.strerror}") from None
+        raise TactemuError(f"{path}: cannot write the truth log: {reason_of(error, path)}") from None
 
 
 def _driven(loaded: LoadedScene, devices: dict[str, Device], local_ns: Callable[[str, int], int]) -> LoadedScene:

@@ -10,11 +10,6 @@ from pydantic import ValidationError
 from firmware_protocols.messages import error_message
 from tactemu.base.errors import shown
 
-_IN_TOML = dict.fromkeys(("tuple_type", "list_type"), "expected a list") | dict.fromkeys(
-    ("model_type", "model_attributes_type", "dict_type"), "expected a table"
-)
-"""Messages of a scene file for pydantic's types of errors about tuples, dictionaries and models."""
-
 
 def list_errors(error: ValidationError, data: Any, where: str, at: tuple[str, ...] = ()) -> str:
     """Return a line for each error that pydantic found in ``data``.
@@ -66,5 +61,4 @@ def _inside(data: Any, part: int | str) -> Any:
 def _message(entry: Any) -> str:
     if entry["type"] == "missing":
         return "missing key"
-    expected = _IN_TOML.get(entry["type"])
-    return f"{expected}, got {shown(entry['input'])}" if expected else error_message(entry)
+    return error_message(entry)

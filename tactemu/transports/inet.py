@@ -6,7 +6,7 @@ import ipaddress
 import logging
 import socket
 
-from tactemu.base.errors import TransportError
+from tactemu.base.errors import TransportError, reason_of
 
 _logger = logging.getLogger(__name__)
 
@@ -44,7 +44,7 @@ def resolve(host: str, port: int, kind: socket.SocketKind) -> tuple[socket.Addre
 def cannot_listen(scheme: str, host: str, port: int, error: OSError) -> TransportError:
     """Return the error of a port that cannot be listened on."""
     return TransportError(
-        f"cannot listen on {join(host, port)}: {error.strerror}; choose another port ({scheme}:0 takes a free one)"
+        f"cannot listen on {join(host, port)}: {reason_of(error)}; choose another port ({scheme}:0 takes a free one)"
     )
 
 

@@ -41,7 +41,7 @@ def records(path: str | Path) -> Iterator[Header | Entry | End]:
             _logger.warning("%s: cut off: the end of the log is missing; the entries before it are complete", path)
         yield end
     except OSError as error:
-        raise TactemuError(f"{path}: cannot read the truth log: {error.strerror}") from None
+        raise TactemuError(f"{path}: cannot read it: {error.strerror}") from None
     except ValueError as error:
         raise TactemuError(f"{path}: {error if 'damaged' in str(error) else f'not a truth log: {error}'}") from None
 

@@ -32,6 +32,20 @@ PAD = '[[body]]\nname = "pad"\nshape = "box"\nsize = [0.1, 0.1, 0.01]\n[[skin]]\
             "run xela_uskin --port pty:/tmp/x",
             "into pty:; ports that fit: can:, slcan:, socketcand:, gsusb:, memory: (wi",
         ),
+        ("run anyskin gains=3", "option gains: expected 3 values, such as [1, 2, 3], got '3'"),
+        ("run anyskin gains=[1,2]", "option gains: expected 3 values, such as [1, 2, 3], got '[1,2]'"),
+        ("run anyskin gains=[1,2,x]", "option gains: expected a number, got 'x'"),
+        (
+            "run anyskin --port memory: --fault 'drop 1'",
+            "fault 'drop 1': '1': a share needs its unit; did you mean '1%'?",
+        ),
+        (
+            "run anyskin --port memory: --fault 'drop x'",
+            "'x': unknown word; expected at, from, to, for, N%, every, frame, ",
+        ),
+        ("run anyskin --truth /tmp/nodir/x.mcap", "cannot write the truth log: there is no folder /tmp/nodir; make it"),
+        ("new nodir/scene.toml", "nodir/scene.toml: cannot write it: there is no folder nodir; make it first"),
+        ("infer nothere.mcap -o x.py", "nothere.mcap: cannot read it: No such file"),
         ("run anyskin --rate -5", "command line: --rate must be >= 0.001 and <= 1e+06 Hz, got -5.0"),
         ("run anyskin --rate 5m", "--rate: expected a rate such as 100 or 100Hz, got '5m'"),
         ("run anyskin --seconds 2kg", "--seconds: expected a time such as 90s, 500ms or 5m, got '2kg'"),
@@ -88,6 +102,7 @@ def test_a_fault_of_a_scene_that_is_wrong_is_named_with_its_place(table, where, 
             "[[scenario]]\nset = {nois = 1}\n[[body]]",
             "scenario[0]: set: 'nois' cannot change; did you mean",
         ),
+        ("link", "port = 5\nlink", "skin[0] 'anyskin'.port: expected a text, got 5"),
         ("anyskin", "anyskni", "skin 'anyskni': unknown device 'anyskni'; did you mean 'anyskin'?"),
     ],
 )
@@ -102,6 +117,12 @@ def test_a_mistake_in_a_scene_file_is_named_with_the_file(before, after, message
 def test_a_mistake_in_a_live_command_names_it():
     with tt.serve("anyskin", "memory:") as dev, pytest.raises(TypeError, match=r"^set: missing a required argument"):
         dev.set(gain=0.9)  # type: ignore[call-arg]
+
+
+def test_a_fault_without_a_share_says_that_it_hits_every_frame():
+    words = ("run", "anyskin", "--port", "memory:", "--clock", "virtual", "--seconds", "0.1", "--fault")
+    assert "fault 'drop': it hits every frame; for one in ten write 'drop 10%'\n" in here(*words, "drop").stderr
+    assert "every frame" not in here(*words, "drop 1%").stderr
 
 
 @pytest.mark.parametrize(

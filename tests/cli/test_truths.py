@@ -91,4 +91,4 @@ def test_names_in_a_log_do_not_command_the_terminal(tmp_path):
 def test_a_missing_log(tmp_path):
     done = here("truth", str(tmp_path / "none.jsonl"))
     assert done.returncode == 2
-    assert "cannot read the truth log: No such file" in done.stderr
+    assert "cannot read it: No such file" in done.stderr

@@ -57,5 +57,5 @@ def test_mistakes(log, tmp_path):
         assemble(parse(f'[[skin]]\ndevice = "linker_hand_l6"\nreadings = "{path}"\n'), AssemblyOptions(port="memory:"))
     with pytest.raises(TactemuError, match="no samples of 'other'; it has: anyskin"):
         assemble(parse(f'[[skin]]\ndevice = "anyskin"\nreadings = "{path}"\nreadings_of = "other"\n'))
-    with pytest.raises(TactemuError, match="cannot read the truth log"):
+    with pytest.raises(TactemuError, match="cannot read it"):
         assemble(parse('[[skin]]\ndevice = "anyskin"\nreadings = "none.jsonl"\n', folder=tmp_path))

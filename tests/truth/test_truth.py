@@ -151,7 +151,7 @@ def test_files_that_are_not_overwritten(tmp_path):
         Truth(notes)
     with pytest.raises(TactemuError, match=r"expected \.mcap or \.jsonl"):
         Truth(tmp_path / "truth.txt")
-    with pytest.raises(TactemuError, match="cannot write the truth log: No such file or directory"):
+    with pytest.raises(TactemuError, match="cannot write the truth log: there is no folder"):
         truth_of(scene, tmp_path / "none" / "t.mcap")
     assert notes.read_text() == "an hour of work"
     Truth(empty).close()

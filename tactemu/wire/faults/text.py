@@ -18,7 +18,7 @@ from typing import Any
 
 from tactemu.base.errors import SceneError, nearest, shown
 from tactemu.wire.faults.fault import Fault, LinkFault
-from tactemu.wire.faults.options import DIRECTIONS, Option
+from tactemu.wire.faults.options import DIRECTIONS, SHARE, Option
 from tactemu.wire.faults.registry import FAULTS
 
 
@@ -66,8 +66,10 @@ def _option(fault: type[Fault], word: str, following: list[str]) -> tuple[str, A
         raise ValueError(f"{fault.word} is a fault of the link: give it a time only")
     if takers:
         raise ValueError(f"{fault.word} has no such option; these have: {', '.join(each.word for each in takers)}")
-    words = list(dict.fromkeys(each.word for other in FAULTS.values() for each in other.options().values()))
-    raise ValueError(f"unknown word{nearest(word, [*words, *DIRECTIONS, 'at'])}; expected {', '.join(['at', *words])}")
+    words = ["at", *(each.word for each in fault.options().values())]
+    if SHARE.word in words and SHARE.value_of(f"{word}%", []):
+        raise ValueError(f"a share needs its unit; did you mean '{word}%'?")
+    raise ValueError(f"unknown word{nearest(word, [*words, *DIRECTIONS])}; expected {', '.join(words)}")
 
 
 def _is_begun(option: Option, word: str) -> bool:
