@@ -12,7 +12,7 @@ _EXPECTED = {
     "int_parsing": "a whole number", "int_type": "a whole number", "list_type": "a list", "model_attributes_type":
     "a table", "model_type": "a table", "string_type": "a text", "tuple_type": "a list",
 }  # fmt: skip
-"""What each of pydantic's errors about a type expects, in words."""
+"""The expected types in words, by the type of pydantic's error."""
 
 
 def shown(value: object) -> str:

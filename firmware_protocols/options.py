@@ -37,7 +37,14 @@ class Declared:
     def __str__(self) -> str:
         option = self.option
         extra = ", ".join(part for part in (option.unit, *option.limits(), option.about) if part)
-        return f"{self.name} = {self.default!r}" + (f"   {extra}" if extra else "")
+        return f"{self.name} = {_short(self.default)}" + (f"   {extra}" if extra else "")
+
+
+def _short(value: Any) -> str:
+    """Return a default as a datasheet shows it: numbers with at most six digits, else the ``repr``."""
+    if isinstance(value, tuple):
+        return f"({', '.join(map(_short, value))}{',' if len(value) == 1 else ''})"
+    return repr(float(f"{value:.6g}")) if isinstance(value, float) else repr(value)
 
 
 def declared(device: type) -> dict[str, Declared]:

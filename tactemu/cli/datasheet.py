@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import json as json_module
+import re
 import sys
 import typing
 from collections.abc import Mapping
@@ -118,7 +119,7 @@ def _facts(device: Device) -> list[str]:
         numbers = [sum(fact.part == part and fact.basis == basis for fact in facts) for basis in bases]
         lines.append(f"  {part:<14}" + "".join(f"{number:>10}" for number in numbers))
     for basis in bases:
-        own = [f"  {fact.part}: {fact}" for fact in facts if fact.basis == basis]
+        own = [_with_single_backticks(f"  {fact.part}: {fact}") for fact in facts if fact.basis == basis]
         lines += [basis.capitalize(), *own] if own else []
     return lines
 
@@ -142,7 +143,18 @@ def _column(column: Column) -> str:
 def frame_page(device: Device, width: int) -> list[str]:
     """Return the docstring of a device's file, its frames and the evidence for them, filled to ``width`` characters."""
     text = inspect.getdoc(sys.modules[type(device).__module__]) or ""
-    return list(filled(text.splitlines(), width))
+    return list(filled(map(_with_single_backticks, text.splitlines()), width))
+
+
+def _with_single_backticks(line: str) -> str:
+    """Return a line with `NAME` for ``NAME``; the columns of a table stay where they are."""
+    text, removed = "", 0
+    for part in re.split("( {2,})", line):
+        if part.isspace():
+            part, removed = part + " " * removed, 0
+        removed += part.count("``")
+        text += part.replace("``", "`")
+    return text
 
 
 def _tables(device: Device) -> list[str]:

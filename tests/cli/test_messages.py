@@ -3,6 +3,7 @@
 import pytest
 
 import tactemu as tt
+from firmware_protocols.options import Declared, Option
 from tests.cli.command import ROOT, here
 
 PAD = '[[body]]\nname = "pad"\nshape = "box"\nsize = [0.1, 0.1, 0.01]\n[[skin]]\ndevice = "anyskin"\nlink = "pad"\n'
@@ -119,6 +120,14 @@ def test_a_mistake_in_a_live_command_names_it():
         dev.set(gain=0.9)  # type: ignore[call-arg]
 
 
+@pytest.mark.parametrize("device", ["allegro_v5_plus", "optoforce"])
+def test_a_datasheet_has_single_backticks_and_keeps_its_columns(device):
+    lines = here("devices", device).stdout.splitlines()
+    assert lines and not any("``" in line for line in lines)
+    columns = {line.index("to hand") for line in lines if "remote   " in line or "`<u2 x 3`" in line}
+    assert len(columns) <= 1, columns
+
+
 def test_a_fault_without_a_share_says_that_it_hits_every_frame():
     words = ("run", "anyskin", "--port", "memory:", "--clock", "virtual", "--seconds", "0.1", "--fault")
     assert "fault 'drop': it hits every frame; for one in ten write 'drop 10%'\n" in here(*words, "drop").stderr
@@ -186,3 +195,7 @@ def test_a_mistake_in_a_live_command_does_not_speak_of_a_scenario():
     with tt.serve("anyskin", "memory:", adjustable=["noise"]) as dev:
         with pytest.raises(tt.TactemuError, match=r"^taxels: expected taxels 0\.\.4 of 'anyskin', got"):
             dev.set({"noise": 0.1}, taxels=[3, 7])
+
+
+def test_a_default_of_an_option_is_short_where_it_is_shown():
+    assert str(Declared("gains", float, (26.416666666666668, 2.0), Option())) == "gains = (26.4167, 2.0)"
