@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json as json_module
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -74,7 +75,13 @@ def run_infer(
             if path is not None:
                 say(f"wrote {path}")
         if files.out is not None:
-            say(f"next: `tactemu run {files.out}`; what the capture does not show is marked as assumed in the file")
+            named = f"{files.out}:{_class_name(files.out)}"
+            say(f"next: `tactemu run {named}`; what the capture does not show is marked as assumed in the file")
+
+
+def _class_name(path: Path) -> str:
+    """Return the name of the device's class in a device file."""
+    return re.findall(r"^class (\w+)\(Device\)", path.read_text(encoding="utf-8"), re.MULTILINE)[0]
 
 
 def _write(path: Path, text: str) -> None:

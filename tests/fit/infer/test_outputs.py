@@ -80,7 +80,8 @@ def test_the_command_writes_all_files(tmp_path):
     assert report["framing"]["is_certain"] and report["catalogue"] is None
     assert "class MySensor(Device)" in out.read_text()
     assert picture.read_text().startswith("<svg") and "tactemu infer a &amp; b" in picture.read_text()
-    assert here("infer", str(capture), "--no-catalogue").returncode == 0
+    done = here("infer", str(capture), "--no-catalogue", f"--out={out}")
+    assert done.returncode == 0 and f"wrote {out}\nnext: `tactemu run {out}:MySensor`" in done.stdout
 
 
 def test_a_dbc_file_is_of_can_only(tmp_path):
