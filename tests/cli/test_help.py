@@ -116,7 +116,9 @@ def test_paragraphs_are_filled_and_rows_of_a_table_go_on_below_their_last_column
     assert [*filled(["one two", "three"], 9), *filled(["one two", "", "three"], 6)] == [
         "one two", "three", "one", "two", "", "three",
     ]  # fmt: skip
-    assert [*fitted(["  a   b c d e f", "g h i j k l m"], 12)] == ["  a   b c d", "      e f", "g h i j k l", "m"]
+    row = "  a   " + " ".join(["word"] * 15)
+    assert [*fitted([f"{row} more", "g h i j k l m"], 12)] == [row, "      more", "g h i j k l", "m"]
+    assert len(row) == 80, "a row of a table has at least this width"
     assert cell_lines("vendor/a-long-name@123", 10) == ["vendor/a-", "long-name@", "123"]
 
 
