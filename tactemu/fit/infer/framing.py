@@ -58,7 +58,7 @@ class Framing:
             return f"head {self.cut.head.hex(' ').upper()}, {self.cut.length_text}"
         if self.kind == "fixed" and self.cut is not None:
             head = " ".join(f"{at}: {value:02X}" for at, value in list(self.mask.items())[:6])
-            return f"messages of {self.cut.size} bytes, constant bytes {head or 'none'}"
+            return f"messages of {self.cut.size} bytes; constant in this capture: {head or 'none'}"
         if self.kind == "silence":
             return "messages between silences of the line"
         if self.kind == "answers" and self.cut is not None:

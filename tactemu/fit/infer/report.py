@@ -47,7 +47,7 @@ def _framing_lines(draft: Draft) -> list[str]:
         if framing.is_certain
         else f"likely; what would decide it: {framing.decide or 'a longer capture'}"
     )
-    lines = [f"framing: {framing} ({word})"]
+    lines = [f"framing ({word}): {framing}"]
     found = framing.sum or next((group.sum for group in draft.groups if group.sum is not None), None)
     if found is not None:
         lines.append(f"sum: {found} ({'certain: it holds in every message' if found.is_certain else 'likely'})")
