@@ -117,7 +117,7 @@ def test_a_path_that_is_too_long_is_said(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        (["press"], "press: depth is missing"),
+        (["press"], "press: --depth is missing"),
         (["press", "--depth", "1mm"], "no emulator runs; start one: tactemu run anyskin"),
         (["press", "--depth", "1mm", "--name", "x"], "no emulator 'x' runs"),
         (

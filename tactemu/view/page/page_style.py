@@ -92,7 +92,7 @@ STYLE = f"""
 .tt-fault {{ border-left: 3px solid var(--tt-fault); padding-left: 4px; margin-left: -7px; }}
 .tt-event .tt-mark, .tt-event .tt-what {{ color: var(--tt-dim); }}
 
-pre.tt-sheet {{ font-size: 11px; line-height: 1.35; white-space: pre; overflow-x: auto; margin: 0;
+pre.tt-sheet {{ font-size: 11px; line-height: 1.35; white-space: pre; width: max-content; margin: 0;
   color: var(--tt-text); }}
 .mantine-Notification-description {{ color: var(--tt-text) !important; }}
 .mantine-Tabs-tab {{ color: var(--tt-text); }}

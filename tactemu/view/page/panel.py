@@ -119,7 +119,9 @@ class Panel:
         self._taxel.max = max(len(skin.layout) - 1, 0)
         self._taxel.value = min(self._taxel.value, self._taxel.max)
         lines = "\n".join(self._datasheet(skin))
-        self._details.content = f'<div class="tt"><pre class="tt-sheet">{escape(lines)}</pre></div>'
+        self._details.content = (
+            f'<div class="tt"><div class="tt-wide"><pre class="tt-sheet">{escape(lines)}</pre></div></div>'
+        )
         self._wire = Wire(self._run)
         self._shown.value = ALL if len(skin.layout.patches) == 1 else KINDS[1]
 
