@@ -211,18 +211,17 @@ class Reader:
             return self._object(value)
         if kind in ("dict", "Counter", "defaultdict"):
             made = self.keep(value, _empty_dict(kind, value))
-            made.update({self._read(k): self._read(v) if isinstance(v, dict) else v for k, v in value["items"]})
+            made.update({self._read(k): self._read(v) for k, v in value["items"]})
             return made
         if kind in ("list", "deque", "set"):
             empty = {"list": [], "deque": deque(maxlen=value.get("maxlen")), "set": set()}[kind]
             made = self.keep(value, empty)
-            add = made.add if isinstance(made, set) else made.append
             for item in value["items"]:
-                add(self._read(item) if isinstance(item, dict) else item)
+                (made.add if isinstance(made, set) else made.append)(self._read(item))
             return made
         if kind == "marked":
             return self.keep(value, self._class(value["class"], bytes)(value["value"]))
-        items = [self._read(item) if isinstance(item, dict) else item for item in value["items"]]
+        items = [self._read(item) for item in value["items"]]
         if kind == "record":
             return self.keep(value, self._class(value["class"], tuple)(*items))
         return self.keep(value, {"tuple": tuple, "frozenset": frozenset}[kind](items))
@@ -230,18 +229,17 @@ class Reader:
     def _object(self, value: dict[str, Any]) -> Any:
         cls = self._class(value["class"], object)
         made = self.keep(value, object.__new__(cls))
-        # Most attributes are plain values; a call for each of them would take most of the time.
-        state = {name: self._read(each) if isinstance(each, dict) else each for name, each in value["state"].items()}
-        own_state, init_fields, checks_fields = _traits(cls)
-        if own_state:
+        state = {name: self._read(each) for name, each in value["state"].items()}
+        if has_own_state(cls):
             made.__setstate__(state)
             return made
-        if missing := init_fields - state.keys():
+        if missing := _init_fields(cls) - state.keys():
             raise ValueError(f"a {value['class']} without {', '.join(sorted(missing))}")
         for name, each in state.items():
             object.__setattr__(made, name, each)
-        if checks_fields:
-            made.__post_init__()
+        frozen = is_dataclass(cls) and cls.__dataclass_params__.frozen  # pyright: ignore[reportAttributeAccessIssue]
+        if frozen and hasattr(made, "__post_init__"):
+            made.__post_init__()  # a frozen dataclass checks its fields there; others may reset their state there
         return made
 
     def _class(self, name: str, kind: type) -> Any:
@@ -272,16 +270,9 @@ class Reader:
 
 
 @functools.lru_cache(maxsize=512)
-def _traits(cls: type) -> tuple[bool, frozenset[str], bool]:
-    """Return :func:`has_own_state`, the fields that make an object, and True if ``__post_init__`` checks these.
-
-    Only a dataclass has such fields. A frozen one checks them there; others may reset their state there.
-    """
-    if not is_dataclass(cls):
-        return has_own_state(cls), frozenset(), False
-    frozen = cls.__dataclass_params__.frozen  # pyright: ignore[reportAttributeAccessIssue]
-    init_fields = frozenset(each.name for each in fields(cls) if each.init)
-    return has_own_state(cls), init_fields, frozen and hasattr(cls, "__post_init__")
+def _init_fields(cls: type) -> frozenset[str]:
+    """Return the names of the fields that make an object of a dataclass; none for another class."""
+    return frozenset(each.name for each in fields(cls) if each.init) if is_dataclass(cls) else frozenset()
 
 
 def _own_modules(device: Any) -> dict[str, Any]:
