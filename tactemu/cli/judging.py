@@ -10,7 +10,6 @@ import typer
 from tactemu.cli.parameters import Faults, Options, Ports, Seconds, Seed, Target, TruthFile, quantity_of
 from tactemu.cli.sections import in_sections
 from tactemu.cli.words import options_of, ports_of, typed_command
-from tactemu.judge.outcome import titles
 
 commands = typer.Typer(rich_markup_mode=None)
 
@@ -52,7 +51,8 @@ def judge(
         typer.Option(
             "--fail-on",
             metavar="KIND",
-            help=f"Findings that fail the run, such as wrong,stale,late; all or none. Default: {titles()}.",
+            help="Findings that fail the run, such as wrong,stale,late; all or none. Default: silent wrong values, "
+            "stale, lost sync, died, prints nothing, clipped or flat, floods, cannot be told.",
         ),
     ] = None,
     html: Annotated[Path | None, typer.Option("--html", metavar="FILE", help="Write the report as one page.")] = None,

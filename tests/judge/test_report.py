@@ -9,8 +9,10 @@ from xml.etree import ElementTree
 
 import pytest
 from rich.console import Console
+from typer.main import get_command
 
 from tactemu.base.errors import TactemuError
+from tactemu.cli.app import app
 from tactemu.cli.judge_output import ReportFiles, print_outcome
 from tactemu.judge import smallest_case
 from tactemu.judge.html_report import html_report
@@ -189,7 +191,9 @@ def test_every_report_counts_only_the_trials_that_were_run(report):
     assert report.verdict == "nothing fails so far: the run was interrupted" and report.verdict in html_report(report)
 
 
-def test_the_page_of_the_verdicts_has_in_bold_those_that_fail_a_run():
+def test_help_names_the_verdicts_that_fail_a_run_and_the_page_has_them_in_bold():
+    help = {parameter.name: parameter.help for parameter in get_command(app).commands["judge"].params}["fail_on"]
+    assert help.endswith(f" Default: {titles()}.")
     table = Path("docs/judge.md").read_text().partition("| verdict | condition |")[2].partition("\n\n")[0]
     assert {*re.findall(r"^\| \*\*([^*]+)\*\*", table, re.MULTILINE)} == {*titles().split(", ")}
 

@@ -67,7 +67,7 @@ def readings(count, near=NEAR, far=FAR):
     """Every reading of a sensor's own driver."""
     with Played("anyskin", f"serial:{near}") as played:
         read = [sys.executable, ROOT / "tests/drivers/scripts/anyskin_read.py", "anyskin", far, str(count)]
-        done = subprocess.run(read, capture_output=True, text=True, timeout=120, check=True)
+        done = subprocess.run(read, capture_output=True, text=True, timeout=300, check=True)
     got = json.loads(done.stdout.splitlines()[-1])["readings"]
     samples = played.samples()
     equal = sum(np.array(each).tobytes() in samples for each in got)

@@ -32,13 +32,13 @@ class RandomPushes:
 
 
 class Played:
-    """A device on a port, run in a thread."""
+    """A device on a port, run in a thread, at its own rate or a slower one."""
 
-    def __init__(self, name, port, faults=(), **options):
+    def __init__(self, name, port, faults=(), hz=None, **options):
         self.device = fp.create(name, **options)
         self.truth = Truth()
         self.wire = Wire(transports.create(port), self.device.ports[0], truth=self.truth, faults=faults)
-        clock = SampleClock(period_ns=self.device.period_ns)
+        clock = SampleClock(period_ns=round(1e9 / hz) if hz else self.device.period_ns)
         channel = Channel(name, self.device, RandomPushes(self.device), {self.device.ports[0].name: self.wire}, clock)
         self.emulator = Emulator(None, [channel], truth=self.truth)
         self._thread = threading.Thread(target=self.emulator.run)

@@ -5,7 +5,7 @@ import pytest
 from tests.transports.kernel_guest import said_by
 from tests.transports.null_modem import NullModem
 
-pytestmark = [pytest.mark.kernel, pytest.mark.timeout(600)]
+pytestmark = [pytest.mark.kernel, pytest.mark.timeout(1000)]
 READINGS = 40
 NODES = {"/dev/ttyUSB0": "FT232R", "/dev/ttyUSB2": "CP2102"}
 
@@ -16,7 +16,7 @@ def told():
     said = {}
     with NullModem() as cable, NullModem(cable.number, "cp210x"):
         module, arguments = "tests.transports.cable_guest", (cable.number, READINGS)
-        for each in said_by(module, *arguments, modules="vhci-hcd ftdi_sio cp210x", seconds=400):
+        for each in said_by(module, *arguments, modules="vhci-hcd ftdi_sio cp210x", seconds=900):
             said[each.pop("what")] = each
             if "pull" in said and "pulled" not in said:
                 cable.pull(0, 1.0)

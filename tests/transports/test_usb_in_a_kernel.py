@@ -13,7 +13,7 @@ from tests.transports.played import Played
 from tests.transports.test_usbip import CONFIGURATIONS, DEVICE_DESCRIPTORS
 
 ROOT = Path(__file__).parents[2]
-pytestmark = [pytest.mark.kernel, pytest.mark.timeout(600)]
+pytestmark = [pytest.mark.kernel, pytest.mark.timeout(1000)]
 NODES = {"ttyACM0": "cdc", "ttyUSB0": "ftdi", "ttyUSB1": "cp210x", "ttyUSB2": "ch341"}
 NODES |= {"ttyUSB3": "ft2232", "ttyUSB4": "ft2232"}  # two devices, one chip
 READINGS = 60
@@ -30,11 +30,12 @@ def told():
             stack.enter_context(Played(f"tests/transports/usb_devices.py:{name}", f"usbip:{number}"))
             for name in ("ForceKeys", "BulkPad")
         ]
-        board = stack.enter_context(Played("xela_uskin", f"gsusb:{number}"))
+        # A translated guest loses some of 1,600 frames a second in its adapter's queue: at 20 samples a second, none.
+        board = stack.enter_context(Played("xela_uskin", f"gsusb:{number}", hz=20))
         modules = "vhci-hcd cdc-acm ftdi_sio cp210x ch341 usbhid hid-generic gs_usb can-raw"
         program = [sys.executable, str(ROOT / "tests/transports/usb_guest.py"), number, str(READINGS), *NODES]
         done = subprocess.run(
-            [ROOT / "scripts/kernel-guest", "-m", "1G", "-t", "500", "-M", modules, "--", *program],
+            [ROOT / "scripts/kernel-guest", "-m", "1G", "-t", "900", "-M", modules, "--", *program],
             capture_output=True, text=True, check=False, cwd=ROOT,
         )  # fmt: skip
         if done.returncode == 125:

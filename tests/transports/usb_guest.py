@@ -1,11 +1,14 @@
 """The guest's part of ``test_usb_in_a_kernel.py``: ``usb_guest.py PORT COUNT NODE...``. Prints a JSON object a line.
 
-The last device of the hub is a CAN adapter.
+The last device of the hub is a CAN adapter. All readers run in this process: a translated guest takes seconds to import
+what a reader needs.
 """
 
 import contextlib
+import io
 import json
 import os
+import runpy
 import subprocess
 import sys
 import time
@@ -39,6 +42,14 @@ def identity(node):
     return {"vid": (at / "idVendor").read_text().strip(), "pid": (at / "idProduct").read_text().strip()}
 
 
+def read(script, *arguments):
+    """Run one of the readers of ``tests/drivers/scripts`` and return what it prints."""
+    sys.argv, printed = [script, *arguments], io.StringIO()
+    with contextlib.redirect_stdout(printed):
+        runpy.run_path(str(ROOT / "tests/drivers/scripts" / script), run_name="__main__")
+    return json.loads(printed.getvalue().splitlines()[-1])
+
+
 def refusal():
     """Return why a device at 1 Mbit/s may not be on can0, or nothing if it may."""
     port = transports.create("can:socketcan:can0")
@@ -55,13 +66,11 @@ try:
     for node in nodes:
         assert wait(lambda node=node: os.path.exists(f"/dev/{node}"), 240), f"no {node}"
     for node in nodes:
-        command = [sys.executable, ROOT / "tests/drivers/scripts/anyskin_read.py", "anyskin", f"/dev/{node}", count]
-        done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
-        readings = json.loads(done.stdout.splitlines()[-1])["readings"]
+        readings = read("anyskin_read.py", "anyskin", f"/dev/{node}", count)["readings"]
         print(json.dumps({"node": node, "readings": readings, **identity(node)}), flush=True)
     assert wait(lambda: os.path.exists("/dev/hidraw0"), 60), "no hidraw0"
     raw = [sys.executable, "-m", "tests.transports.usb_raw_guest", str(int(count) // 3)]
-    subprocess.run(raw, cwd=ROOT, timeout=200, check=True)
+    subprocess.run(raw, cwd=ROOT, check=True)
     # At another bit rate nobody acknowledges; then the rate of the bus.
     assert wait(lambda: os.path.exists("/sys/class/net/can0"), 60)
     states, refusals, counted = [], [refusal()], []
@@ -80,9 +89,7 @@ try:
         refusals.append(refusal())
         if bitrate == 500_000:
             subprocess.run(["ip", "link", "set", "can0", "down"], check=True)
-    read = [ROOT / "tests/drivers/scripts/python_can_read.py", "socketcan", "can0", "-", "40"]
-    done = subprocess.run([sys.executable, *read], capture_output=True, text=True, timeout=120, check=True)
-    samples = json.loads(done.stdout.splitlines()[-1])
+    samples = read("python_can_read.py", "socketcan", "can0", "-", "40")
     said = {"states": states, "refusals": refusals, "counted": counted, "readings": samples}
     print(json.dumps({"node": "can0", **said}), flush=True)
     # The kernel's side of a pulled cable: a driver's read fails, and the keeper attaches the device again.
