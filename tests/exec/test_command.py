@@ -153,30 +153,33 @@ def test_the_drivers_terminal_is_ours_and_ctrl_c_comes_once():
 
 ASK = """
 import socket, sys
-place = sys.argv[1]
-kind, host, port = place.partition(":")[0], *place.rpartition("/")[2].rsplit(":", 1)
-if kind == "udp":
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as wire:
-        wire.settimeout(10)
-        wire.sendto(bytes.fromhex("1234000200000001"), (host, int(port)))
-        print(len(wire.recv(100)))
-else:
-    socket.create_connection((host, int(port)), 10).close()
-    print("there")
+kind, host, port = sys.argv[1].partition(":")[0], *sys.argv[1].rpartition("/")[2].rsplit(":", 1)
+with socket.socket(type=socket.SOCK_DGRAM if kind == "udp" else socket.SOCK_STREAM) as wire:
+    wire.settimeout(20)
+    wire.connect((host, int(port)))
+    wire.sendall(bytes.fromhex(sys.argv[2]))
+    print(wire.recv(100)[:12].hex())
 """
+UPGRADE = (
+    b"GET / HTTP/1.1\r\nHost: localhost\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+    b"Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Version: 13\r\n\r\n"
+)
 
 
 @pytest.mark.parametrize(
-    ("words", "place", "answer"),
+    ("words", "place", "asked", "answer"),
     [
-        (("xela_server",), "ws://127.0.0.1:5000", "there"),
-        (("ati_net_ft",), "udp://127.0.0.1:49152", "36"),
-        (("inspire_rh56dftp", "--port", "tcp:6000"), "127.0.0.1:6000", "there"),
+        (("xela_server",), "ws://127.0.0.1:5000", UPGRADE.hex(), b"HTTP/1.1 101".hex()),
+        (("ati_net_ft",), "udp://127.0.0.1:49152", "1234 0002 00000001", "00000001"),
+        (
+            ("inspire_rh56dftp", "--port", "tcp:6000"), "127.0.0.1:6000",
+            "0007 0000 0006 ff 03 03e8 0001", "0007 0000 0005 ff 03 02",
+        ),
     ],
-)
-def test_a_device_on_the_network_is_at_its_usual_port_and_it_is_said(words, place, answer):
-    done = tactemu_command("exec", *words, "--", sys.executable, "-c", ASK, place)
-    assert (done.returncode, done.stdout.strip()) == (0, answer), done.stderr
+)  # fmt: skip
+def test_a_device_on_the_network_is_at_its_usual_port_and_it_is_said(words, place, asked, answer):
+    done = tactemu_command("exec", *words, "--", sys.executable, "-c", ASK, place, asked)
+    assert done.returncode == 0 and done.stdout.startswith(answer.replace(" ", "")), done
     assert "no driver connected" not in done.stderr
     assert done.stderr.startswith("tactemu: ") and f" is {'socket://' * place[0].isdigit()}{place}\n" in done.stderr
 
