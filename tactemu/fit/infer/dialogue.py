@@ -8,11 +8,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from firmware_protocols import sums
+from tactemu.base.sum_search import FrameSum
 from tactemu.fit.infer.captures import Chunk
 from tactemu.fit.infer.delimited import ESCAPED, Coding
 from tactemu.fit.infer.fields import Field
 from tactemu.fit.infer.heads import Cut
-from tactemu.fit.infer.sums import FrameSum, find_sum
+from tactemu.fit.infer.sums import find_sum
 
 LEAST_QUESTIONS = 40
 ONCE_SHARE = 0.5

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from tactemu.fit.infer.sums import FrameSum
+from tactemu.base.sum_search import FrameSum
 
 VALUE_KINDS = ("u", "i", "f", "?", "counter", "clock")
 """Kinds of fields that change: ``?`` is an integer whose top bit never moved, or whose sign is open."""

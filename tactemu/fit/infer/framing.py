@@ -9,10 +9,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from tactemu.base.sum_search import FrameSum
 from tactemu.fit.infer import delimited
 from tactemu.fit.infer.delimited import Coding, LineShape, Message
 from tactemu.fit.infer.heads import Cut, best_size, find_cuts, positions
-from tactemu.fit.infer.sums import FrameSum, find_sum
+from tactemu.fit.infer.sums import find_sum
 from tactemu.fit.infer.turns import BEGUN_SHARE, best_turn, timed_turn, turns_of
 
 SAMPLE_BYTES = 400_000

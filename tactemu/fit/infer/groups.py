@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from tactemu.base.sum_search import FrameSum
 from tactemu.fit.infer.arrays import LONG_ARRAY, PROVEN_SHARE, SLOW
 from tactemu.fit.infer.costs import bits_of
 from tactemu.fit.infer.counters import find_counters
@@ -15,7 +16,6 @@ from tactemu.fit.infer.fields import Field, Group
 from tactemu.fit.infer.links import Link
 from tactemu.fit.infer.proofs import Prover
 from tactemu.fit.infer.segments import LEAST_ROWS, find_runs
-from tactemu.fit.infer.sums import FrameSum
 
 MIXED = "each question asked more often: these were alike, not the same"
 PACKED = "slow presses: values of 12 bits are likely beside it"

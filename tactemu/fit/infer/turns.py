@@ -7,7 +7,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from tactemu.fit.infer.sums import FrameSum, find_sum
+from tactemu.base.sum_search import FrameSum
+from tactemu.fit.infer.sums import find_sum
 
 TIMED_SHARE = 0.6
 TRIED_SUMS = 120

@@ -9,7 +9,7 @@ import numpy as np
 
 from tactemu.judge.compare.findings import Verdicts
 from tactemu.judge.compare.frame_classes import CounterField, FrameClass, NumberField, decode, matrix
-from tactemu.judge.compare.sum_rules import HOLDS, find_instead
+from tactemu.judge.compare.sum_rules import HOLDS, find_instead, words
 
 MIN_FRAMES = 3
 """Least number of frames that prove a difference; a damaged one does not."""
@@ -83,7 +83,7 @@ def _check_sum(made: FrameClass, contents: Sequence[bytes], verdicts: Verdicts) 
     tried = contents[:: max(1, len(contents) // MAX_SUMS)]
     share = made.sum.share(tried)
     if share >= HOLDS:
-        verdicts.agrees.append(f"{made.label}: {made.sum}")
+        verdicts.agrees.append(f"{made.label}: {words(made.sum)}")
     elif share < 0.5:
         verdicts.find("sum", made.label, sum_text(made, tried))
     else:
@@ -94,8 +94,8 @@ def sum_text(made: FrameClass, contents: Sequence[bytes]) -> str:
     """Return the difference of the sums in words."""
     assert made.sum is not None
     instead = find_instead(made.sum, contents)
-    what = f"{instead} holds instead" if instead is not None else "no known sum holds instead"
-    return f"the model's {made.sum} holds in {made.sum.share(contents):.0%} of {len(contents)} frames; {what}"
+    what = f"{words(instead)} holds instead" if instead is not None else "no known sum holds instead"
+    return f"the model's {words(made.sum)} holds in {made.sum.share(contents):.0%} of {len(contents)} frames; {what}"
 
 
 # -- counters ----------------------------------------------------------------------------------------------------------

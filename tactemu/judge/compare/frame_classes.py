@@ -15,7 +15,8 @@ import numpy as np
 from firmware_protocols import CanFrame, Rollover, WireFrame
 from firmware_protocols.frames import payload
 from firmware_protocols.stuffing import Cobs, Ppp
-from tactemu.judge.compare.sum_rules import SumRule, find
+from tactemu.base.sum_search import FrameSum
+from tactemu.judge.compare.sum_rules import find
 
 MIN_FRAMES = 8
 """Least number of frames from which values and counters are learned."""
@@ -100,7 +101,7 @@ class FrameClass:
     """The bytes that an option of the device changes, with its name."""
     length_setting: str = ""
     """The option of the device, a text, that changes the length of an answer."""
-    sum: SumRule | None = None
+    sum: FrameSum | None = None
     counters: list[CounterField] = field(default_factory=list)
     numbers: list[NumberField] = field(default_factory=list)
     words: frozenset[tuple[bytes, ...]] = frozenset()
@@ -262,7 +263,8 @@ def _taken(made: FrameClass) -> set[int]:
     """Return the places of declared constants, sums and counters."""
     taken = set(made.fixed)
     if made.sum is not None and made.size is not None:
-        taken |= set(range(made.size - made.sum.from_end, made.size - made.sum.from_end + made.sum.size))
+        at = made.sum.place(made.size)
+        taken |= set(range(at, at + made.sum.width))
     for each in made.counters:
         taken |= set(range(each.at, each.at + np.dtype(each.code).itemsize))
     return taken

@@ -1,98 +1,54 @@
-"""Checksums in frames: the rule that holds over all frames of a model, and the rule that a real sensor has instead."""
+"""Checksums in frames: the sum that holds over all frames of a model, and the sum that a real sensor has instead."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from firmware_protocols.sums import SUMS
+from tactemu.base.sum_search import FrameSum, hypotheses
 
 MIN_FRAMES = 4
-"""Least number of different frames that prove a rule."""
+"""Least number of different frames that prove a sum."""
 MAX_FRAMES = 12
-"""Number of frames on which rules are tried; the one that holds is checked on more."""
-MAX_START = 10
-"""Largest number of first bytes that a sum leaves out."""
-MAX_FROM_END = 8
-"""Largest distance of a sum's first byte from the end of the frame [bytes]."""
+"""Number of different frames in which a sum must hold."""
 HOLDS = 0.9
-"""Least share of frames in which a rule holds; noise on the line damages the others."""
+"""Least share of frames in which a sum holds; noise on the line damages the others."""
 
 
-@dataclass(frozen=True, slots=True)
-class SumRule:
-    """A checksum of all bytes of a frame from ``start`` up to its own place."""
-
-    name: str
-    from_end: int
-    """The distance of its first byte from the end of the frame [bytes]."""
-    order: str
-    """``<`` or ``>``."""
-    start: int
-    change: int = 0
-    """A number that is combined with the sum by exclusive or: another start or final value."""
-
-    @property
-    def size(self) -> int:
-        """The number of its bytes."""
-        return SUMS[self.name].size
-
-    def value(self, frame: bytes) -> int:
-        """Return the sum of a frame."""
-        at = len(frame) - self.from_end
-        return SUMS[self.name].function(frame[self.start : at]) ^ self.change
-
-    def sent(self, frame: bytes) -> int:
-        """Return the number at the place of the sum."""
-        at = len(frame) - self.from_end
-        return int.from_bytes(frame[at : at + self.size], "little" if self.order == "<" else "big")
-
-    def holds(self, frame: bytes) -> bool:
-        """Return True if the frame has its sum."""
-        return len(frame) - self.from_end > self.start and self.value(frame) == self.sent(frame)
-
-    def share(self, frames: Sequence[bytes]) -> float:
-        """Return the share of frames in which it holds."""
-        return sum(map(self.holds, frames)) / max(1, len(frames))
-
-    def __str__(self) -> str:
-        order = "" if self.size == 1 else " low byte first" if self.order == "<" else " high byte first"
-        change = f", combined with {self.change:0{2 * self.size}X}" if self.change else ""
-        return f"{self.name} from byte {self.start}{order}{change}"
+def words(found: FrameSum) -> str:
+    """Return a sum in words."""
+    order = {"": "", "<": " low byte first", ">": " high byte first"}[found.order]
+    name, constant = found.kit_name, ""
+    if name is None:
+        name, constant = replace(found, constant=0).kit_name, f", combined with {found.constant:0{2 * found.width}X}"
+    return f"{name} from byte {found.start}{order}{constant}"
 
 
-def find(frames: Sequence[bytes]) -> SumRule | None:
-    """Return the rule that holds in all frames, that with the longest sum and the earliest start; ``None``: unknown."""
-    distinct = list(dict.fromkeys(frames))[:MAX_FRAMES]
-    if len(distinct) < MIN_FRAMES:
-        return None
-    shortest = min(map(len, distinct))
-    for name in sorted(SUMS, key=lambda each: -SUMS[each].size):
-        size = SUMS[name].size
-        for from_end in range(size, min(MAX_FROM_END, shortest - 2) + 1):
-            for order in "<" if size == 1 else "<>":
-                for start in range(min(MAX_START, shortest - from_end - 1) + 1):
-                    rule = SumRule(name, from_end, order, start)
-                    # A number that never changes proves nothing.
-                    if all(map(rule.holds, distinct)) and len(set(map(rule.sent, distinct))) > 1:
-                        return rule
-    return None
+def find(frames: Sequence[bytes]) -> FrameSum | None:
+    """Return the sum of the kit that holds in all frames: the longest, with the earliest start; ``None``: unknown."""
+    order = list(SUMS).index
+    held = ((each.kit_name, each) for each in _held(frames, 1.0))
+    known = [((-each.width, order(name), -each.at, each.order, each.start), each) for name, each in held if name]
+    return min(known, key=lambda ranked: ranked[0])[1] if known else None
 
 
-def find_instead(model: SumRule, frames: Sequence[bytes]) -> SumRule | None:
-    """Return the rule of frames in which a model's rule does not hold; ``None``: none of those that are known."""
-    distinct = list(dict.fromkeys(frames))[:MAX_FRAMES]
-    if len(distinct) < MIN_FRAMES:
-        return None
-    near = sorted(
-        (replace(model, start=k) for k in range(MAX_START + 1)), key=lambda each: abs(each.start - model.start)
-    )
-    near += [replace(each, order="<" if each.order == ">" else ">") for each in near if each.size > 1]
-    for rule in near:
-        if sum(map(rule.holds, distinct)) >= HOLDS * len(distinct):
-            return rule
-    for rule in near:
-        changes = {rule.value(frame) ^ rule.sent(frame) for frame in distinct}
-        if len(changes) == 1:
-            return replace(rule, change=changes.pop())
-    return find(distinct)
+def find_instead(model: FrameSum, frames: Sequence[bytes]) -> FrameSum | None:
+    """Return the sum of frames in which a model's does not hold; ``None``: none of those that are known.
+
+    It differs from the model's in its start or byte order, or in a constant; else it is any sum of the kit.
+    """
+
+    def rank(each: FrameSum) -> tuple:
+        return each.constant != model.constant, each.order != model.order, abs(each.start - model.start)
+
+    near = [
+        each for each in _held(frames, HOLDS) if (each.name, each.at, each.width) == (model.name, model.at, model.width)
+    ]
+    return min(near, key=rank) if near else find(frames)
+
+
+def _held(frames: Sequence[bytes], least: float) -> list[FrameSum]:
+    """Return the sums of all bytes up to their own place that hold in this share of the first different frames."""
+    first = list(dict.fromkeys(frames))[:MAX_FRAMES]
+    return [each for each in hypotheses(frames, MIN_FRAMES) if each.end == each.at and each.share(first) >= least]
