@@ -4,26 +4,29 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from firmware_protocols import Can, Tcp
 from tactemu.base.errors import TactemuError, nearest, no_such
 from tactemu.judge import forged_replies
-from tactemu.judge.plan import CLEAN, Trial
+from tactemu.judge.plan import CLEAN, LineFacts, Plan, Trial
+from tactemu.wire.line_models import line_model_for
 
-NAMES = (
-    "flipped", "cut", "one cut", "byte lost", "one byte lost", "dropped", "burst", "doubled", "garbage", "chunked",
-    "split", "merged", "late", "reordered", "late answer", *forged_replies.NAMES, "another answer", "requests damaged",
-    "requests lost", "foreign frames", "busy bus", "error frames", "bus off", "old frame", "slow reader", "silence",
-    "hang", "unplug", "half open", "wrong baud", "reset", "counter wraps", "saturated", "dead taxel", "half the rate",
-    "high rate", "memory",
-)  # fmt: skip
-"""Names of the trials of all plans; a device's counters and clocks add trials such as "tick wraps"."""
+LINES = (
+    LineFacts(),
+    LineFacts(asks=True, talks=True),
+    LineFacts(line=line_model_for(Tcp(port=1))),
+    LineFacts(line=line_model_for(Can())),
+)
+"""Lines whose plans have all trials between them, except those of forged answers and of a device's own counters."""
 
 
 def check_names(names: Sequence[str]) -> None:
     """Raise TactemuError for a name of --only that no plan can have, before anything is run."""
+    planned = (trial.name for facts in LINES for trial in Plan(facts).trials())
+    known = list(dict.fromkeys((*planned, *forged_replies.NAMES)))
     for name in names:
         words = {*name.split()}
-        if name != CLEAN and not any(words <= {*each.split()} for each in NAMES) and "wraps" not in words:
-            raise TactemuError(f"--only: {no_such('trial', name, NAMES)}")
+        if name != CLEAN and not any(words <= {*each.split()} for each in known) and "wraps" not in words:
+            raise TactemuError(f"--only: {no_such('trial', name, known)}")
 
 
 def chosen(trials: Sequence[Trial], names: Sequence[str]) -> list[Trial]:
