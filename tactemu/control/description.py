@@ -50,12 +50,11 @@ def _adjustable(channel: Channel) -> list[str]:
 def _device(device: Device) -> dict[str, Any]:
     """Return the device's frame tables, as text with the bound values; its commands; name, scale, rest and span of its
     columns."""
-    from firmware_protocols.declared import tables_of  # only who draws a device needs it
+    from firmware_protocols.declared import frames_of  # only who draws a device needs it
 
-    own = [value for value in vars(device).values() if isinstance(value, Frame)]
-    tables = {table.name: table for table in (*tables_of(type(device), Frame), *own)}
+    tables = {table.name: table for table in reversed(frames_of(device))}  # bound ones replace those of the class
     return {
-        "tables": [_table(table) for table in tables.values()],
+        "tables": [_table(table) for table in reversed(tables.values())],
         "commands": [{"name": each.name, "request": text_of(each.frame)} for each in device.commands],
         "columns": [{name: getattr(each, name) for name in _COLUMN_FIELDS} for each in device.columns],
     }
