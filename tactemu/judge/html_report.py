@@ -89,30 +89,16 @@ def _case(outcome: Outcome) -> str:
     if case:
         parts.append(f"<p>Smallest case: <code>{escape('; '.join(case['faults'][:8]))}</code></p>")
         for each in case["bytes"][:3]:
-            became = " + ".join(each["after"]) or "nothing"
-            sent, arrived = _marked(each["before"], became)
-            parts.append(f"<pre>sent     {sent}\narrived  {arrived}</pre>")
+            sent, *arrived = (
+                escape(frame).replace("[", "<mark>").replace("]", "</mark>")
+                for frame in smallest_case.marked(each["before"], each["after"])
+            )
+            parts.append(f"<pre>sent     {sent}\narrived  {' + '.join(arrived) or 'nothing'}</pre>")
     if outcome.bad:
         parts.append(_beside(outcome.bad[0]))
     if case:
         parts.append(f"<p>For the driver's maintainers:</p><pre>{escape(smallest_case.in_words(case))}</pre>")
     return "".join(parts)
-
-
-def _marked(before: str, after: str) -> tuple[str, str]:
-    """Return the sent and the arrived frame as HTML, byte by byte, with the differing bytes marked."""
-    a, b = ([text[k : k + 2] for k in range(0, len(text), 2)] for text in (before, after))
-    head = next((k for k, (x, y) in enumerate(zip(a, b)) if x != y), min(len(a), len(b)))
-    tail = next(
-        (k for k, (x, y) in enumerate(zip(a[head:][::-1], b[head:][::-1])) if x != y), min(len(a), len(b)) - head
-    )
-
-    def shown(each: list[str]) -> str:
-        end = len(each) - tail
-        before, differs, behind = (escape(" ".join(part)) for part in (each[:head], each[head:end], each[end:]))
-        return f"{before} <mark>{differs or '∅'}</mark> {behind}"
-
-    return shown(a), shown(b)
 
 
 def _beside(bad: dict[str, Any]) -> str:

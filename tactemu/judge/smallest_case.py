@@ -187,7 +187,7 @@ def in_words(case: dict[str, Any]) -> str:
     lines = [f"Sensor: {case['device']} (emulated by tactemu). Driver: {' '.join(case['command'])}"]
     lines += [f"Faults on the wire: {'; '.join(case['faults'])} (frames counted from 1, bytes from 0)"]
     for each in case["bytes"][:2]:
-        sent, *arrived = _around(each["before"], each["after"])
+        sent, *arrived = marked(each["before"], each["after"])
         lines += [f"  sent:    {sent}", f"  arrived: {(' +' + NEXT_PIECE).join(arrived) or 'nothing'}"]
     lines += [f"Verdict: {case['verdict']}"]
     lines += [f"Note: {case['remark']}"] if case.get("remark") else []
@@ -200,7 +200,7 @@ def in_words(case: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def _around(before: str, after: Sequence[str]) -> list[str]:
+def marked(before: str, after: Sequence[str]) -> list[str]:
     """Return the sent and the arrived frames with what differs in brackets; long ones are cut around it."""
     match = _CAN_HEAD.match(before)
     head = match[0] if match else ""
@@ -234,4 +234,4 @@ def _cut(head: str, data: str, start: int, most: int, changed: tuple[int, int]) 
     return f"{head}{left}{shown}{right}{where}"
 
 
-__all__ = ["find", "in_words", "may_be", "read", "trial_of", "write"]
+__all__ = ["find", "in_words", "marked", "may_be", "read", "trial_of", "write"]
