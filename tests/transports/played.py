@@ -38,8 +38,10 @@ class Played:
         self.device = fp.create(name, **options)
         self.truth = Truth()
         self.wire = Wire(transports.create(port), self.device.ports[0], truth=self.truth, faults=faults)
-        clock = SampleClock(period_ns=round(1e9 / hz) if hz else self.device.period_ns)
-        channel = Channel(name, self.device, RandomPushes(self.device), {self.device.ports[0].name: self.wire}, clock)
+        clock = SampleClock(period_ns=self.device.period_ns)
+        wanted = {"": round(1e9 / hz)} if hz else {}
+        wires = {self.device.ports[0].name: self.wire}
+        channel = Channel(name, self.device, RandomPushes(self.device), wires, clock, wanted_periods=wanted)
         self.emulator = Emulator(None, [channel], truth=self.truth)
         self._thread = threading.Thread(target=self.emulator.run)
 
