@@ -49,7 +49,7 @@ def explain(
     from tactemu.base.long_work import notices_to
     from tactemu.emulator.scenario import check_scenario, laws_needed
     from tactemu.scene import file
-    from tactemu.scene.building import build_scene, make_devices
+    from tactemu.scene.building import build_scene, build_simulation, make_devices
 
     if schema:
         print(json.dumps(file.json_schema(), indent=2))
@@ -72,7 +72,7 @@ def explain(
     _print_schedule(loaded)
     start_warp()
     with notices_to(lambda text: print(f"{text}\n", flush=True)):
-        simulation = scene.build(device=device or world.compute, seed=world.seed, dtype=world.dtype)
+        simulation = build_simulation(scene, loaded, device=device)
     simulation.step()
     if cost:
         simulation.plan.time_stages(time.perf_counter_ns)

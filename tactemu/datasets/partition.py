@@ -16,7 +16,7 @@ from tactemu.datasets.shards import STATE, Column, RowBuffer, Shard, Writer, sav
 from tactemu.datasets.spec import DatasetSpec
 from tactemu.datasets.start_poses import BodyMotions, StartPoses
 from tactemu.plan.thread_pool import cores
-from tactemu.scene.building import build_scene, make_devices
+from tactemu.scene.building import build_scene, build_simulation, make_devices
 from tactemu.scene.engine_tables import BatchTable
 from tactemu.scene.file import LoadedScene, load
 from tactemu.scene.placement import PlacedSkin
@@ -67,13 +67,13 @@ class Partition:
         if not placed:
             raise TactemuError(f"{spec.target}: no skin is on a body; add a [[skin]] with a link")
         BodyMotions(scene, loaded.motions, starts, first, end)
-        world = loaded.tables.scene
-        how = {"device": spec.device, "seed": spec.seed, "dtype": world.dtype, "first_env": first}
-        self.simulation = scene.build(end - first, **how)
+        self.simulation = build_simulation(
+            scene, loaded, end - first, device=spec.device, seed=spec.seed, first_env=first
+        )
         self.simulation.step()  # loads the kernels, as the first step of an emulator does
         self.simulation.reset()
         self._readers = [
-            _QuantityReader(name, skin, quantity, kind, world.dtype)
+            _QuantityReader(name, skin, quantity, kind, loaded.tables.scene.dtype)
             for name, skin in placed.items()
             for quantity in devices[name].contact
             for kind in IS_TRUTH

@@ -23,13 +23,13 @@ from tactemu.emulator.sampling import SampleClock
 from tactemu.emulator.scenario import check_scenario, faults_of, laws_needed, schedule
 from tactemu.emulator.sources import resolve_source, without_replaced
 from tactemu.geometry.motion import Joint
-from tactemu.scene.building import build_scene, make_devices
+from tactemu.scene.building import build_scene, build_simulation, make_devices, named_file
 from tactemu.scene.description import SceneContext
 from tactemu.scene.events import EventTable
 from tactemu.scene.file import LoadedScene
 from tactemu.scene.measured_defaults import with_measured_defaults
 from tactemu.scene.placement import NullSource, PlacedSkin, SenseReader
-from tactemu.scene.schema import SceneTable, SkinTable
+from tactemu.scene.schema import SkinTable
 from tactemu.scene.steering import Steered
 from tactemu.sensors.signs import require_on_skin
 from tactemu.truth import Truth
@@ -110,24 +110,24 @@ def assemble(
     devices = make_devices(loaded)
     check_scenario(loaded.tables.scenario, devices, loaded.source)
     check_scenario(options.scenario, devices)
-    given = resolve_source(options.source, loaded, devices, lambda scene: _built(scene, options, world, seed, like))
+    built = partial(_built, loaded=loaded, options=options, seed=seed, like=like)
+    given = resolve_source(options.source, loaded, devices, built)
     loaded = without_replaced(loaded, given)
     events = (*loaded.tables.scenario, *options.scenario)
-    fresh = {"fresh": options.fresh_ports, "usual_network": options.usual_network}
-    assignments = assign_ports(loaded.tables.skin, devices, options.port, **fresh)
     truth = truth or Truth()
-    wires = _wires(loaded.tables.skin, events, assignments, options, wire_seed, truth)
+    assignments, wires = _wires(loaded, devices, events, options, wire_seed, truth)
     laws = {name: (*options.adjustable, *laws_needed(events, name)) for name in devices}
     channels: dict[str, Channel] = {}
 
     def local_ns(skin: str, t_ns: int) -> int:
         return channels[skin].local_ns(t_ns) if skin in channels else t_ns
 
-    scene, placed = build_scene(_driven(loaded, devices, local_ns), devices, laws, local_ns)
-    for name, skin in placed.items():
-        require_on_skin((part.sensor for part in skin.parts), f"skin {name!r}: devices measure")
+    with named_file(loaded):
+        scene, placed = build_scene(_driven(loaded, devices, local_ns), devices, laws, local_ns)
+        for name, skin in placed.items():
+            require_on_skin((part.sensor for part in skin.parts), f"skin {name!r}: devices measure")
     played = _recordings(loaded, devices)
-    simulation = _built(scene, options, world, seed, like) if placed else given.simulation
+    simulation = built(scene) if placed else given.simulation
     if given.poses and simulation is not None:
         given.poses.attach(simulation)
     placed |= given.sensors
@@ -136,14 +136,14 @@ def assemble(
         device = devices[skin.title]
         readings = from_source.get(skin.title) or played.get(skin.title) or placed.get(skin.title) or NullSource()
         own = {each.connector.name: wires[each.address] for each in assignments if each.skin == skin.title}
-        channels[skin.title] = _channel(skin, device, SenseReader(readings, device), own, options, wire_seed)
+        with named_file(loaded, is_own=not options.rate_hz):
+            channels[skin.title] = _channel(skin, device, SenseReader(readings, device), own, options, wire_seed)
     followed = [*played.values(), *([given.readings] if given.readings else [])]
     advanced = Playback(simulation, followed) if followed else simulation
     truth.context = SceneContext(simulation, devices, placed)
     emulator = Emulator(advanced, channels.values(), clock=clock, truth=truth, recipe=_recipe(original, options))
-    schedule(emulator, events)
-    is_given = simulation is not None and simulation is given.simulation
-    again = partial(_reassemble, original, options, simulation, is_given)
+    _schedule(emulator, loaded, options)
+    again = partial(_reassemble, original, options, simulation, simulation is given.simulation)
     return Assembled(emulator, simulation, scene, loaded, placed, frozenset(given.posed_bodies), again)
 
 
@@ -159,10 +159,10 @@ def _reassemble(
     return assemble(replace(loaded, motions=motions, tables=tables), options, **own, like=simulation)
 
 
-def _built(scene: Scene, options: AssemblyOptions, world: SceneTable, seed: int, like: Simulation | None) -> Simulation:
-    simulation = scene.build(
-        device=options.device or world.compute, seed=seed, dtype=world.dtype, first_env=options.env, like=like
-    )
+def _built(
+    scene: Scene, loaded: LoadedScene, options: AssemblyOptions, seed: int, like: Simulation | None
+) -> Simulation:
+    simulation = build_simulation(scene, loaded, device=options.device, seed=seed, first_env=options.env, like=like)
     if like is None:
         simulation.step()  # loads the kernels, so that the first frame is not late
         simulation.reset()
@@ -223,26 +223,37 @@ def _recordings(loaded: LoadedScene, devices: dict[str, Device]) -> dict[str, Re
     }
 
 
+def _schedule(emulator: Emulator, loaded: LoadedScene, options: AssemblyOptions) -> None:
+    """Schedule the events of the file, then those of the options."""
+    for k, event in enumerate(loaded.tables.scenario):
+        with named_file(loaded, f"scenario[{k}]: "):
+            schedule(emulator, [event])
+    schedule(emulator, options.scenario)
+
+
 def _wires(
-    skins: Sequence[SkinTable],
+    loaded: LoadedScene,
+    devices: Mapping[str, Device],
     events: Sequence[EventTable],
-    assignments: Sequence[PortAssignment],
     options: AssemblyOptions,
     seed: int,
     truth: Truth,
-) -> dict[str, Wire]:
-    """Return one wire per port, with the faults of all skins that share it."""
+) -> tuple[list[PortAssignment], dict[str, Wire]]:
+    """Return the ports, and one wire for each, with the faults of all skins that share it."""
+    skins, fresh = loaded.tables.skin, {"fresh": options.fresh_ports, "usual_network": options.usual_network}
+    with named_file(loaded, is_own=options.port is None):
+        assignments = assign_ports(skins, devices, options.port, **fresh)
+        ports = {address: transports.create(address) for address in dict.fromkeys(each.address for each in assignments)}
     wires: dict[str, Wire] = {}
-    for address in dict.fromkeys(assignment.address for assignment in assignments):
+    for address, port in ports.items():
         names = [assignment.skin for assignment in assignments if assignment.address == address]
         connector = next(assignment.connector for assignment in assignments if assignment.address == address)
         here = [skin for skin in skins if skin.title in names]
         faults = [*(fault for skin in here for fault in skin.faults), *options.faults, *faults_of(events, names)]
         paced = {skin.pacing for skin in here}
         pacing: Pacing = False if False in paced else "strict" if "strict" in paced else True
-        transport = transports.create(address)
-        wires[address] = Wire(transport, connector, pacing=pacing, faults=faults, seed=seed, truth=truth)
-    return wires
+        wires[address] = Wire(port, connector, pacing=pacing, faults=faults, seed=seed, truth=truth)
+    return assignments, wires
 
 
 def _channel(

@@ -14,7 +14,7 @@ from firmware_protocols import Device
 from firmware_protocols.connectors import port_error
 from firmware_protocols.options import checked, declared
 from firmware_protocols.senses import TOUCH, quantity_error
-from tactemu.base.errors import DeviceError, SceneError, TactemuError
+from tactemu.base.errors import DeviceError, SceneError, TactemuError, TransportError
 from tactemu.base.option_groups import defaults, from_flat
 from tactemu.base.options import numbers
 from tactemu.base.own_code import own_error
@@ -37,20 +37,26 @@ from tactemu.transducers.registry import make_transducer
 if TYPE_CHECKING:
     from tactemu.scene.scene import Scene
     from tactemu.sensors.sensor_model import SensorModel
+    from tactemu.sensors.simulation import Simulation
     from tactemu.transducers.transducer import Transducer
 
 
 @contextmanager
-def _named_file(loaded: LoadedScene, where: str = "") -> Iterator[None]:
+def named_file(loaded: LoadedScene, where: str = "", *, is_own: bool = True) -> Iterator[None]:
     """Begin the message of an error within with the scene file, if the scene is of one, and the place in it.
 
+    Args:
+        loaded: the scene.
+        where: the place, with a colon and a space.
+        is_own: False if the value in question is not the file's but of an option, which overrides it.
+
     Raises:
-        SceneError, DeviceError: the error, with this message.
+        SceneError, DeviceError, TransportError: the error, with this message.
     """
     try:
         yield
-    except (SceneError, DeviceError) as error:
-        if Path(loaded.source).suffix != ".toml" or str(error).startswith(loaded.source):
+    except (SceneError, DeviceError, TransportError) as error:
+        if not is_own or Path(loaded.source).suffix != ".toml" or str(error).startswith(loaded.source):
             raise
         place = "" if str(error).startswith(where) else where
         raise type(error)(f"{loaded.source}: {place}{error}") from error
@@ -64,7 +70,7 @@ def make_devices(loaded: LoadedScene) -> dict[str, Device]:
     """
     devices = {}
     for skin in loaded.tables.skin:
-        with _named_file(loaded, f"skin {skin.title!r}: "):
+        with named_file(loaded, f"skin {skin.title!r}: "):
             devices[skin.title] = _device_of(skin)
     return devices
 
@@ -124,7 +130,7 @@ def build_scene(
     from tactemu.scene.scene import Scene
 
     scene = Scene(dt=loaded.tables.scene.dt, convention=loaded.tables.scene.convention)
-    with _named_file(loaded):
+    with named_file(loaded):
         for body in loaded.tables.body:
             scene.add_body(
                 _shape(body, loaded.folder),
@@ -155,6 +161,41 @@ def build_scene(
                 placed.append(PlacedSensor(sensor, part))
             skins[skin.title] = PlacedSkin(placed, len(device.layout))
     return scene, skins
+
+
+def build_simulation(
+    scene: Scene,
+    loaded: LoadedScene,
+    n_envs: int | None = None,
+    *,
+    device: str | None = None,
+    seed: int | None = None,
+    first_env: int = 0,
+    like: Simulation | None = None,
+) -> Simulation:
+    """Compile the scene of a file, with its number type.
+
+    Args:
+        scene: the scene that :func:`build_scene` returned.
+        loaded: the file.
+        n_envs: as for :meth:`tactemu.Scene.build`, as ``first_env`` and ``like``.
+        device: the device that runs the kernels; default: the file's own.
+        seed: root of all random streams; default: the file's own.
+        first_env: see ``n_envs``.
+        like: see ``n_envs``.
+
+    Raises:
+        SceneError: as :meth:`tactemu.Scene.build`; the message names the file.
+    """
+    from tactemu.sensors.build_options import device_of
+
+    world = loaded.tables.scene
+    chosen = device or world.compute
+    with named_file(loaded, "scene.compute: ", is_own=chosen == world.compute):
+        device_of(chosen)
+    with named_file(loaded):
+        seed = world.seed if seed is None else seed
+        return scene.build(n_envs, device=chosen, seed=seed, dtype=world.dtype, first_env=first_env, like=like)
 
 
 def open_engine(scene: Scene, loaded: LoadedScene, motors: Sequence[JointMotors]) -> Any:

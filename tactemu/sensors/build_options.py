@@ -28,7 +28,7 @@ def device_of(name: Any) -> wp.Device:
         known = ", ".join(str(device) for device in wp.get_devices())
         raise SceneError(
             f"no device {name!r} on this machine ({error}): write 'cpu', 'cuda' or 'cuda:N', such as 'cuda:0' for the "
-            f"first GPU, as `compute` of a scene file; kernels run on: {known}"
+            f"first GPU; kernels run on: {known}"
         ) from None
 
 

@@ -21,7 +21,7 @@ import numpy as np
 from firmware_protocols import Device
 from firmware_protocols.senses import Quantity
 from tactemu.base.errors import SceneError, nearest
-from tactemu.scene.building import build_scene, make_devices, model_name, transducers_of
+from tactemu.scene.building import build_scene, build_simulation, make_devices, model_name, transducers_of
 from tactemu.scene.file import LoadedScene, load
 from tactemu.scene.schema import SkinTable
 from tactemu.sensors.models import model_class
@@ -108,7 +108,7 @@ class Tuner:
     ):
         self.loaded, self.skin, self.error, self.seconds = loaded, skin, error, seconds
         self.pace = Pace(rate_hz, loaded.tables.scene.dt)
-        self.compute = device or loaded.tables.scene.compute
+        self.compute = device
         self.device = make_devices(loaded)[skin.title]
         self._bare = _without_transducers(loaded, skin)
         self._compared = _device_before_transducers(self.device, skin) if skin.transducer else self.device
@@ -175,9 +175,7 @@ class Tuner:
         scene, skins = build_scene(loaded, make_devices(loaded) | {self.skin.title: device})
         sensors = (part.sensor for part in skins[self.skin.title].parts)
         require_on_skin(sensors, f"skin {self.skin.title!r}: devices measure")
-        world = loaded.tables.scene
-        sim = scene.build(device=self.compute, seed=world.seed, dtype=world.dtype)
-        return sim, skins[self.skin.title]
+        return build_simulation(scene, loaded, device=self.compute), skins[self.skin.title]
 
     def _readings(self, setting: Setting) -> np.ndarray:
         """Return what the device, or its first transducer, would sense without imperfections at :data:`MOMENTS` times

@@ -8,6 +8,7 @@ import pytest
 
 from tactemu.base.errors import DeviceError, SceneError, TactemuError
 from tactemu.emulator.assembly import assemble
+from tactemu.emulator.options import AssemblyOptions
 from tactemu.geometry.motion import InTurn, Press
 from tactemu.scene import file, schema
 from tactemu.scene.building import make_devices
@@ -194,6 +195,15 @@ OPTIONS = {
     "options = { nois = 1.0 }": "skin 'anyskin': options: kinematic_taxel has no 'nois'; did you mean 'noise'?",
     "device_options = { nois = 1 }": "skin 'anyskin': device anyskin: unknown option 'nois'",
     "transducer = [{ kind = 'magnetc' }]": "skin 'anyskin': transducer 1: unknown transducer 'magnetc'",
+    "options = { jitter = 1e9 }": "sensor 'anyskin': jitter must be at most",
+    "ports = { usb = 'pty:x' }": "anyskin has no port 'usb'",
+    "ports = { '' = 'pt:x' }": "port 'pt:x': unknown scheme 'pt'; did you mean 'pty'?",
+    "rate_hz = { imu = 100 }": "anyskin: rate_hz: no stream 'imu'",
+    "[[scenario]]\nat = 1\nset = { noise = -1 }": "scenario[0]: sensor 'anyskin': noise must be zero or positive",
+    "[scene]\ncompute = 'gpu'": "scene.compute: no device 'gpu' on this machine",
+    "[scene]\nconvention = 'genesis'": "skin 'anyskin': devices measure what acts on the skin",
+    "[[body]]\nshape = 'sphere'\nradius = 0.01\nname = 'ball'\n[body.motion]\nkind = 'joint'\nskin = 'anyskn'\n"
+    "joint = 'x'\naxis = [0, 0, 1]": "body 'ball': motion: no skin 'anyskn'; did you mean 'anyskin'?",
 }
 
 
@@ -204,6 +214,15 @@ def test_an_error_of_an_option_names_the_file(line, tmp_path):
     with pytest.raises(TactemuError) as error:
         assemble(file.load(path))
     assert str(error.value).startswith(f"{path}: {OPTIONS[line]}")
+
+
+def test_an_error_of_an_option_of_the_command_does_not_name_the_file(tmp_path):
+    path = tmp_path / "hand.toml"
+    path.write_text("[[body]]\nname = 'pad'\nshape = 'plane'\n[[skin]]\ndevice = 'anyskin'\nlink = 'pad'\n")
+    for options in ({"device": "gpu"}, {"port": "pt:x"}, {"rate_hz": {"imu": 100}}):
+        with pytest.raises(TactemuError) as error:
+            assemble(file.load(path), AssemblyOptions(**options))
+        assert str(path) not in str(error.value), error.value
 
 
 def test_a_body_of_python_is_fixed_or_not():
