@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.text import Text
 
 from tactemu.base.errors import TactemuError, no_such
-from tactemu.base.files import check_writable
+from tactemu.base.files import check_folder, check_writable
 from tactemu.base.style import PAGE_SIGN
 from tactemu.cli import INTERRUPTED
 from tactemu.cli.consoles import message_console, print_row
@@ -109,6 +109,8 @@ class ReportFiles:
         for path, sign in ((self.html, PAGE_SIGN), (self.junit, '"tactemu judge'), (self.json, '"tactemu":')):
             if path is not None:
                 check_writable(path, "the report", sign)
+        if self.cases is not None:
+            check_folder(self.cases, "the cases")
 
 
 def judge_driver(target: str, command: Sequence[str], options: JudgeOptions, files: ReportFiles) -> int:

@@ -8,6 +8,7 @@ from dataclasses import asdict
 from typing import Self
 
 from tactemu.base.errors import TactemuError
+from tactemu.base.files import check_folder, check_writable
 from tactemu.judge.budget import Budget
 from tactemu.judge.columns import Columns
 from tactemu.judge.driver import Driver, command_of
@@ -61,6 +62,10 @@ class DriverSession:
         self._numbers = 0
 
     def __enter__(self) -> Self:
+        if self.options.record is not None:
+            check_folder(self.options.record, "the recorded trials")
+        if self.options.columns is not None and not self.options.columns.exists():
+            check_writable(self.options.columns, "the columns")
         self.rig.__enter__()
         return self
 
@@ -184,12 +189,7 @@ class DriverSession:
 
     def _write(self, record: TrialRecord) -> None:
         if self.options.record is not None:
-            try:
-                self.options.record.mkdir(parents=True, exist_ok=True)
-            except OSError as error:
-                raise TactemuError(
-                    f"{self.options.record}: cannot create the folder of --record: {error.strerror}"
-                ) from None
+            self.options.record.mkdir(parents=True, exist_ok=True)
             name = record.name.replace(" ", "-")
             record.write(self.options.record / f"{self._numbers:02d}-{name}.jsonl")
             self._numbers += 1

@@ -52,6 +52,9 @@ def test_a_sum_that_nobody_checks_with_report_case_and_replay(tmp_path):
 FLAWED = [
     (["--only=flapped"], 2, "--only: no trial 'flapped'; did you mean 'flipped'?"),
     (["--html=/no/such/folder/r.html"], 2, "there is no folder /no/such/folder"),
+    (["--cases=/dev/null/x"], 2, "/dev/null/x: cannot write the cases: /dev/null: Not a directory"),
+    (["--record=/dev/null/x"], 2, "/dev/null/x: cannot write the recorded trials: /dev/null: Not a directory"),
+    (["--columns=/no/x.toml"], 2, "/no/x.toml: cannot write the columns: there is no folder /no"),
     (["--budget=1s"], 3, "only the run without faults was tried"),
     (["--only=clean"], 0, "nothing fails"),
 ]
