@@ -30,7 +30,7 @@ def reason_of(error: Exception, path: str | os.PathLike | None = None) -> str:
 
     Args:
         error: the error.
-        path: the file that could not be written; the reason names its folder if there is none.
+        path: the file or folder that could not be written; the reason names its folder if there is none.
     """
     number = getattr(error, "errno", None)
     if number == errno.ENOENT and path is not None and not os.path.isdir(folder := os.path.dirname(path) or "."):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import atexit
+import errno
 import os
 import shutil
 import tempfile
@@ -63,7 +64,7 @@ def check_writable(path: str | Path, what: str, *signs: str) -> None:
     if target.is_dir():
         problem = "is a folder"
     elif not target.parent.is_dir():
-        problem = f"there is no folder {target.parent}"
+        problem = reason_of(FileNotFoundError(errno.ENOENT, ""), target)
     elif not os.access(target if target.exists() else target.parent, os.W_OK):
         problem = "permission denied"
     if problem:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from tactemu.base.errors import TactemuError
+from tactemu.base.errors import TactemuError, nearest
 
 CAN_FRAMES = "CAN frames"
 PARQUET = "PAR1"
@@ -122,8 +122,8 @@ def format_of(path: Path, formats: Collection[Format], refusal: str) -> Format:
     """
     form = FORMATS.get(path.suffix[1:])
     if form is None or form not in formats:
-        many = f"one of {', '.join(each.suffix for each in formats)}"
-        raise TactemuError(f"{path}: {refusal} expected {many if len(formats) > 2 else names(formats, dot='.')}")
+        near = nearest(path.suffix, [each.suffix for each in formats])
+        raise TactemuError(f"{path}: {refusal}{near}; expected {names(formats, dot='.')}")
     return form
 
 

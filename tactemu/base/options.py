@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from firmware_protocols.bounds import LARGEST, Bounds
-from tactemu.base.errors import SceneError, shown
+from tactemu.base.errors import SceneError, nearest, shown
 
 
 def number(where: str, name: str, value: Any, kind: Any = float) -> Any:
@@ -78,7 +78,8 @@ def choice(where: str, name: str, value: Any, choices: Any) -> Any:
     """
     known = typing.get_args(choices)
     if not any(value is each or (type(value) is type(each) and value == each) for each in known):
-        raise SceneError(f"{where}: {name} must be one of {', '.join(map(str, known))}, got {shown(value)}")
+        near = nearest(value, [each for each in known if isinstance(each, str)]) if isinstance(value, str) else ""
+        raise SceneError(f"{where}: {name} must be one of {', '.join(map(str, known))}, got {shown(value)}{near}")
     return value
 
 

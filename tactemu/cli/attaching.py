@@ -31,7 +31,7 @@ def attach(
     """
     import signal
 
-    from tactemu.base.errors import TactemuError
+    from tactemu.base.errors import TactemuError, no_such
     from tactemu.transports import inet
     from tactemu.transports.usb import vhci
     from tactemu.transports.usbip import USUAL_PORT
@@ -44,7 +44,7 @@ def attach(
         return
     there = [each.busid for each in devices]
     if missing := [each for each in busid or () if each not in there]:
-        raise TactemuError(f"{server} has no device {missing[0]}; it has {', '.join(there) or 'none'}")
+        raise TactemuError(f"{server} has {no_such('device', missing[0], there)}")
     if not there:
         raise TactemuError(f"{server} offers no device")
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # the kernel would keep the devices

@@ -13,7 +13,7 @@ from itertools import accumulate
 import numpy as np
 
 from firmware_protocols import Can, Serial
-from tactemu.base.errors import TactemuError, TransportError
+from tactemu.base.errors import TactemuError, TransportError, no_such
 from tactemu.cli.finding import Finding
 from tactemu.transports import can_link, create, uart_settings
 from tactemu.transports.adapter import net_adapter, tty_adapter
@@ -245,8 +245,8 @@ def _jitter(loop: _Loop, baud: int) -> Finding:
 
 def _can_interface(name: str) -> Iterator[Finding]:
     link = can_link.can_link(name)
-    if link is None or link.kind not in ("can", "vcan", "vxcan"):
-        raise TransportError(f"there is no CAN interface {name!r}: ip -brief link show type can")
+    if link is None or link.kind not in can_link.KINDS:
+        raise TransportError(no_such("CAN interface", name, can_link.names()))
     what = str(net_adapter(name)) or f"an interface without hardware ({link.kind})"
     yield Finding("adapter", link.is_real, f"{name}: {what}")
     if link.is_real:

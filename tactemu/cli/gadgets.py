@@ -37,11 +37,11 @@ def gadget(
       sudo $(which tactemu) gadget anyskin
       sudo $(which tactemu) gadget seed_fts3 --udc fe980000.usb --plain
     """
-    from firmware_protocols import create
+    from tactemu.scene.building import make_device
 
     if any(each == "--port" or each.startswith("--port=") for each in arguments):
         raise TactemuError("tactemu gadget gives the device its port; leave out --port")
-    text = script(create(arguments[0]).ports[0], arguments, controller=controller or "", name=name)
+    text = script(make_device(arguments[0], {}).ports[0], arguments, controller=controller or "", name=name)
     if dry_run:
         typer.echo(text, nl=False)
         return

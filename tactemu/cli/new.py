@@ -59,7 +59,7 @@ def examples(
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise TactemuError(f"{folder}: cannot make the folder: {error.strerror}") from None
+        raise TactemuError(f"{folder}: cannot make the folder: {reason_of(error, folder)}") from None
     for path in _examples():
         _write(folder / path.name, path.read_text(encoding="utf-8"))
         typer.echo(folder / path.name)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from tactemu.base.errors import TactemuError
+from tactemu.base.errors import TactemuError, reason_of
 from tactemu.cli import INTERRUPTED
 from tactemu.cli.parameters import Compute, Target, quantity_of
 from tactemu.cli.sections import in_sections
@@ -161,7 +161,7 @@ def _make_dataset(spec: DatasetSpec, folder: Path, cluster: str | None) -> int:
         typer.echo("stopped; the same command continues from here", err=True)
         return INTERRUPTED
     except OSError as error:
-        raise TactemuError(f"{folder}: {error.strerror or error}") from None
+        raise TactemuError(f"{folder}: {reason_of(error, folder)}") from None
     typer.echo(f"{folder}: done; README.md describes the files")
     return 0
 

@@ -17,7 +17,7 @@ from typing import Annotated
 
 import typer
 
-from tactemu.base.errors import TactemuError
+from tactemu.base.errors import TactemuError, nearest, no_such, reason_of
 
 UNITS = Path("/etc/systemd/system")
 PREFIX = "tactemu-"
@@ -77,8 +77,8 @@ def remove(
     """
     path = UNITS / f"{_name(name.removeprefix(PREFIX))}.service"
     if not path.exists():
-        there = ", ".join(sorted(each.stem for each in UNITS.glob(f"{PREFIX}*.service"))) or "none"
-        raise TactemuError(f"there is no service {path.stem}; there is {there}")
+        there = sorted(each.stem.removeprefix(PREFIX) for each in UNITS.glob(f"{PREFIX}*.service"))
+        raise TactemuError(no_such("service", path.stem.removeprefix(PREFIX), there))
     _carry_out(_removal(path), dry_run=dry_run)
 
 
@@ -99,7 +99,8 @@ def _check(arguments: Sequence[str], user: str) -> None:
     try:
         pwd.getpwnam(user)
     except KeyError:
-        raise TactemuError(f"there is no user {user!r}") from None
+        near = nearest(user, (each.pw_name for each in pwd.getpwall()))
+        raise TactemuError(f"there is no user {user!r}{near}") from None
     has_port = any(each == "--port" or each.startswith("--port=") for each in arguments)
     if not has_port and not arguments[0].endswith(".toml"):  # a scene file may have its ports
         raise TactemuError("a service needs its port, such as --port serial:/dev/ttyUSB0")
@@ -219,4 +220,4 @@ def _carry_out(steps: Sequence[Write | Run], *, dry_run: bool, undo: Sequence[Ru
             for each in undo:
                 typer.echo(str(each))
                 subprocess.run(each.command, check=False, stderr=subprocess.DEVNULL)
-            raise TactemuError(f"{step}: {error}; nothing of it is left") from None
+            raise TactemuError(f"{step}: {reason_of(error)}; nothing of it is left") from None

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from tactemu.base.errors import TactemuError, TransportError
+from tactemu.base.errors import TactemuError, TransportError, reason_of
 from tactemu.control.control_commands import DEFAULT_WATCH_RATE_HZ, ControlCommands
 from tactemu.control.endpoints import PROTOCOL, chosen, uid_of_peer
 from tactemu.truth.entries import Sample
@@ -51,7 +51,7 @@ class Connection(ControlCommands):
             self.about = self._read()
         except OSError as error:
             self._socket.close()
-            raise TransportError(f"{path}: cannot connect to the emulator: {error.strerror}") from None
+            raise TransportError(f"{path}: cannot connect to the emulator: {reason_of(error)}") from None
         except BaseException:
             self._socket.close()
             raise

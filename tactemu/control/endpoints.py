@@ -19,7 +19,7 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from tactemu.base.errors import TactemuError, TransportError
+from tactemu.base.errors import TactemuError, TransportError, nearest, reason_of
 from tactemu.base.folders import is_private_folder
 
 PROTOCOL = 1
@@ -76,7 +76,7 @@ def folder(*, make: bool = False) -> Path:
             return path
         raise TransportError(f"{path}: cannot make this folder for control sockets: {path.parent} is missing") from None
     except OSError as error:
-        raise TransportError(f"{path}: cannot make this folder for control sockets: {error.strerror}") from None
+        raise TransportError(f"{path}: cannot make this folder for control sockets: {reason_of(error)}") from None
     if not ours:
         raise TransportError(
             f"{path}: no control socket is used there, because it is not your private folder; remove it, or make it "
@@ -176,7 +176,7 @@ class Endpoint:
             listener.listen(16)
         except OSError as error:
             listener.close()
-            raise TransportError(f"{path}: cannot make this socket: {error.strerror}") from None
+            raise TransportError(f"{path}: cannot make this socket: {reason_of(error)}") from None
         listener.setblocking(False)
         self.name, self.path, self._owner_pid = name, path, os.getpid()
         return listener
@@ -210,5 +210,7 @@ def chosen(name: str | None = None) -> Path:
         several = f"several emulators run; choose one with --name:{listed}"
         raise TactemuError(several if there else "no emulator runs; start one: tactemu run anyskin")
     if name not in names:
-        raise TactemuError(f"no emulator {name!r} runs" + (f"; choose one of:{listed}" if there else ""))
+        raise TactemuError(
+            f"no emulator {name!r} runs{nearest(name, names)}" + (f"; choose one of:{listed}" if there else "")
+        )
     return folder() / f"{name}.sock"

@@ -10,6 +10,7 @@ from functools import partial
 from pathlib import Path
 
 from tactemu.base.errors import TactemuError
+from tactemu.base.files import check_folder
 from tactemu.base.jobs import run_on_cluster
 from tactemu.datasets.dataset_card import dataset_card
 from tactemu.datasets.partition import Partition, load_scene
@@ -59,6 +60,7 @@ def begin(spec: DatasetSpec, folder: Path) -> Estimate:
     """
     if importlib.util.find_spec("pyarrow") is None:
         raise TactemuError("shards are Parquet, which needs pyarrow: pip install 'tactemu[convert]'")
+    check_folder(folder, "the dataset")
     loaded = load_scene(spec)
     varied = StartPoses(loaded, spec).names
     partition = Partition(spec, *spec.ranges[0])

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from firmware_protocols.bounds import Bounds
-from tactemu.base.errors import TactemuError, no_such
+from tactemu.base.errors import TactemuError, no_such, reason_of
 from tactemu.base.options import number
 from tactemu.version import __version__
 
@@ -89,7 +89,7 @@ def write_spec(spec: DatasetSpec, about: dict[str, Any], folder: Path) -> None:
             return
         before = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
-        raise TactemuError(f"{path}: {error}") from None
+        raise TactemuError(f"{path}: {reason_of(error, path)}") from None
     if changed := list(_changed(before, content)):
         raise TactemuError(f"{folder}: another dataset was begun there ({'; '.join(changed)}); name another folder")
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from firmware_protocols import Device
 from firmware_protocols.senses import VECTORS
-from tactemu.base.errors import SceneError, TactemuError
+from tactemu.base.errors import SceneError, TactemuError, no_such
 from tactemu.scene.placement import AMBIENT
 from tactemu.truth import read_log
 
@@ -41,9 +41,8 @@ class RecordedReadings:
         if not device and len(names) == 1:
             device = names[0]
         if device not in names:
-            raise TactemuError(
-                f"{path}: no samples of {device or 'one device'!r}; it has: {', '.join(names) or 'none'}"
-            )
+            several = f"it has samples of {', '.join(names) or 'no skin'}; name one with `readings_of`"
+            raise TactemuError(f"{path}: {no_such('skin', device, names) if device else several}")
         skin = log[device]
         if object in (skin.measured.dtype, skin.ideal.dtype):
             raise TactemuError(f"{path}: the samples of {device!r} do not all have one shape")

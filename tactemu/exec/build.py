@@ -13,6 +13,8 @@ from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
 
+from tactemu.base.errors import reason_of
+
 SOURCES = Path(__file__).parent / "preload"
 BUILT = "preload.so"
 """The name of the library, which is beside its sources in a wheel."""
@@ -77,7 +79,7 @@ def compile_to(target: Path, command: Sequence[str]) -> None:
                 raise NoLibrary(f"{command[0]} cannot make the preload library: {done.stderr.strip()[-500:]}")
             made.replace(target)
     except OSError as error:
-        raise NoLibrary(f"the preload library cannot be made in {target.parent}: {error.strerror}") from None
+        raise NoLibrary(f"the preload library cannot be made in {target.parent}: {reason_of(error)}") from None
 
 
 def _digest() -> str:

@@ -14,7 +14,7 @@ import threading
 from collections.abc import Callable
 from typing import Any
 
-from tactemu.base.errors import TransportError
+from tactemu.base.errors import TransportError, reason_of
 
 _HERE = "127.0.0.1"
 _CHUNK = 65_536
@@ -110,4 +110,4 @@ def _listen(port: int) -> socket.socket:
     try:
         return socket.create_server((_HERE, port))
     except OSError as error:
-        raise TransportError(f"--expose tcp:{port}: {error.strerror}") from None
+        raise TransportError(f"--expose tcp:{port}: {reason_of(error)}; choose another port") from None

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from firmware_protocols import Device
-from tactemu.base.errors import TactemuError
+from tactemu.base.errors import TactemuError, reason_of
 from tactemu.base.files import check_writable
 from tactemu.base.style import PAGE_SIGN
 from tactemu.fit.estimates import Findings, linear
@@ -181,7 +181,7 @@ def run_fit(
         if report is not None:
             report.write_text(page(device, recordings, found, scored, command), encoding="utf-8")
     except OSError as error:
-        raise TactemuError(f"{error.filename}: cannot be written: {error.strerror}") from None
+        raise TactemuError(f"{error.filename}: cannot be written: {reason_of(error, error.filename)}") from None
     for estimate in found.estimates.values():
         say(f"  {estimate}")
     for title, lines in (("noticed", found.notes), ("not determined", found.unknown)):

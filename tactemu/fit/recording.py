@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from tactemu.base.errors import TactemuError, nearest
+from tactemu.base.errors import TactemuError, nearest, no_such, reason_of
 
 READINGS = ("field", "counts", "pressure", "resistance", "capacitance", "reading")
 TRUTHS = ("t", "x", "y", "z", "depth", "force", "mass", "temperature", "untouched")
@@ -83,7 +83,7 @@ def read(
         size = path.stat().st_size
         digest = hashlib.sha256(path.read_bytes()).hexdigest() if size <= MAX_FILE_BYTES else ""
     except OSError as error:
-        raise TactemuError(f"{path}: cannot read the recording: {error.strerror}") from None
+        raise TactemuError(f"{path}: cannot read the recording: {reason_of(error)}") from None
     if not digest:
         raise TactemuError(
             f"{path}: {size / 1e9:.1f} GB; a recording may have {MAX_FILE_BYTES / 1e9:.1f} GB: cut it into parts"
@@ -173,8 +173,7 @@ def _chosen(table: dict[str, np.ndarray], words: str, role: str, path: Path) -> 
         ranges = [[name for name in known if name.rpartition(".")[0] == end] or [end] for end in ends]
         for end in (ranges[0][0], ranges[-1][-1]):
             if end not in table:
-                hint = nearest(end, known) or f" (columns: {', '.join(known[:40])})"
-                raise TactemuError(f"{path}: no column {end!r} for {role}{hint}")
+                raise TactemuError(f"{path}: {role}: {no_such('column', end, known[:40])}")
         a, b = known.index(ranges[0][0]), known.index(ranges[-1][-1])
         if b < a:
             raise TactemuError(f"{path}: {role}={part}: the column {last!r} is before {first!r}; swap them")

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from firmware_protocols import Device
-from tactemu.base.errors import TactemuError
+from tactemu.base.errors import TactemuError, reason_of
 from tactemu.base.toml_text import lines_of
 from tactemu.judge.excitation import columns_of
 
@@ -284,7 +284,7 @@ class Columns:
         try:
             path.write_text("\n".join(lines) + "\n", encoding="utf-8")
         except OSError as error:
-            raise TactemuError(f"{path}: cannot write the columns: {error.strerror}") from None
+            raise TactemuError(f"{path}: cannot write the columns: {reason_of(error, path)}") from None
 
     @classmethod
     def load(cls, path: Path, channels: Sequence[Channel]) -> Columns:
@@ -296,7 +296,7 @@ class Columns:
         try:
             found = cls.from_dict({**tomllib.loads(path.read_text(encoding="utf-8")), "channels": ()})
         except OSError as error:
-            raise TactemuError(f"{path}: cannot read the columns: {error.strerror}") from None
+            raise TactemuError(f"{path}: cannot read the columns: {reason_of(error)}") from None
         except (ValueError, TypeError, KeyError) as error:
             raise TactemuError(f"{path}: not a file of columns: {error}") from None
         found.channels = list(channels)

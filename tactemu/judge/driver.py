@@ -17,7 +17,7 @@ import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from tactemu.base.errors import TactemuError
+from tactemu.base.errors import TactemuError, nearest, reason_of
 from tactemu.judge import processes
 from tactemu.judge.lateness import SchedulingDelay
 from tactemu.judge.row_parser import MAX_LINE_LENGTH, RowParser
@@ -59,7 +59,9 @@ def command_of(command: Sequence[str], ports: Mapping[str, str]) -> list[str]:
     values |= ports
     found = [name for word in command for name in _PLACEHOLDER.findall(word)]
     if found and not {*found} & {*values, "port"} and not _names_variable(command):
-        raise TactemuError(f"{{{found[0]}}} in the driver's command is no placeholder; expected {offered}")
+        raise TactemuError(
+            f"{{{found[0]}}} in the driver's command is no placeholder{nearest(found[0], values)}; expected {offered}"
+        )
     words = []
     for word in command:
         if "{port}" in word and "port" not in values:
@@ -141,7 +143,7 @@ class Driver:
         except OSError as error:
             os.close(out)
             os.close(err)
-            raise TactemuError(f"cannot run the driver: {command[0]}: {error.strerror}") from None
+            raise TactemuError(f"cannot run the driver: {command[0]}: {reason_of(error)}; give its path") from None
         finally:
             os.close(give)
             os.close(give_err)

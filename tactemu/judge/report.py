@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from tactemu.base.errors import TactemuError
+from tactemu.base.errors import TactemuError, reason_of
 from tactemu.judge.budget import EVERY_POSITION_BUDGET
 from tactemu.judge.outcome import FAILING, Outcome
 from tactemu.version import __version__
@@ -129,7 +129,7 @@ class Report:
             trials = data["trials"]
             self.known = {(t["name"], f["kind"]) for t in trials if t["confirmed"] is not False for f in t["findings"]}
         except OSError as error:
-            raise TactemuError(f"{path}: cannot read the baseline: {error.strerror}") from None
+            raise TactemuError(f"{path}: cannot read the baseline: {reason_of(error)}") from None
         except (ValueError, KeyError, TypeError):
             about = "not a report as JSON: --baseline takes the file that --json of an earlier run has written"
             raise TactemuError(f"{path}: {about}") from None
@@ -144,4 +144,4 @@ def written(path: Path, text: str) -> None:
     try:
         path.write_text(text, encoding="utf-8")
     except OSError as error:
-        raise TactemuError(f"{path}: cannot be written: {error.strerror}") from None
+        raise TactemuError(f"{path}: cannot be written: {reason_of(error, path)}") from None

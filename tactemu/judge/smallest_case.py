@@ -13,7 +13,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from tactemu.base.errors import TactemuError
+from tactemu.base.errors import TactemuError, reason_of
 from tactemu.base.files import check_overwriting
 from tactemu.judge.outcome import FAILING, Outcome
 from tactemu.judge.plan import Trial
@@ -151,7 +151,7 @@ def write(case: dict[str, Any], path: Path) -> None:
     try:
         path.write_text(json.dumps(case, indent=1) + "\n", encoding="utf-8")
     except OSError as error:
-        raise TactemuError(f"{path}: cannot write the case: {error.strerror}") from None
+        raise TactemuError(f"{path}: cannot write the case: {reason_of(error, path)}") from None
 
 
 def read(path: Path) -> dict[str, Any]:
@@ -163,7 +163,7 @@ def read(path: Path) -> dict[str, Any]:
     try:
         case = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
-        raise TactemuError(f"{path}: cannot read the case: {error.strerror}") from None
+        raise TactemuError(f"{path}: cannot read the case: {reason_of(error)}") from None
     except ValueError:
         about = "--replay takes a file of the folder that --cases of an earlier run has written"
         raise TactemuError(f"{path}: not a case: {about}") from None

@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from tactemu.base.errors import TactemuError, no_such
+from tactemu.base.errors import TactemuError, no_such, reason_of
 from tactemu.judge.driver import Driver, command_of
 from tactemu.judge.options import JudgeOptions
 from tactemu.session.serving import Served, serve
@@ -75,7 +75,7 @@ def read_script(path: Path) -> Success:
     try:
         exec(compile(path.read_text(encoding="utf-8"), str(path), "exec"), names)
     except OSError as error:
-        raise TactemuError(f"--success: {path}: {error.strerror}") from None
+        raise TactemuError(f"--success: {path}: cannot read it: {reason_of(error)}") from None
     except Exception as error:
         raise TactemuError(f"--success: {path}: {type(error).__name__}: {error}") from error
     if not callable(names.get("success")):

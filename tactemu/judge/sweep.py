@@ -20,7 +20,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from tactemu.base.errors import TactemuError
+from tactemu.base.errors import TactemuError, reason_of
 from tactemu.base.files import check_writable
 from tactemu.base.formats import PARQUET
 from tactemu.base.jobs import Journal, run_on_cluster
@@ -67,7 +67,7 @@ def read_plan(path: Path) -> list[Job]:
             for device, seed in itertools.product(table["devices"], seeds_of(table.get("seeds", 0)))
         ]
     except OSError as error:
-        raise TactemuError(f"{path}: cannot read the plan: {error.strerror}") from None
+        raise TactemuError(f"{path}: cannot read the plan: {reason_of(error)}") from None
     except KeyError as error:
         raise TactemuError(
             f"{path}: a [[driver]] table lacks the key {error}; expected name, devices, command, seeds"

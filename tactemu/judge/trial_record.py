@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tactemu.base.errors import TactemuError
+from tactemu.base.errors import TactemuError, reason_of
 from tactemu.base.files import check_overwriting
 from tactemu.truth import Truth
 from tactemu.truth.entries import Entry, Injection, Passage, PortEvent, Sample
@@ -107,7 +107,7 @@ class TrialRecord:
                 for line in self.lines():
                     file.write(json.dumps(line, default=_plain) + "\n")
         except OSError as error:
-            raise TactemuError(f"{path}: cannot write the recorded trial: {error.strerror}") from None
+            raise TactemuError(f"{path}: cannot write the recorded trial: {reason_of(error, path)}") from None
 
     def lines(self) -> Iterator[dict[str, Any]]:
         """Yield the head, then all entries sorted by time, as JSON data."""
@@ -126,7 +126,7 @@ class TrialRecord:
             with open(path, encoding="utf-8") as file:
                 return cls._of(file, str(path))
         except OSError as error:
-            raise TactemuError(f"{path}: cannot read the recorded trial: {error.strerror}") from None
+            raise TactemuError(f"{path}: cannot read the recorded trial: {reason_of(error)}") from None
 
     @classmethod
     def _of(cls, lines: Any, path: str) -> TrialRecord:

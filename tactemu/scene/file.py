@@ -16,7 +16,7 @@ import firmware_protocols
 from firmware_protocols.named_classes import UnknownNameError, WrongClassError, is_file_name
 from firmware_protocols.options import checked
 from firmware_protocols.registry import REGISTRY as DEVICES
-from tactemu.base.errors import DeviceError, SceneError, no_such
+from tactemu.base.errors import DeviceError, SceneError, no_such, reason_of
 from tactemu.base.own_code import own_error
 from tactemu.geometry.motion import Motion
 from tactemu.scene.code_names import own_names
@@ -72,7 +72,7 @@ def load(target: str | Path, device_options: Mapping[str, Any] | None = None, *,
         try:
             return parse(path.read_text(encoding="utf-8-sig"), source=text, folder=path.parent, code=code)
         except (OSError, UnicodeDecodeError) as error:
-            reason = error.strerror if isinstance(error, OSError) else "not a text file"
+            reason = reason_of(error) if isinstance(error, OSError) else "not a text file"
             raise SceneError(f"{text}: cannot read the scene file: {reason}") from None
     return default_scene(text, device_options or {})
 

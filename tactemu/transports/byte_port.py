@@ -5,7 +5,7 @@ from __future__ import annotations
 import errno
 import os
 
-from tactemu.base.errors import TransportError
+from tactemu.base.errors import TransportError, reason_of
 from tactemu.transports.transport import Transport
 
 _NOT_NOW = (errno.EAGAIN, errno.EIO, errno.ENXIO, errno.ENODEV)
@@ -34,7 +34,7 @@ class BytePort(Transport):
             written = os.write(fd, data)
         except OSError as error:
             if error.errno not in _NOT_NOW:
-                raise TransportError(f"lost the port {self.address}: {error.strerror}") from None
+                raise TransportError(f"lost the port {self.address}: {reason_of(error)}") from None
             written = 0
         self._unsent = data[written:] if written else unsent
         return written > 0

@@ -22,6 +22,8 @@ _CTRLMODE_FD = 0x20
 _HEADER, _IFINFO, _ATTRIBUTE = struct.Struct("=IHHII"), struct.Struct("=BxHiII"), struct.Struct("=HH")
 _TIMING = struct.Struct("=II")
 STATES = ("ERROR-ACTIVE", "ERROR-WARNING", "ERROR-PASSIVE", "BUS-OFF", "STOPPED", "SLEEPING")
+KINDS = ("can", "vcan", "vxcan")
+"""The kinds of interfaces that carry CAN frames."""
 COUNTS = ("bus_error", "error_warning", "error_passive", "bus_off", "arbitration_lost", "restarts")
 """The counters of ``struct can_device_stats``."""
 USUAL_SAMPLE_POINTS = (0.7, 0.9)
@@ -54,6 +56,12 @@ class CanLink:
     def is_real(self) -> bool:
         """True if a controller is behind the interface, which has a bit rate."""
         return self.kind == "can"
+
+
+def names() -> list[str]:
+    """Return the names of the CAN interfaces of this machine."""
+    names = sorted(name for _, name in socket.if_nameindex())
+    return [name for name in names if (link := can_link(name)) is not None and link.kind in KINDS]
 
 
 def can_link(name: str) -> CanLink | None:

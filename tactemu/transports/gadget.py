@@ -11,7 +11,7 @@ import contextlib
 from pathlib import Path
 
 from firmware_protocols import Connector, WireFrame
-from tactemu.base.errors import TransportError
+from tactemu.base.errors import TransportError, reason_of
 from tactemu.transports.transport import MAX_CHUNK_BYTES, Event, Noted, Received
 from tactemu.transports.usb.chip import MAX_TO_HOST_BYTES
 from tactemu.transports.usb.devices import device_of
@@ -77,7 +77,7 @@ class GadgetTransport(UsbPort):
             (gadget / "UDC").write_text(controller)
         except OSError as error:
             self.close()
-            raise TransportError(f"gadget {self._name} on {controller}: {error.strerror or error}") from None
+            raise TransportError(f"gadget {self._name} on {controller}: {reason_of(error)}") from None
 
     def close(self) -> None:
         """Pull the cable: the host's node goes. Safe to call twice."""

@@ -30,7 +30,7 @@ import tty
 from collections import deque
 
 from firmware_protocols import WireFrame
-from tactemu.base.errors import TransportError, TransportUnavailable
+from tactemu.base.errors import TransportError, TransportUnavailable, reason_of
 from tactemu.transports.byte_port import BytePort
 from tactemu.transports.forks import close_in_children
 from tactemu.transports.open_watch import OpenWatch
@@ -103,7 +103,7 @@ class PtyTransport(BytePort):
         try:
             self._master, slave = os.openpty()
         except OSError as error:
-            raise TransportUnavailable(f"cannot make a pseudo terminal: {error.strerror}; mount /dev/pts") from None
+            raise TransportUnavailable(f"cannot make a pseudo terminal: {reason_of(error)}; mount /dev/pts") from None
         tty.setraw(slave)
         settings = termios.tcgetattr(slave)
         settings[2] |= termios.HUPCL  # the default of a port: the lines drop when it is closed
@@ -192,7 +192,7 @@ class PtyTransport(BytePort):
                 room -= size
         except OSError as error:
             if error.errno not in (errno.EAGAIN, errno.EIO):
-                raise TransportError(f"lost the port {self.address}: {error.strerror}") from None
+                raise TransportError(f"lost the port {self.address}: {reason_of(error)}") from None
         return chunks, room > 0
 
     def _closed(self) -> list[Event]:

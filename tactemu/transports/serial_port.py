@@ -31,7 +31,7 @@ from pathlib import Path
 from urllib.parse import parse_qsl
 
 from firmware_protocols import Connector, Serial, WireFrame
-from tactemu.base.errors import TransportError, nearest
+from tactemu.base.errors import TransportError, nearest, reason_of
 from tactemu.base.timer_fd import PeriodicTimer
 from tactemu.transports import uart_settings
 from tactemu.transports.byte_port import BytePort
@@ -151,7 +151,7 @@ class SerialPortTransport(BytePort):
             raise TransportError(f"{self.address} is locked by another program: fuser -v {self.address}") from None
         except OSError as error:
             hint = _HINTS.get(error.errno or 0, "check the adapter and its cable").format(path=self.address)
-            raise TransportError(f"cannot open {self.address}: {error.strerror}; {hint}") from None
+            raise TransportError(f"cannot open {self.address}: {reason_of(error)}; {hint}") from None
 
     def _without_uart(self) -> str:
         return "" if uart_settings.has_uart(self._fd) else ": there is no UART behind it"
@@ -177,7 +177,7 @@ class SerialPortTransport(BytePort):
                 uart_settings.set_rs485(self._fd)
             except OSError as error:
                 raise TransportError(
-                    f"{self.address}: its driver cannot switch the direction of RS-485 ({error.strerror}); most USB "
+                    f"{self.address}: its driver cannot switch the direction of RS-485 ({reason_of(error)}); most USB "
                     f"adapters do so by themselves: rs485=adapter"
                 ) from None
         low = uart_settings.set_low_latency(self._fd)

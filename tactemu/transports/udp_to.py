@@ -9,7 +9,7 @@ from __future__ import annotations
 import contextlib
 import socket
 
-from tactemu.base.errors import TransportError
+from tactemu.base.errors import TransportError, reason_of
 from tactemu.transports import inet
 from tactemu.transports.forks import close_in_children
 from tactemu.transports.transport import Event
@@ -41,7 +41,7 @@ class UdpToTransport(UdpTransport):
             self._socket = socket.socket(family, socket.SOCK_DGRAM)
         except OSError as error:
             where = inet.join(self.host, self.port)
-            raise TransportError(f"cannot send to {where}: {error.strerror}; choose another address") from None
+            raise TransportError(f"cannot send to {where}: {reason_of(error)}; choose another address") from None
         self._socket.setblocking(False)
         close_in_children(self)
         self.port = self._peer[1]

@@ -7,11 +7,11 @@ from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Protocol
 
-from tactemu.base.errors import TactemuError, nearest
-from tactemu.base.files import check_overwriting, move_into_place
+from tactemu.base.errors import TactemuError, nearest, reason_of
+from tactemu.base.files import check_overwriting, check_writable, move_into_place
 from tactemu.base.formats import CAN_FRAMES, CONVERTIBLE, FORMATS, Format
-from tactemu.truth.entries import BodyPose, End, Entry, Header, Sample, belongs_to
-from tactemu.truth.log_reader import records
+from tactemu.truth.entries import BodyPose, End, Entry, Header
+from tactemu.truth.log_reader import SkinChoice, records
 from tactemu.truth.writer import log_format
 
 
@@ -82,26 +82,27 @@ def convert(
     form, target = _target(path, to)
     if target.exists() and path.exists() and target.samefile(path):
         raise TactemuError(f"{target}: is the log itself; name another file")
-    check_overwriting(target, form.sign)
+    check_writable(target, "it", form.sign)
     maker = form.load("converter")
-    chosen = _chosen(watch(records(path)), skin, sense)
+    choice = SkinChoice(skin, sense)
     try:
         with tempfile.TemporaryDirectory(dir=target.parent, prefix=".tactemu-") as folder:
-            count = _written(maker(Path(folder) / target.name), chosen)
+            count = _written(maker(Path(folder) / target.name), _chosen(watch(records(path)), choice))
+            choice.check(path)
             if not count:
                 what = f"no {form.holds}" if form.holds else "nothing"
                 whose = f" of {skin!r}" if skin else " in it"
                 hint = (
                     "; a .csv or .jsonl file holds the frames of every kind of line" if form.holds == CAN_FRAMES else ""
                 )
-                raise TactemuError(f"{path}: {what}{whose}{f' and {sense!r}' if sense else ''}{hint}")
+                raise TactemuError(f"{path}: {what}{whose}{hint}")
             made = sorted(Path(folder).iterdir())
             for each in made:
                 check_overwriting(target.parent / each.name, form.sign)
             for each in made:
                 move_into_place(each, target.parent / each.name)
     except OSError as error:
-        raise TactemuError(f"{target}: cannot write it: {error.strerror or error}") from None
+        raise TactemuError(f"{target}: cannot write it: {reason_of(error, target)}") from None
     return count, [target.parent / each.name for each in made]
 
 
@@ -115,13 +116,13 @@ def _target(path: Path, to: str) -> tuple[Format, Path]:
     raise TactemuError(f"cannot convert to {to!r}{nearest(to, names)}; expected one of {', '.join(names)}")
 
 
-def _chosen(found: Iterable, skin: str | None, sense: str | None) -> Iterator[Header | Entry | End]:
+def _chosen(found: Iterable, choice: SkinChoice) -> Iterator[Header | Entry | End]:
     for record in found:
         if isinstance(record, Header):
             yield record
         elif isinstance(record, End):
-            yield record._replace(summary=[each for each in record.summary if skin in (None, each["skin"])])
-        elif belongs_to(record, skin) and (sense is None or not isinstance(record, Sample) or record.sense == sense):
+            yield record._replace(summary=[each for each in record.summary if choice.skin in (None, each["skin"])])
+        elif choice.takes(record):
             yield record
 
 

@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from tactemu.base.errors import TactemuError, no_such
+from tactemu.base.errors import TactemuError, no_such, reason_of
 from tactemu.truth import jsonl_format
-from tactemu.truth.entries import BodyPose, End, Entry, Header, Injection, Passage, PortEvent, Sample
+from tactemu.truth.entries import BodyPose, End, Entry, Header, Injection, Passage, PortEvent, Sample, belongs_to
 from tactemu.truth.writer import log_format
 
 _logger = logging.getLogger(__name__)
@@ -41,7 +41,7 @@ def records(path: str | Path) -> Iterator[Header | Entry | End]:
             _logger.warning("%s: cut off: the end of the log is missing; the entries before it are complete", path)
         yield end
     except OSError as error:
-        raise TactemuError(f"{path}: cannot read it: {error.strerror}") from None
+        raise TactemuError(f"{path}: cannot read it: {reason_of(error)}") from None
     except ValueError as error:
         raise TactemuError(f"{path}: {error if 'damaged' in str(error) else f'not a truth log: {error}'}") from None
 
@@ -62,6 +62,45 @@ def read(path: str | Path) -> Iterator[dict[str, Any]]:
         TactemuError: as :func:`entries`.
     """
     return map(jsonl_format.row_of, entries(path))
+
+
+class SkinChoice:
+    """The skin of a log, and its sense, that a user names; the names in the log are gathered for a message.
+
+    Args:
+        skin: the skin; ``None``: all.
+        sense: one of its senses; ``None``: all.
+    """
+
+    def __init__(self, skin: str | None = None, sense: str | None = None):
+        self.skin, self.sense = skin, sense
+        self._senses: dict[str, set[str]] = {}
+        """The senses that have samples, by skin."""
+
+    def takes(self, entry: Entry) -> bool:
+        """Return True if an entry belongs to the skin and the sense."""
+        if self.skin is None and self.sense is None:
+            return True
+        if not isinstance(entry, BodyPose):
+            for name in entry.device.split("+"):
+                self._senses.setdefault(name, set())
+        if not isinstance(entry, Sample):
+            return belongs_to(entry, self.skin)
+        self._senses[entry.device].add(entry.sense)
+        return belongs_to(entry, self.skin) and self.sense in (None, entry.sense)
+
+    def check(self, path: str | Path) -> None:
+        """Raise if the entries so far have no such skin or sense.
+
+        Raises:
+            TactemuError: names those that they have.
+        """
+        skins = [name for name in self._senses if name]
+        if self.skin is not None and self.skin not in skins:
+            raise TactemuError(f"{path}: {no_such('skin', self.skin, skins)}")
+        known = self._senses.get(self.skin, set()) if self.skin else set().union(*self._senses.values())
+        if self.sense is not None and self.sense not in known:
+            raise TactemuError(f"{path}: {no_such('sense', self.sense, sorted(filter(None, known)))}")
 
 
 @dataclass(frozen=True)

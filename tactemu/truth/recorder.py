@@ -7,7 +7,7 @@ from types import TracebackType
 from typing import Self
 
 from firmware_protocols import CanFrame
-from tactemu.base.errors import TactemuError
+from tactemu.base.errors import TactemuError, reason_of
 from tactemu.base.files import check_overwriting
 from tactemu.base.formats import LOGS, RECORDABLE, format_of, names
 from tactemu.truth.conversion import Converter
@@ -37,7 +37,7 @@ class Recorder:
         self._can: Converter | None = None
         self._log: LogWriter | None = None
         self._made = self._refused = False
-        self._format = format_of(self.path, RECORDABLE, f"cannot record to {self.path.suffix!r};")
+        self._format = format_of(self.path, RECORDABLE, f"cannot record to {self.path.suffix!r}")
         check_overwriting(self.path, self._format.sign)
         try:
             if self._format in LOGS:
@@ -109,7 +109,7 @@ class Recorder:
 
     def _cannot(self, error: Exception) -> TactemuError:
         self._refused = True
-        why = error.strerror if isinstance(error, OSError) else repr(error)
+        why = reason_of(error) if isinstance(error, OSError) else repr(error)
         return TactemuError(f"{self.path}: cannot write the recording: {why}")
 
     def __enter__(self) -> Self:

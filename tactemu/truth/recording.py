@@ -11,10 +11,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from firmware_protocols import CanFrame
-from tactemu.base.errors import TactemuError
+from tactemu.base.errors import TactemuError, reason_of
 from tactemu.base.formats import LOGS, READABLE, format_of
-from tactemu.truth.entries import Passage, PortEvent, belongs_to
-from tactemu.truth.log_reader import entries
+from tactemu.truth.entries import Passage, PortEvent
+from tactemu.truth.log_reader import SkinChoice, entries
 
 
 @dataclass(frozen=True)
@@ -47,13 +47,13 @@ def load(path: str | Path, skin: str | None = None) -> Recording:
         TactemuError: no such file, another format, or frames in it that no line carries; the message names them.
     """
     path = Path(path)
-    form = format_of(path, READABLE, f"unknown format {path.suffix!r};")
+    form = format_of(path, READABLE, f"unknown format {path.suffix!r}")
     if form in LOGS:
         return _load_log(path, skin)
     try:
         found = list(form.load("reader")(path))
     except OSError as error:
-        raise TactemuError(f"{path}: cannot read the recording: {error.strerror}") from None
+        raise TactemuError(f"{path}: cannot read the recording: {reason_of(error)}") from None
     except Exception as error:  # python-can's readers, and their libraries, raise any error for a damaged file
         raise TactemuError(f"{path}: not a recording: {str(error) or type(error).__name__}") from None
     if not found:
@@ -64,11 +64,13 @@ def load(path: str | Path, skin: str | None = None) -> Recording:
 def _load_log(path: Path, skin: str | None) -> Recording:
     found: list[Passage] = []
     bauds: dict[str, int] = {}
+    choice = SkinChoice(skin)
     for entry in entries(path):
-        if isinstance(entry, Passage) and entry.kind != "drop" and belongs_to(entry, skin):
+        if choice.takes(entry) and isinstance(entry, Passage) and entry.kind != "drop":
             found.append(entry)
         elif isinstance(entry, PortEvent) and entry.what.startswith("baud "):
             bauds.setdefault(entry.device, _baud(path, entry.what))
+    choice.check(path)
     _check_one_line(path, found)
     owners = {entry.device for entry in found} or set(bauds)
     return Recording(_from_zero(found), next((baud for owner, baud in bauds.items() if owner in owners), None))

@@ -19,6 +19,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from tactemu.base.errors import reason_of
 from tactemu.base.files import remove_at_end
 from tactemu.base.formats import LOGS, Format, format_of
 from tactemu.truth.entries import End, Entry, Header
@@ -53,7 +54,7 @@ def log_format(path: Path) -> Format:
     Raises:
         TactemuError: another suffix.
     """
-    return format_of(path, LOGS, "the suffix decides the format of a log:")
+    return format_of(path, LOGS, "the suffix decides the format of a log")
 
 
 class LogWriter:
@@ -221,7 +222,7 @@ class LogWriter:
             self.error = error
             self._file.cut()
             self._failed += self._unsaved
-            why = error.strerror if isinstance(error, OSError) else repr(error)
+            why = reason_of(error) if isinstance(error, OSError) else repr(error)
             self._report(f"{self.path}: cannot write the log: {why}; the run goes on, what is lost is counted")
         while self.error is not None and self._entries:
             self._entries.popleft()

@@ -87,4 +87,5 @@ def test_a_state_that_cannot_be_saved_is_refused_before_the_run():
         "run", "anyskin", "--port", "memory:", "--clock", "virtual", "--seconds", "0.2", "--save", "/no/x.npz"
     )
     assert done.returncode == 2 and not done.stdout
-    assert done.stderr.splitlines() == ["tactemu: /no/x.npz: cannot write the state: there is no folder /no"]
+    said = "tactemu: /no/x.npz: cannot write the state: there is no folder /no; make it first"
+    assert done.stderr.splitlines() == [said]

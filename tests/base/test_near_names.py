@@ -1,12 +1,17 @@
 """Messages about unknown names: each has the nearest known name, and all of them."""
 
+from typing import Literal
+
 import pytest
 
 import tactemu as tt
 from tactemu.base.errors import DeviceError, SceneError, TactemuError, no_such
+from tactemu.base.options import choice
+from tactemu.cli.attaching import attach
 from tactemu.control.messages import watch_options
 from tactemu.geometry.bodies import find_body
 from tactemu.geometry.shapes.registry import REGISTRY, SHAPES, SYNONYMS
+from tactemu.transports.usb import vhci
 from tactemu.truth import Truth, read_log
 
 
@@ -55,6 +60,17 @@ def test_options_of_a_run():
         tt.serve("anyskin", {"anyskn": "memory:"}),
     ):
         pass
+
+
+def test_a_choice():
+    with pytest.raises(SceneError, match=r"got 'wled'; did you mean 'weld'\?"):
+        choice("contact", "kind", "wled", Literal["weld", "slide"])
+
+
+def test_a_device_of_a_usbip_server(monkeypatch):
+    monkeypatch.setattr(vhci, "listed", lambda host, port: [vhci.RemoteDevice("1-1", 1, 2)])
+    with pytest.raises(TactemuError, match=r"127\.0\.0\.1 has no device '1-11'; did you mean '1-1'\? \(devices: 1-1\)"):
+        attach("127.0.0.1", ["1-11"])
 
 
 def test_a_skin_of_a_log(tmp_path):

@@ -109,7 +109,12 @@ def test_a_can_adapter_tells_its_bus_and_what_to_change(monkeypatch):
     assert "sudo ip link set can0 up type can bitrate" in found["bus"].helps
     assert "txqueuelen 1000" in found["queue"].helps and "errors" not in found
     assert not can_findings(monkeypatch, CanLink("vcan", queue_length=1000))["adapter"].there
-    with pytest.raises(TactemuError, match="no CAN interface"):
+    with pytest.raises(TactemuError, match=r"no CAN interface 'can0' \(CAN interfaces: none\)"):
         can_findings(monkeypatch, None)
+    links = {"vcan0": CanLink("vcan"), "lo": CanLink("loopback")}
+    monkeypatch.setattr("tactemu.transports.can_link.can_link", links.get)
+    monkeypatch.setattr("socket.if_nameindex", lambda: list(enumerate(links)))
+    with pytest.raises(TactemuError, match=r"'vcan'; did you mean 'vcan0'\? \(CAN interfaces: vcan0\)"):
+        found_of("can:socketcan:vcan")
     with pytest.raises(TactemuError, match="for serial ports"):
         found_of("can:socketcan:can0", loopback=True)

@@ -86,9 +86,10 @@ def test_replay_stepwise(recording, tmp_path):
         (["replay", "missing.jsonl", "--port", "memory:"], "No such file"),
         (["replay", "{recording}", "--port", "can:virtual:x"], "holds a serial stream"),
         (["replay", "{recording}", "--port", "nope:"], "unknown scheme"),
+        (["replay", "{recording}", "--port", "memory:", "--skin", "ring"], "no skin 'ring' "),
         (["replay", "{recording}", "--port", "memory:", "--speed", "0"], "more than 0"),
         (["replay", "{recording}", "--port", "memory:", "--fault", "dropp"], "did you mean 'drop'"),
-        (["record", "{tmp}/x.txt", "--from", "/dev/null"], "expected one of"),
+        (["record", "{tmp}/x.txt", "--from", "/dev/null"], "expected .mcap"),
         (["record", "{tmp}/x.jsonl", "--from", "/dev/no-such-tty"], "check its name"),
     ],
 )

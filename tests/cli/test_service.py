@@ -44,6 +44,7 @@ def test_a_service_is_installed_and_removed_without_a_trace(machine):
     assert f"User={pwd.getpwuid(os.getuid()).pw_name}\n" in text
     assert calls(machine) == ["daemon-reload", "enable --now tactemu-anyskin.service"]
     assert "systemctl enable --now tactemu-anyskin.service" in done.stdout and "ExecStart=" in done.stdout
+    assert "no service 'anyskn'; did you mean 'anyskin'? (" in here("service", "remove", "anyskn").stderr
     assert here("service", "remove", "tactemu-anyskin").returncode == 0
     assert calls(machine) == ["disable --now tactemu-anyskin.service", "daemon-reload"]
     assert not list((machine / "units").iterdir())
@@ -80,7 +81,7 @@ def test_what_fails_is_undone(machine):
         (("install", "anyskin"), "needs its port"),
         (("install", "anyskin", "--port", PORT, "--user", "nobody-there"), "no user 'nobody-there'"),
         (("install", "anyskin", "--port", PORT, "--unit", "a/b"), "cannot be called 'a/b'"),
-        (("remove", "hand"), "no service tactemu-hand; there is none"),
+        (("remove", "hand"), "no service 'hand' (services: none)"),
     ],
 )
 def test_mistakes_are_one_sentence(machine, words, says):

@@ -34,7 +34,8 @@ def test_two_emulators_and_a_crashed_one_are_told_apart(runtime_folder):
             assert (runtime_folder / "anyskin.sock").exists(), "nobody has tidied up"
             assert here("poke", "stats").returncode == 0, "one that runs is taken"
             assert not list(runtime_folder.glob("anyskin.*")), "what the dead left is removed"
-            assert "no emulator 'anyskin' runs; choose one of" in here("poke", "stats", "--name", "anyskin").stderr
+            said = here("poke", "stats", "--name", "anyskin").stderr
+            assert "no emulator 'anyskin' runs; did you mean 'anyskin-2'?; choose one of" in said
     finally:
         victim.kill()
     assert running() == [] and [each.name for each in runtime_folder.iterdir()] == [".lock"]

@@ -55,7 +55,7 @@ def test_mistakes(log, tmp_path):
         parse('[[skin]]\ndevice = "anyskin"\n')
     with pytest.raises(SceneError, match=r"shape \(5, 3\); linker_hand_l6 senses force, shape \(360, 3\)"):
         assemble(parse(f'[[skin]]\ndevice = "linker_hand_l6"\nreadings = "{path}"\n'), AssemblyOptions(port="memory:"))
-    with pytest.raises(TactemuError, match="no samples of 'other'; it has: anyskin"):
-        assemble(parse(f'[[skin]]\ndevice = "anyskin"\nreadings = "{path}"\nreadings_of = "other"\n'))
+    with pytest.raises(TactemuError, match=r"no skin 'anyskn'; did you mean 'anyskin'\? "):
+        assemble(parse(f'[[skin]]\ndevice = "anyskin"\nreadings = "{path}"\nreadings_of = "anyskn"\n'))
     with pytest.raises(TactemuError, match="cannot read it"):
         assemble(parse('[[skin]]\ndevice = "anyskin"\nreadings = "none.jsonl"\n', folder=tmp_path))

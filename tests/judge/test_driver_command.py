@@ -35,14 +35,15 @@ def test_a_command_to_which_nothing_tells_the_port_is_refused(tmp_path):
 
 
 def test_an_unknown_placeholder_is_refused_with_those_that_there_are():
-    for ports, offered in (
-        ({"skin": "/dev/pts/1"}, "{port}"),
-        ({"skin": "socketcan:can0"}, "{port}, {interface}, {channel}"),
-        ({"left": "/dev/pts/1", "right": "/dev/pts/2"}, "{left}, {right}"),
+    port = "; did you mean 'port'?"
+    for ports, near, offered in (
+        ({"skin": "/dev/pts/1"}, port, "{port}"),
+        ({"skin": "socketcan:can0"}, port, "{port}, {interface}, {channel}"),
+        ({"left": "/dev/pts/1", "right": "/dev/pts/2"}, "", "{left}, {right}"),
     ):
         with pytest.raises(TactemuError) as error:
             command_of(["driver", "{prt}"], ports)
-        assert str(error.value) == f"{{prt}} in the driver's command is no placeholder; expected {offered}"
+        assert str(error.value) == f"{{prt}} in the driver's command is no placeholder{near}; expected {offered}"
     awk = ["sh", "-c", "./driver /dev/pts/1 | awk '{print}'"]
     assert command_of([*awk, "{port}"], {"skin": "/dev/pts/1"}) == [*awk, "/dev/pts/1"]
     assert command_of(["sh", "-c", "cat $TACTEMU_PORT | awk {print}"], {"skin": "/dev/pts/1"})

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 from firmware_protocols import USB, Bulk, Serial, create
 from tactemu import transports
-from tactemu.base.errors import TransportError
+from tactemu.base.errors import DeviceError, TransportError
 from tactemu.cli.app import app
 from tactemu.cli.gadgets import script
 from tactemu.transports import gadget
@@ -64,6 +64,8 @@ def test_what_is_made_is_removed_in_reverse(tmp_path):
 def test_a_port_is_given_by_the_command():
     done = CliRunner().invoke(app, ["gadget", "anyskin", "--port", "pty:"])
     assert "leave out --port" in str(done.exception)
+    done = CliRunner().invoke(app, ["gadget", "anyskn", "--dry-run"])
+    assert isinstance(done.exception, DeviceError) and "did you mean 'anyskin'?" in str(done.exception)
 
 
 def test_functionfs_is_told_interfaces_and_endpoints():

@@ -85,11 +85,11 @@ def test_error_frames_are_those_of_candump(tmp_path):
     ("target", "options", "complaint"),
     [
         ("x.csv", {}, "'thumb', 'index' have different columns; choose one with --skin"),
-        ("x.csv", {"skin": "ring"}, "no samples of 'ring'"),
-        ("x.csv", {"skin": "thumb", "sense": "heat"}, "no samples of 'thumb' and 'heat'"),
-        ("x.log", {"skin": "ring"}, "no CAN frames of 'ring'"),
+        ("x.csv", {"skin": "thmb"}, r"truth\..*: no skin 'thmb'; did you mean 'thumb'\? \(skins: "),
+        ("x.csv", {"skin": "thumb", "sense": "heat"}, "no sense 'heat' "),
+        ("x.log", {"skin": "ring"}, "no skin 'ring' "),
         ("x.txt", {}, "expected one of foxglove.mcap, ros2.mcap, rrd, parquet, csv, log"),
-        ("none/x.csv", {}, "cannot write it: No such file"),
+        ("none/x.csv", {}, "none/x.csv: cannot write it: there is no folder .*none; make it first"),
         ("truth{suffix}", {}, "is the log itself"),
     ],
 )

@@ -99,7 +99,7 @@ def test_a_truth_log_is_a_recording_and_a_source(tmp_path, suffix):
         source.advance_to(t)
         assert np.array_equal(np.float32(source.quantity("force", ground_truth=True)), readings[k])
         assert np.array_equal(np.float32(source.quantity("force")), 2 * readings[k])
-    with pytest.raises(TactemuError, match="it has: pad"):
+    with pytest.raises(TactemuError, match=r"no skin 'thumb' \(skins: pad\)"):
         RecordedReadings(path, "thumb")
 
 
@@ -148,7 +148,7 @@ def test_more_formats_of_python_can(tmp_path, suffix):
 @pytest.mark.parametrize(
     ("name", "content", "complaint"),
     [
-        ("x.txt", "", "expected one of .mcap, .jsonl, .csv, .log"),
+        ("x.txt", "", "expected .mcap, .jsonl, .csv, .log"),
         ("x.jsonl", "{]\n", "not a"),
         ("x.jsonl", '{"kind": "tx", "t_ns": 1}\n', "line 1: data: expected a text, got nothing"),
         ("x.jsonl", '{"kind": "tx", "t_ns": 1, "data": "0g"}\n', "not a truth log: line 1"),
@@ -174,7 +174,7 @@ def test_bytes_do_not_fit_into_a_can_format(tmp_path):
         pytest.raises(TactemuError, match=r"bytes to \.mcap or \.jsonl"),
     ):
         recorder.add(passed(0, b"bytes"))
-    with pytest.raises(TactemuError, match="expected one of"):
-        Recorder(tmp_path / "x.txt")
+    with pytest.raises(TactemuError, match=r"'\.mcp'; did you mean '\.mcap'\?; expected \.mcap, "):
+        Recorder(tmp_path / "x.mcp")
     with pytest.raises(TactemuError, match="cannot write"):
         Recorder(tmp_path / "no" / "x.jsonl")

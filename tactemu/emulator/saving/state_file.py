@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from firmware_protocols import state_file as plain
-from tactemu.base.errors import StateError
+from tactemu.base.errors import StateError, reason_of
 from tactemu.base.files import check_overwriting, writing
 from tactemu.version import __version__
 
@@ -92,7 +92,7 @@ def write(path: str | Path, head: Mapping[str, Any], state: dict[str, Any]) -> i
             plain.write(file, state, **{_HEADER: head})
         return path.stat().st_size
     except OSError as error:
-        raise StateError(f"{path}: cannot write the state: {error.strerror}") from None
+        raise StateError(f"{path}: cannot write the state: {reason_of(error, path)}") from None
 
 
 def read(path: str | Path, recipe: Mapping[str, Any], own_bytes: int) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -115,7 +115,7 @@ def read(path: str | Path, recipe: Mapping[str, Any], own_bytes: int) -> tuple[d
             raise StateError(f"{path}: has {size} bytes; a state of this run has at most {most}")
         data = path.read_bytes()
     except OSError as error:
-        raise StateError(f"{path}: cannot read the state: {error.strerror}") from None
+        raise StateError(f"{path}: cannot read the state: {reason_of(error)}") from None
     try:
         state, head = plain.read(data, _HEADER)
     except ValueError as error:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Literal
 
 from firmware_protocols import CanFrame
-from tactemu.base.errors import TactemuError
+from tactemu.base.errors import TactemuError, reason_of
 from tactemu.base.formats import LOGS, READABLE, Format
 from tactemu.truth import Passage, entries
 
@@ -54,7 +54,7 @@ class Capture:
             try:
                 yield from read(path)
             except OSError as error:
-                raise TactemuError(f"{path}: cannot read the capture: {error.strerror}") from None
+                raise TactemuError(f"{path}: cannot read the capture: {reason_of(error)}") from None
             except UnicodeDecodeError:
                 raise TactemuError(
                     f"{path}: not text, as its suffix {path.suffix!r} says; name raw bytes .bin"

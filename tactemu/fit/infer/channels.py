@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tactemu.base.errors import TactemuError
+from tactemu.base.errors import TactemuError, reason_of
 from tactemu.base.style import BLUE, LIGHT
 from tactemu.fit.infer.analysis import Draft
 from tactemu.fit.infer.fields import Field, Group
@@ -120,7 +120,7 @@ def read_shown(path: Path) -> tuple[list[str], np.ndarray]:
         names = [word.strip() for word in lines[0].split(",")]
         rows = np.array([[float(word) for word in line.split(",")] for line in lines[1:]])
     except OSError as error:
-        raise TactemuError(f"{path}: cannot read it: {error.strerror}") from None
+        raise TactemuError(f"{path}: cannot read it: {reason_of(error)}") from None
     except (ValueError, IndexError):
         raise TactemuError(f"{path}: expected a CSV: a line of names, then lines of as many numbers") from None
     if rows.ndim != 2 or rows.shape[1] != len(names) or len(rows) < LEAST_ROWS:

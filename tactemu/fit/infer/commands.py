@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from tactemu.base.errors import TactemuError
+from tactemu.base.errors import TactemuError, reason_of
 from tactemu.base.files import check_writable
 from tactemu.fit.infer.catalogue import match_catalogue
 from tactemu.fit.infer.channels import PICTURE_SIGN, answers_of, read_shown, shown_fields, svg
@@ -88,4 +88,4 @@ def _write(path: Path, text: str) -> None:
     try:
         path.write_text(text, encoding="utf-8")
     except OSError as error:
-        raise TactemuError(f"{path}: cannot write it: {error.strerror}") from None
+        raise TactemuError(f"{path}: cannot write it: {reason_of(error, path)}") from None

@@ -26,7 +26,7 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from tactemu.base.errors import SceneError
+from tactemu.base.errors import SceneError, reason_of
 from tactemu.base.option_groups import Options
 from tactemu.base.options import numbers
 from tactemu.base.units import Length, Whole
@@ -178,4 +178,6 @@ def _picture(path: Path) -> np.ndarray:
             brightest = 65535.0 if picture.mode.startswith("I") else 255.0
             return np.asarray(picture if picture.mode.startswith("I") else picture.convert("L"), float) / brightest
     except (OSError, ValueError, EOFError) as error:
-        raise SceneError(f"texture {path}: cannot read it: {error}; expected .npy or {', '.join(PICTURES)}") from None
+        raise SceneError(
+            f"texture {path}: cannot read it: {reason_of(error)}; expected .npy or {', '.join(PICTURES)}"
+        ) from None

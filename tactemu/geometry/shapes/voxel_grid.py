@@ -15,7 +15,7 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from tactemu.base.errors import SceneError
+from tactemu.base.errors import SceneError, reason_of
 from tactemu.geometry.shapes.rays import traced_ray
 from tactemu.geometry.shapes.shape import FAR, Row, Shape, ShapeKind, box_outline, table_type
 
@@ -88,7 +88,7 @@ class VoxelGrid(Shape):
                     raise SceneError(f"path: {path} unpacks to more than {MAX_GRID_NODES} nodes; take larger cells")
             arrays = dict(np.load(folder / path, allow_pickle=False))
         except (OSError, ValueError, zipfile.BadZipFile) as error:
-            raise SceneError(f"path: cannot read the grid {folder / path}: {error}") from None
+            raise SceneError(f"path: cannot read the grid {folder / path}: {reason_of(error)}") from None
         missing = {"values", "origin", "cell"} - set(arrays)
         if missing:
             raise SceneError(

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from firmware_protocols import Connector, Serial, WireFrame
 from firmware_protocols.frames import payload
-from tactemu.base.errors import TransportError
+from tactemu.base.errors import TransportError, reason_of
 from tactemu.judge.proxy import RealBus, RealPort, RealSerial
 from tactemu.transports.transport import LinesChanged, SettingChanged
 from tactemu.truth.entries import Passage
@@ -41,7 +41,7 @@ class RealUdp:
             self.port.connect((host, int(port)))
             self.port.setblocking(False)
         except (OSError, ValueError) as error:
-            raise TransportError(f"cannot reach {name}: {error}; expected udp:HOST:PORT") from None
+            raise TransportError(f"cannot reach {name}: {reason_of(error)}; expected udp:HOST:PORT") from None
 
     def filenos(self) -> list[int]:
         """Return the socket's file descriptor."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from firmware_protocols import Can, CanFrame, Command, Connector, Device, Serial, Tcp, Udp, WireFrame
 from firmware_protocols.frames import payload
-from tactemu.base.errors import DeviceError
+from tactemu.base.errors import DeviceError, no_such
 from tactemu.judge.compare.asking import Asked, ask, form_of, literal_bytes, records_of, stages_of
 from tactemu.judge.compare.bench import Bench, Readings
 from tactemu.judge.compare.declared import declare
@@ -98,16 +98,17 @@ def port_of(device: Device, wanted: str, source: str) -> Connector:
     """
     if wanted:
         found = [each for each in device.ports if each.name == wanted]
-        kind = repr(wanted)
+        if not found:
+            named = [each.name for each in device.ports if each.name]
+            raise DeviceError(f"{device.name} has {no_such('port', wanted, named)}")
     else:
         scheme = source.partition(":")[0]
         kinds = {"can": (Can,), "udp": (Udp,), "socket": (Tcp, Serial), "tcp": (Tcp, Serial)}
         fitting = kinds.get(scheme, (Serial,))
         found = [each for kind in fitting for each in device.ports if isinstance(each, kind)]
-        kind = f"for {source}"
     if not found:
         has = ", ".join(f"{each.name or 'first'} ({type(each).__name__})" for each in device.ports)
-        raise DeviceError(f"{device.name} has no port {kind}; it has: {has}")
+        raise DeviceError(f"{device.name} has no port for {source}; it has: {has}")
     return found[0]
 
 

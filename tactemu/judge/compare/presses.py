@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from firmware_protocols import Device
-from tactemu.base.errors import TactemuError
+from tactemu.base.errors import TactemuError, reason_of
 from tactemu.judge.compare.findings import Verdicts
 
 MAX_PRESSED = 24
@@ -74,7 +74,7 @@ def read(path: Path) -> list[Press]:
             rows = csv.DictReader(file)
             return [Press(int(row["taxel"]), float(row["begin_s"]), float(row["end_s"])) for row in rows]
     except OSError as error:
-        raise TactemuError(f"{path}: cannot read the presses: {error.strerror}") from None
+        raise TactemuError(f"{path}: cannot read the presses: {reason_of(error)}") from None
     except (KeyError, ValueError, TypeError) as error:
         raise TactemuError(f"{path}: expected the columns {HEAD}: {error}") from None
 

@@ -12,7 +12,7 @@ from typing import Any
 from firmware_protocols import Command, Connector, Device
 from firmware_protocols.frames import text_of
 from tactemu.base.errors import TactemuError
-from tactemu.base.files import check_overwriting
+from tactemu.base.files import check_folder, check_overwriting
 from tactemu.base.style import PAGE_SIGN
 from tactemu.emulator.replay import line_note
 from tactemu.judge.compare import presses as pressing
@@ -133,10 +133,8 @@ def _without_empty(folder: Path) -> Iterator[None]:
 
 
 def _make_folder(folder: Path) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise TactemuError(f"{folder}: cannot be made: {error.strerror}") from None
+    check_folder(folder, "the reports")
+    folder.mkdir(parents=True, exist_ok=True)
 
 
 def _make(wanted: Wanted) -> Callable[..., Device]:

@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from tactemu.base.errors import TactemuError
+from tactemu.base.errors import TactemuError, reason_of
 from tactemu.transports import inet
 from tactemu.transports.usb import usbip_protocol as protocol
 
@@ -67,7 +67,9 @@ def listed(host: str, port: int) -> list[RemoteDevice]:
                 _received(link, 4 * about[-1])
             return devices
     except OSError as error:
-        raise TactemuError(f"no USB/IP at {inet.join(host, port)}: {error.strerror or error}") from None
+        raise TactemuError(
+            f"no USB/IP at {inet.join(host, port)}: {reason_of(error)}; start `tactemu run ... --port usbip:` there"
+        ) from None
 
 
 def attach(host: str, port: int, busid: str) -> int:
@@ -96,7 +98,7 @@ def attach(host: str, port: int, busid: str) -> int:
     except PermissionError:
         raise TactemuError("attaching a device needs root: sudo $(which tactemu) attach ...") from None
     except OSError as error:
-        raise TactemuError(f"{inet.join(host, port)} does not give {busid}: {error.strerror or error}") from None
+        raise TactemuError(f"{inet.join(host, port)} does not give {busid}: {reason_of(error)}") from None
 
 
 def detach(number: int) -> None:

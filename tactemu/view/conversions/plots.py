@@ -23,12 +23,12 @@ import matplotlib  # noqa: TID253  this module is imported only to draw
 import numpy as np
 
 from firmware_protocols.senses import QUANTITY_UNITS
-from tactemu.base.errors import TactemuError
-from tactemu.base.files import check_overwriting
+from tactemu.base.errors import TactemuError, nearest, reason_of
+from tactemu.base.files import check_writable
 from tactemu.base.style import IDEAL, LIGHT, MEASURED, PAGE_SIGN, figure, page, plot_colours, plot_style
 from tactemu.scene.description import SceneDescription, SenseDescription, SkinDescription
 from tactemu.truth.entries import Header, Passage, Sample, belongs_to
-from tactemu.truth.log_reader import records
+from tactemu.truth.log_reader import SkinChoice, records
 from tactemu.view.conversions.taxel_tables import parts_of
 
 matplotlib.use("agg")
@@ -77,11 +77,11 @@ def series_of(path: Path, skin: str | None = None, sense: str | None = None) -> 
     Raises:
         TactemuError: the log is missing, or has no samples of this skin.
     """
-    scene, found = SceneDescription(), None
+    scene, found, choice = SceneDescription(), None, SkinChoice(skin, sense)
     for record in records(path):
         if isinstance(record, Header):
             scene = SceneDescription.from_json(record.scene)
-        elif isinstance(record, Sample) and skin in (None, record.device) and sense in (None, record.sense):
+        elif isinstance(record, Sample) and choice.takes(record):
             if found is None:
                 found = _begun(record, scene)
             if (record.device, record.sense) == (found.device, found.sense):
@@ -89,8 +89,9 @@ def series_of(path: Path, skin: str | None = None, sense: str | None = None) -> 
         elif isinstance(record, Passage) and found and record.kind == "tx" and belongs_to(record, found.device):
             if record.sample in found.taken:
                 found.to_wire_ms.append((record.t_ns - found.taken.pop(record.sample)) / 1e6)
+    choice.check(path)
     if found is None:
-        raise TactemuError(f"{path}: no samples{f' of {skin!r}' if skin else ''}{f' and {sense!r}' if sense else ''}")
+        raise TactemuError(f"{path}: no samples in it")
     return found
 
 
@@ -174,8 +175,9 @@ def plot(path: str | Path, target: str | Path, *, skin: str | None = None, sense
     """
     target = Path(target)
     if target.suffix not in SIGNS:
-        raise TactemuError(f"{target}: cannot draw to {target.suffix!r}; expected one of {', '.join(SIGNS)}")
-    check_overwriting(target, SIGNS[target.suffix])
+        near = nearest(target.suffix, SIGNS)
+        raise TactemuError(f"{target}: cannot draw to {target.suffix!r}{near}; expected {', '.join(SIGNS)}")
+    check_writable(target, "the plot", SIGNS[target.suffix])
     series = series_of(Path(path), skin, sense)
     title = " ".join(filter(None, (series.device, series.sense)))
     chosen = [word for option, name in (("--skin", skin), ("--sense", sense)) if name for word in (option, name)]
@@ -188,7 +190,7 @@ def plot(path: str | Path, target: str | Path, *, skin: str | None = None, sense
     try:
         target.write_bytes(content)
     except OSError as error:
-        raise TactemuError(f"{target}: cannot write it: {error.strerror}") from None
+        raise TactemuError(f"{target}: cannot write it: {reason_of(error, target)}") from None
 
 
 def _all_panels(series: Series, title: str, command: str, kind: str) -> bytes:

@@ -137,9 +137,16 @@ def test_ctrl_c_keeps_capture_and_report(tmp_path):
         (["optoforce", "--from", "/dev/no-such-port"], "cannot open /dev/no-such-port"),
         (["optoforce", "--from", "can:virtual:x"], "optoforce has no port for can:virtual:x; it has: first (Serial)"),
         (["optoforce", "--from", __file__], "unknown format"),
+        (["ati_net_ft", "--from", "/dev/null", "--port", "tpc"], "did you mean 'tcp'?"),
         (["optoforce", "--from", "/dev/null", "--listen", "--press"], "--listen sends nothing"),
     ],
 )
 def test_a_request_that_cannot_be_met_is_one_sentence(arguments, words, tmp_path):
     done = here("compare", *arguments, "--out", str(tmp_path / "out"))
     assert done.returncode == 2 and words in done.stderr and "Traceback" not in done.stderr
+
+
+def test_a_folder_that_cannot_be_made_is_refused_before_the_sensor_is_opened():
+    done = here("compare", "optoforce", "--from", "/dev/no-such-port", "--out", "/dev/null/x")
+    said = "tactemu: /dev/null/x: cannot write the reports: /dev/null: Not a directory"
+    assert done.returncode == 2 and done.stderr.splitlines() == [said]

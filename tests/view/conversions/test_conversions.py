@@ -268,9 +268,9 @@ def test_a_log_that_says_nothing_of_its_scene(tmp_path):
     [
         ("foxglove", {}, "did you mean 'foxglove.mcap'"),
         ("x.txt", {}, "expected one of foxglove.mcap, ros2.mcap, rrd, parquet, csv"),
-        ("none/x.rrd", {}, "cannot write it: No such file"),
-        ("rrd", {"skin": "ring"}, "nothing of 'ring'"),
-        ("parquet", {"skin": "ring", "sense": "heat"}, "nothing of 'ring' and 'heat'"),
+        ("none/x.rrd", {}, "cannot write it: there is no folder .*none; make it first"),
+        ("rrd", {"skin": "ring"}, "no skin 'ring' "),
+        ("parquet", {"skin": "ring", "sense": "heat"}, "no skin 'ring' "),
     ],
 )
 def test_mistakes(log, tmp_path, to, options, complaint):

@@ -70,7 +70,9 @@ def test_labels_lie_on_nothing(log):
 
 
 def test_mistakes(log, tmp_path):
-    with pytest.raises(TactemuError, match=r"expected one of \.png, \.svg, \.html"):
-        plots.plot(log, tmp_path / "x.pdf")
-    with pytest.raises(TactemuError, match="no samples of 'ring'"):
+    with pytest.raises(TactemuError, match=r"'\.pngg'; did you mean '\.png'\?; expected \.png, \.svg, \.html"):
+        plots.plot(log, tmp_path / "x.pngg")
+    with pytest.raises(TactemuError, match=r"cannot write the plot: there is no folder .*none; make it first"):
+        plots.plot(log, tmp_path / "none" / "x.png")
+    with pytest.raises(TactemuError, match="no skin 'ring' "):
         plots.plot(log, tmp_path / "x.png", skin="ring")
