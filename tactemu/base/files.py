@@ -47,11 +47,11 @@ def check_overwriting(path: str | Path, *signs: str, reads: Iterable[str | Path]
         raise TactemuError(f"{path}: {about}")
 
 
-def check_writable(path: str | Path, what: str, *signs: str) -> None:
+def check_writable(path: str | Path | None, what: str, *signs: str) -> None:
     """Raise if a path cannot be written or must not be overwritten, before a run whose results go there.
 
     Args:
-        path: the file.
+        path: the file; ``None``: none is wanted.
         what: its content, for the message.
         signs: as those of :func:`check_overwriting`.
 
@@ -59,6 +59,8 @@ def check_writable(path: str | Path, what: str, *signs: str) -> None:
         TactemuError: the folder does not exist, the path is a folder, permission is missing, or the file is of another
             program.
     """
+    if path is None:
+        return
     target = _behind_links(path)
     problem = ""
     if target.is_dir():
@@ -72,12 +74,16 @@ def check_writable(path: str | Path, what: str, *signs: str) -> None:
     check_overwriting(path, *signs)
 
 
-def check_folder(path: str | Path, what: str) -> None:
+def check_folder(path: str | Path | None, what: str) -> None:
     """Raise if files cannot be written to a folder; make nothing. The folder need not exist, and gets its parents.
+
+    ``None`` passes: no folder is wanted.
 
     Raises:
         TactemuError: a part of the path is no folder, or permission is missing.
     """
+    if path is None:
+        return
     there = _behind_links(path)
     while not os.path.exists(there):
         there = there.parent

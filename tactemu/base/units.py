@@ -14,8 +14,8 @@ from typing import Annotated
 from firmware_protocols.bounds import Bounds
 
 TIMES_S = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
-DURATIONS_S = {**TIMES_S, "m": 60.0, "h": 3600.0}
-"""Units of the durations of the command line, where no length can be meant."""
+DURATIONS_S = {**TIMES_S, "m": 60.0, "min": 60.0, "h": 3600.0}
+"""Units of durations in options, live commands and faults, where no length can be meant."""
 RATES_HZ = {"Hz": 1.0, "kHz": 1e3}
 LENGTHS_M = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6}
 SPEEDS_M_S = {"m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3}

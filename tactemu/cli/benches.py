@@ -26,18 +26,6 @@ Measure speed and accuracy on this machine. Figures are medians; compare those o
 Out = Annotated[Path | None, typer.Option("--out", metavar="FILE", help="Also write the figures as JSON.")]
 
 
-def check(path: Path | None, what: str, *signs: str) -> None:
-    """Raise if a file was named that cannot be written, or is of another program: it has none of the signs.
-
-    Raises:
-        TactemuError: names what to do instead.
-    """
-    if path is not None:
-        from tactemu.base.files import check_writable
-
-        check_writable(path, what, *signs)
-
-
 def save(figures: object, out: Path | None) -> None:
     """Write figures as JSON, if a file was named."""
     if out is not None:
@@ -65,11 +53,12 @@ def physics(
       tactemu bench physics --only probe --no-starts
       tactemu bench physics --device cuda:0 --largest --out speed.json
     """
+    from tactemu.base.files import check_writable
     from tactemu.base.kernels import start_warp
     from tactemu.tune.speed.physics import markdown_page, run
 
-    check(page, "the tables", "Written by `tactemu bench physics")
-    check(out, "the figures", '_us":', '_s":')
+    check_writable(page, "the tables", "Written by `tactemu bench physics")
+    check_writable(out, "the figures", '_us":', '_s":')
     start_warp()
     figures = run(
         print_fitted, device=device, starts=starts, only=only, largest=largest, loops=loops or page is not None
@@ -91,9 +80,10 @@ def wire(
       tactemu bench wire
       tactemu bench wire --repeats 21 --out wire.json
     """
+    from tactemu.base.files import check_writable
     from tactemu.tune.speed.wire import run
 
-    check(out, "the figures", '"can bits":')
+    check_writable(out, "the figures", '"can bits":')
     save(run(print_fitted, repeats=repeats), out)
 
 
@@ -151,7 +141,8 @@ def realism(
       tactemu bench realism
       tactemu bench realism recordings --held others --page realism.md
     """
+    from tactemu.base.files import check_writable
     from tactemu.fit.realism import run
 
-    check(out, "the figures", '"left out":')
+    check_writable(out, "the figures", '"left out":')
     save(run(print_fitted, data=data, held=held, page=page, parameters=parameters), out)

@@ -194,15 +194,15 @@ def _run(verb: ControlCommand, *, name: str | None, json: bool, **given: Any) ->
     elif result is not None:
         _print(verb.name, result)
     elif (duration := verb.arguments.get("seconds")) and verb.changes and duration.default is None:
-        print(_lasting(verb.name, checked, duration))
+        print(_lasting(verb, checked))
 
 
-def _lasting(verb: str, given: dict[str, Any], duration: Argument) -> str:
+def _lasting(verb: ControlCommand, given: dict[str, Any]) -> str:
     """Return what a command has changed, and until when: ``set noise=0.1: every skin, for 2 s``."""
-    words = [verb, *(f"{name}={value}" for name, value in given.get("options", {}).items())]
+    words = [verb.name, *(f"{name}={value}" for name, value in given.get("options", {}).items())]
     words += [f"taxels {','.join(map(str, given['taxels']))}"] if "taxels" in given else []
-    until = duration.about.partition("default: ")[2].replace("`mend`", "`tactemu poke mend`")
-    ends = f"for {given['seconds']:g} s" if "seconds" in given else until
+    until = verb.until.replace("`mend`", "`tactemu poke mend`")
+    ends = f"for {given['seconds']:g} s" if "seconds" in given else f"until {until}"
     return f"{' '.join(words)}: {given.get('skin', 'every skin')}, {ends}"
 
 

@@ -107,10 +107,8 @@ class ReportFiles:
     def check(self) -> None:
         """Raise TactemuError for a report that could not be written, or would overwrite a file of another program."""
         for path, sign in ((self.html, PAGE_SIGN), (self.junit, '"tactemu judge'), (self.json, '"tactemu":')):
-            if path is not None:
-                check_writable(path, "the report", sign)
-        if self.cases is not None:
-            check_folder(self.cases, "the cases")
+            check_writable(path, "the report", sign)
+        check_folder(self.cases, "the cases")
 
 
 def judge_driver(target: str, command: Sequence[str], options: JudgeOptions, files: ReportFiles) -> int:
@@ -231,8 +229,7 @@ def judge_success(
         raise TactemuError(f"name the task's command after --, as in `tactemu judge {target} --success ... -- COMMAND`")
     if not options.port:
         check_finds_port(command)
-    if json_file is not None:
-        check_writable(json_file, "the success rates", '"strength":')
+    check_writable(json_file, "the success rates", '"strength":')
     points, interrupted = {}, False
     with ended_by_signals(interrupt), message_console().status("starting") as status:
         trials = success_curve(target, _program(command), read_script(script), options, status.update)

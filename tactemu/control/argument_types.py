@@ -11,7 +11,7 @@ from typing import Annotated, Any
 from tactemu.base import units
 from tactemu.base.errors import SceneError, shown
 from tactemu.base.options import number, numbers
-from tactemu.base.units import LENGTHS_M, MAX_POSITION_M, MAX_TAXELS, SPEEDS_M_S, TIMES_S, scaled
+from tactemu.base.units import DURATIONS_S, LENGTHS_M, MAX_POSITION_M, MAX_TAXELS, SPEEDS_M_S, TIMES_S, scaled
 from tactemu.geometry import rotation
 
 
@@ -163,7 +163,7 @@ def _vector_reader(units: Mapping[str, float]) -> Callable[[list[str]], Any]:
 
 Depth = Annotated[float, _number(units.Depth, "LENGTH", "number [m]", LENGTHS_M)]
 Distance = Annotated[float, _number(units.Distance, "LENGTH", "number [m]", LENGTHS_M)]
-Seconds = Annotated[float, _number(units.Seconds, "TIME", "number [s]", TIMES_S)]
+Seconds = Annotated[float, _number(units.Seconds, "TIME", "number [s]", DURATIONS_S)]
 Speed = Annotated[float, _number(units.MetresPerSecond, "SPEED", "number [m/s]", SPEEDS_M_S)]
 Number = Annotated[float, _number(units.Number, "NUMBER", "number", {})]
 NonNegativeInt = Annotated[int, replace(_number(units.Taxel, "N", "whole number", {}), read=_integer)]

@@ -38,6 +38,8 @@ class ControlCommand:
     """The arguments that stand on a command line without their names, in this order."""
     changes: bool
     """True for a command that changes the emulator: it is logged, and repeated when the log is replayed."""
+    until: str = ""
+    """The end of a change whose duration is not given, as in "until `mend`"; empty: a duration is needed, or none."""
 
     @property
     def method(self) -> str:
@@ -60,6 +62,8 @@ class ControlCommand:
         """The arguments by name."""
         hints = typing.get_type_hints(self.function, include_extras=True)
         texts = _argument_texts(self.function.__doc__ or "")
+        if self.until:
+            texts["seconds"] += f"; default: until {self.until}"
         found = {}
         for name, parameter in list(inspect.signature(self.function).parameters.items())[1:]:
             argument_type = _type_in(hints[name])
@@ -113,18 +117,19 @@ EVENT_ARGUMENT = Argument("event", _type_in(Options), True, None, "keys of an en
 Method = TypeVar("Method", bound=Callable[..., Any])
 
 
-def control_command(*words: str, name: str = "", changes: bool = True) -> Callable[[Method], Method]:
+def control_command(*words: str, name: str = "", changes: bool = True, until: str = "") -> Callable[[Method], Method]:
     """Return a decorator that declares a method as a command.
 
     Args:
         words: arguments that stand on a command line without their names.
         name: the command's word on the socket and the command line; default: the method's name.
         changes: the command changes the emulator, and so is logged.
+        until: the end of the change if its argument ``seconds`` is not given.
     """
 
     def declare(function: Method) -> Method:
         declared = CONTROL_COMMANDS[name or function.__name__] = ControlCommand(
-            function, name or function.__name__, words, changes
+            function, name or function.__name__, words, changes, until
         )
         signature = inspect.signature(function)
 

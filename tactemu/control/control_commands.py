@@ -171,12 +171,12 @@ class ControlCommands(ABC):
         """
         ...
 
-    @control_command()
+    @control_command(until="`mend`")
     def unplug(self, seconds: Seconds | None = None, skin: Name | None = None) -> None:
         """Remove the port, as if its cable were unplugged.
 
         Args:
-            seconds: duration; default: until `mend`
+            seconds: duration
             skin: the skin; default: all
         """
         ...
@@ -191,7 +191,7 @@ class ControlCommands(ABC):
         """
         ...
 
-    @control_command("options")
+    @control_command("options", until="the run ends")
     def set(
         self,
         options: Options,
@@ -205,12 +205,12 @@ class ControlCommands(ABC):
         Args:
             options: options of the sensor model and their values
             taxels: taxels to change; 3:7 are 3, 4, 5, 6; default: all
-            seconds: duration; default: until the run ends
+            seconds: duration
             skin: the skin; default: all
         """
         ...
 
-    @control_command("taxels")
+    @control_command("taxels", until="the run ends")
     def dead(
         self, taxels: Taxels, value: Number | None = None, seconds: Seconds | None = None, skin: Name | None = None
     ) -> None:
@@ -219,7 +219,7 @@ class ControlCommands(ABC):
         Args:
             taxels: their numbers; 3:7 are 3, 4, 5, 6
             value: the value that they return; default: their last reading
-            seconds: duration; default: until the run ends
+            seconds: duration
             skin: the skin; default: all
         """
         ...

@@ -170,8 +170,7 @@ def run_fit(
     from tactemu.scene.file import device_class, parse
 
     check_writable(out, "the scene file", SIGN)
-    if report is not None:
-        check_writable(report, "the report", PAGE_SIGN)
+    check_writable(report, "the report", PAGE_SIGN)
     kind = device_class(device)
     found, scored = fit(recordings, progress, device_for(kind, recordings[0]))
     text = scene_text(device, kind, recordings, found)

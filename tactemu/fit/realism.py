@@ -154,12 +154,8 @@ def run(
     """
     if data is None and held is None:
         raise TactemuError("realism: name a folder of recordings, or give one with --held")
-    for path, what, signs in (
-        (parameters, "the parameters", [f'"{name}"' for name in sets.SETS]),
-        (page, "the page", [_TITLE]),
-    ):
-        if path is not None:
-            check_writable(path, what, *signs)
+    check_writable(parameters, "the parameters", *(f'"{name}"' for name in sets.SETS))
+    check_writable(page, "the page", _TITLE)
     laws: list[LawLine] = []
     fixed: list[ConstantLine] = []
     others: list[LawLine] = []

@@ -62,8 +62,7 @@ class DriverSession:
         self._numbers = 0
 
     def __enter__(self) -> Self:
-        if self.options.record is not None:
-            check_folder(self.options.record, "the recorded trials")
+        check_folder(self.options.record, "the recorded trials")
         if self.options.columns is not None and not self.options.columns.exists():
             check_writable(self.options.columns, "the columns")
         self.rig.__enter__()

@@ -139,6 +139,7 @@ def test_a_fault_without_a_share_says_that_it_hits_every_frame():
     [
         ("unplug --for 500ms", "unplug: every skin, for 0.5 s\n"),
         ("unplug --for 500", "unplug: every skin, for 500 s\n"),
+        ("unplug --for 5m", "unplug: every skin, for 300 s\n"),
         ("unplug", "unplug: every skin, until `tactemu poke mend`\n"),
         ("set gain=0.9 --taxels 1:3", "set gain=0.9 taxels 1,2: every skin, until the run ends\n"),
         ("dead 3,4 --skin anyskin --for 1s", "dead taxels 3,4: anyskin, for 1 s\n"),

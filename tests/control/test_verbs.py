@@ -8,9 +8,11 @@ import pytest
 import tactemu as tt
 from tactemu.base.errors import SceneError
 from tactemu.base.units import LENGTHS_M, TIMES_S, scaled
+from tactemu.cli.words import quantity
 from tactemu.control.argument_types import plain
 from tactemu.control.control import Control
 from tactemu.control.control_commands import CONTROL_COMMANDS, ControlCommands
+from tactemu.wire.faults import parse as parse_fault
 from tests.cli.command import here
 
 PAGE = Path(__file__).parents[2] / "docs" / "live-control.md"
@@ -63,6 +65,10 @@ def test_numbers_have_units():
     assert scaled("-2e1us", TIMES_S) == pytest.approx(-2e-5)
     assert scaled("1", TIMES_S) is scaled("1mm", TIMES_S) is scaled("mm", LENGTHS_M) is None
     assert CONTROL_COMMANDS["dead"].arguments["taxels"].type.read("3:7,9") == [3, 4, 5, 6, 9]
+    for text, seconds in (("5m", 300.0), ("5min", 300.0), ("1.5h", 5400.0), ("16ms", 0.016)):
+        assert CONTROL_COMMANDS["unplug"].arguments["seconds"].type.read(text) == pytest.approx(seconds)
+        assert quantity("--seconds", text, "Seconds") == pytest.approx(seconds)
+        assert parse_fault(f"drop 5% for {text}").stop_ns == round(seconds * 1e9)
     read = CONTROL_COMMANDS["set"].arguments["options"].type.read
     assert read(["gain=0.9", "bias=[0, 1]", "noise=5%"]) == {"gain": 0.9, "bias": [0, 1], "noise": 0.05}  # type: ignore[arg-type]
     assert plain({"a": (1, 2)}) == {"a": [1, 2]}

@@ -45,13 +45,9 @@ def run_infer(
     Raises:
         TactemuError: a capture cannot be read, or a file cannot be written.
     """
-    for path, what, sign in (
-        (files.out, "the device file", "a draft by `tactemu infer`"),
-        (files.dbc, "the DBC file", DBC_HEAD),
-        (files.picture, "the picture", PICTURE_SIGN),
-    ):
-        if path is not None:
-            check_writable(path, what, sign)
+    check_writable(files.out, "the device file", "a draft by `tactemu infer`")
+    check_writable(files.dbc, "the DBC file", DBC_HEAD)
+    check_writable(files.picture, "the picture", PICTURE_SIGN)
     draft, coverage = read_and_infer(captures)
     match = match_catalogue(draft) if catalogue else None
     seen = shown_fields(draft, *read_shown(shown)) if shown is not None else []

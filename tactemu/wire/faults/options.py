@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Annotated, Any, Literal, get_args
 
-from tactemu.base.units import scaled
+from tactemu.base.units import DURATIONS_S, TIMES_S, scaled
 
 Direction = Literal["to_driver", "from_driver", "both"]
 DIRECTIONS: tuple[Direction, ...] = get_args(Direction)
@@ -23,7 +23,7 @@ _MOST = 65_536
 """The largest number of bytes, bits or frames."""
 _MAX_TIME_NS = 10**18
 _MAX_FRAME = 10**9
-_UNITS = {"s": 1_000_000_000, "ms": 1_000_000, "us": 1_000, "ns": 1}
+_UNITS_NS = {unit: round(seconds * 1e9) for unit, seconds in DURATIONS_S.items()}
 
 
 @dataclass(frozen=True)
@@ -84,14 +84,14 @@ def number(word: str, least: int = 1, most: int = _MOST, **more: Any) -> Option:
 
 
 def _nanoseconds(text: str) -> int:
-    time_ns = scaled(text, _UNITS)
+    time_ns = scaled(text, _UNITS_NS)
     if time_ns is None or not 0 <= time_ns <= _MAX_TIME_NS:
         raise ValueError(f"expected a time such as 3s, 16ms or 200us, got {text!r}")
     return round(time_ns)
 
 
 def _time_text(time_ns: int) -> str:
-    return next((f"{time_ns // ns}{unit}" for unit, ns in _UNITS.items() if time_ns % ns == 0), f"{time_ns}ns")
+    return next(f"{time_ns // _UNITS_NS[unit]}{unit}" for unit in TIMES_S if time_ns % _UNITS_NS[unit] == 0)
 
 
 def duration(word: str, rank: int = 1, **more: Any) -> Option:
