@@ -23,12 +23,13 @@ from tactemu.scene import file
 from tactemu.tune.timing import Report
 
 CLIENT = """
-import json, os, random, select, socket, sys, time, tty
+import atexit, json, os, random, select, socket, sys, time, tty
 kind, address, request, size, count = sys.argv[1:4] + [int(n) for n in sys.argv[4:6]]
 if kind == "can":
     import can
     interface, _, channel = address.partition(":")
     bus = can.Bus(interface=interface, channel=channel)
+    atexit.register(bus.shutdown)
     ident, _, data = request.partition("#")
     message = can.Message(arbitration_id=int(ident, 16), data=bytes.fromhex(data), is_extended_id=False)
     def ask():

@@ -5,6 +5,7 @@ Sheets and hands that a ball touches, and a grasp, each at several widths, light
 for docs/live-page.md.
 """
 
+import argparse
 import contextlib
 import io
 import os
@@ -21,6 +22,7 @@ from PIL import Image
 
 import tactemu as tt
 from firmware_protocols import CanFrame, WireFrame
+from tactemu.base.errors import no_such
 from tests.view.page.browser import CANVAS, browsing, opened
 
 SIZES = {"wide": (1440, 900), "narrow": (1000, 700), "phone": (400, 800)}
@@ -135,11 +137,17 @@ def reduced(picture: bytes) -> bytes:
 
 def main() -> None:
     """Take the pictures."""
-    if is_for_docs := len(sys.argv) == 1:
-        folder, wanted = PICTURES, list(USUAL)
-    else:
-        folder, wanted = Path(sys.argv[1]), sys.argv[2:] or list(USUAL)
-        wanted = LABELS if wanted == ["all"] else wanted
+    parser = argparse.ArgumentParser(
+        prog="python -m tests.view.page.screenshots", description="Take screenshots of the live page."
+    )
+    parser.add_argument("folder", metavar="FOLDER", nargs="?", type=Path, help="default: that of docs/live-page.md")
+    about = f"beginnings of SCENE-SIZE-SCHEME (scenes: {', '.join(SCENES)}), or all; default: {', '.join(USUAL)}"
+    parser.add_argument("labels", metavar="LABEL", nargs="*", help=about)
+    given = parser.parse_args()
+    is_for_docs, folder = given.folder is None, given.folder or PICTURES
+    wanted = LABELS if given.labels == ["all"] else given.labels or list(USUAL)
+    if unknown := [each for each in wanted if not any(label.startswith(each) for label in LABELS)]:
+        parser.error(no_such("label", unknown[0], LABELS))
     folder.mkdir(parents=True, exist_ok=True)
     os.environ.setdefault("XDG_RUNTIME_DIR", tempfile.mkdtemp())
     with browsing() as browser:

@@ -135,6 +135,22 @@ def has_sky(image: np.ndarray, scheme: str) -> bool:
     return float((np.abs(image - (sky + haze) / 2).max(axis=2) < 3).mean()) > 0.1
 
 
+def test_wrong_arguments_of_the_screenshots_take_none(tmp_path, monkeypatch, capsys):
+    from tests.view.page import screenshots
+
+    monkeypatch.chdir(tmp_path)
+    for words, status, says in (
+        (["--help"], 0, "usage: python -m tests.view.page.screenshots [-h] [FOLDER] [LABEL ...]"),
+        (["folder", "hand-wied"], 2, "no label 'hand-wied'"),
+    ):
+        monkeypatch.setattr("sys.argv", ["screenshots", *words])
+        with pytest.raises(SystemExit) as ended:
+            screenshots.main()
+        out, err = capsys.readouterr()
+        assert ended.value.code == status and says in out + err
+    assert not list(tmp_path.iterdir())
+
+
 def test_the_skin_fills_the_free_canvas(runtime_folder):  # noqa: F811
     from tests.view.page.screenshots import SIZES, shown
 
