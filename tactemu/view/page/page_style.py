@@ -26,6 +26,8 @@ _VISER = """
 
 _SHEET = '.mantine-Paper-root[style*="position: fixed"]'
 """The sheet in which viser shows all panels on a phone."""
+_SECTIONS = f"{_SHEET} div:has(> div > .mantine-Tabs-root)"
+"""The parts of the sheet: the controls, then each panel with its tabs."""
 
 PHONE_PX = 576
 """The width up to which viser shows all panels in one sheet."""
@@ -109,10 +111,14 @@ div:has(> .mantine-Text-root > label) {{ width: 5.4em !important; }}
   div:has(> {_SHEET}) {{ flex-direction: column; }}
   {_SHEET} {{ position: static !important; width: 100% !important; max-height: 50vh !important; flex: 0 0 auto; }}
   {_SHEET} div[style*="width: 20em"] {{ width: 100vw !important; }}
+  {_SECTIONS} {{ display: flex; flex-direction: column; }}
+  {_SECTIONS} > div:has(> .mantine-Tabs-root) {{ display: contents; }}
+  {_SECTIONS} > div:has(.tt-status) {{ order: 1; }}
+  {_SECTIONS} .mantine-Tabs-root ~ .mantine-Tabs-root {{ order: 2; }}
 }}
 """
 """The style sheet, which the page's head contains.
 
 The warning of software WebGL, which viser leaves over the scene for ever, goes after six seconds. On a phone the panels
-lie below the scene instead of over it.
+lie below the scene instead of over it, and the pictures of the taxels come first: above the controls and the wire.
 """

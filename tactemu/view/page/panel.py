@@ -107,6 +107,7 @@ class Panel:
         upper.dock_right()
         upper.set_width(_RIGHT_PX)
         lower.dock_below(upper)
+        upper.expand()  # a phone shows a panel as a closed section unless it is told
 
     async def _skin_chosen(self, _: viser.GuiEvent) -> None:
         self._choose_skin()

@@ -6,7 +6,8 @@ import pytest
 
 import tactemu as tt
 from tests.control.conftest import runtime_folder  # noqa: F401
-from tests.view.page.browser import browsing, opened
+from tests.view.page.browser import CANVAS, browsing, opened
+from tests.view.page.screenshots import IS_DRAWN
 from tests.view.page.test_page import Seen
 
 pytest.importorskip("viser", reason="the page comes with the extra web")
@@ -21,6 +22,17 @@ SET_SCHEME = """scheme => {
   document.documentElement.setAttribute("data-mantine-color-scheme", scheme);
   return new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)));
 }"""
+FIRST_SCREEN = """scene => {
+  const shown = e => {
+    const box = e.getBoundingClientRect();
+    return document.elementFromPoint(box.x + box.width / 2, box.y + box.height / 2) === e;
+  };
+  return {
+    scene: document.querySelector(scene).getBoundingClientRect().height / innerHeight,
+    taxels: [...document.querySelectorAll(".tt-patch img, .tt-ramp")].filter(shown).length,
+  };
+}"""
+"""The share of the window's height that the scene has, and how many pictures and colour bars of taxels lie on top."""
 MAX_LOOKS = 20
 """How often the page is looked at until it stands still: sections glide open, notifications come in."""
 TABS = ("Curves", "Numbers", "Statistics", "Datasheet")
@@ -29,17 +41,17 @@ TABS = ("Curves", "Numbers", "Statistics", "Datasheet")
 def look_at_all(browser, url: str, width: int, wrong: list[str]) -> list[str]:
     """What is wrong with every tab of the page, light and dark."""
     page = opened(browser, url, wrong, width=width, height=SIZES[width])
-    if width < 576:
-        for panel in ("Pictures", "Wire"):
-            page.get_by_role("button", name=f"Expand panel {panel}").click()
     page.locator(".tt-patch img, .tt-numbers, .tt p").first.wait_for(timeout=60_000)
+    found = look_at_first_screen(page, width)
+    if width < 576:
+        page.get_by_role("button", name="Expand panel Wire").click()
     if width == 1000:
         page.keyboard.press("p")
     else:
         page.get_by_role("button", name="Press taxel").click()
     page.locator(".mantine-Notification-root", has_text="Pressed taxel").wait_for(timeout=60_000)
     page.locator(".tt-frame").first.wait_for(timeout=60_000)
-    found = look(page, width, "Pictures, Wire")
+    found += look(page, width, "Pictures, Wire")
     for tab in TABS:
         page.get_by_role("tab", name=tab).click()
         if tab == "Curves":
@@ -47,6 +59,18 @@ def look_at_all(browser, url: str, width: int, wrong: list[str]) -> list[str]:
             page.locator(".tt-legend").first.wait_for(timeout=60_000)
         found += look(page, width, tab)
     page.context.close()
+    return found
+
+
+def look_at_first_screen(page, width: int) -> list[str]:
+    """What is wrong with what a viewer sees who has neither clicked nor scrolled, in each colour scheme."""
+    page.wait_for_function(IS_DRAWN, timeout=60_000)
+    found = look(page, width, "first screen")
+    seen = page.evaluate(FIRST_SCREEN, CANVAS)
+    if seen["scene"] < 1 / 3:
+        found.append(f"{width}: the scene has only {seen['scene']:.0%} of the height")
+    if seen["taxels"] < 1:
+        found.append(f"{width}: no picture of taxels is on the first screen")
     return found
 
 
