@@ -91,7 +91,8 @@ def _nanoseconds(text: str) -> int:
 
 
 def _time_text(time_ns: int) -> str:
-    return next(f"{time_ns // _UNITS_NS[unit]}{unit}" for unit in TIMES_S if time_ns % _UNITS_NS[unit] == 0)
+    whole = (f"{time_ns // _UNITS_NS[unit]}{unit}" for unit in TIMES_S if time_ns % _UNITS_NS[unit] == 0)
+    return next(whole, f"{time_ns}ns")  # NaN and infinity, which an altered state may have, are multiples of no unit
 
 
 def duration(word: str, rank: int = 1, **more: Any) -> Option:
