@@ -52,9 +52,11 @@ def _device(device: Device) -> dict[str, Any]:
     columns."""
     from firmware_protocols.declared import frames_of  # only who draws a device needs it
 
-    tables = {table.name: table for table in reversed(frames_of(device))}  # bound ones replace those of the class
+    tables: dict[str, Frame] = {}
+    for table in frames_of(device):  # bound ones come first, and stand for those of the class
+        tables.setdefault(table.name, table)
     return {
-        "tables": [_table(table) for table in reversed(tables.values())],
+        "tables": [_table(table) for table in tables.values()],
         "commands": [{"name": each.name, "request": text_of(each.frame)} for each in device.commands],
         "columns": [{name: getattr(each, name) for name in _COLUMN_FIELDS} for each in device.columns],
     }
