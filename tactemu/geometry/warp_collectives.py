@@ -30,18 +30,6 @@ def rank(wanted: bool) -> int:
 
 @wp.func_native("""
 #if defined(__CUDA_ARCH__)
-    return __ballot_sync(0xffffffffu, wanted);
-#else
-    return wanted ? 1 : 0;
-#endif
-""")
-def ballot(wanted: bool) -> int:
-    """Return a bit for each lane: is its ``wanted`` true? All lanes must call it together."""
-    ...
-
-
-@wp.func_native("""
-#if defined(__CUDA_ARCH__)
     return __popc(__ballot_sync(0xffffffffu, wanted));
 #else
     return wanted ? 1 : 0;
@@ -84,6 +72,17 @@ def lane_function(real):
     return of_lane
 
 
+@functools.cache
+def gathered_function(threads: int):
+    """Return ``gathered(value, wanted)``, for blocks of so many ``threads``: the k-th lane gets the value of the k-th
+    lane whose ``wanted`` is true, others an undefined one. All lanes must call it together."""
+
+    @wp.func_native(_GATHERED.replace("THREADS", str(threads)))
+    def gathered(value: int, wanted: bool) -> int: ...
+
+    return gathered
+
+
 _OF_LANE = """
 #if defined(__CUDA_ARCH__)
     return __shfl_sync(0xffffffffu, value, lane);
@@ -97,6 +96,20 @@ _LARGEST = """
         const auto other = __shfl_xor_sync(0xffffffffu, value, far);
         value = other > value ? other : value;
     }
+#endif
+    return value;
+"""
+_GATHERED = """
+#if defined(__CUDA_ARCH__)
+    __shared__ int listed[THREADS];
+    const int lane = threadIdx.x % 32;
+    int* const values = listed + (threadIdx.x - lane);
+    const unsigned lanes = __ballot_sync(0xffffffffu, wanted);
+    __syncwarp();
+    if (wanted)
+        values[__popc(lanes & ((1u << lane) - 1u))] = value;
+    __syncwarp();
+    value = values[lane];
 #endif
     return value;
 """

@@ -1,9 +1,9 @@
 """The readings of :mod:`.proximity_taxel` on a GPU: a warp for each patch of 32 neighbouring taxels.
 
 The threads of a warp first test clusters against the box around the patch, each thread its own cluster, then the points
-of those in reach, each thread its own point. All of them together visit the points that are left, with fast square
-roots; points out of a taxel's own reach add zeros. All readings are linear in the sums over points, since a body moves
-rigidly, so that forces follow from them in the same launch.
+of those in reach, each thread its own point. The points that are left are listed in shared memory, and all threads
+visit them together, with fast square roots; points out of a taxel's own reach add zeros. All readings are linear in the
+sums over points, since a body moves rigidly, so that forces follow from them in the same launch.
 """
 
 # pyright: reportIndexIssue=false, reportArgumentType=false, reportAssignmentType=false, reportGeneralTypeIssues=false
@@ -17,7 +17,13 @@ import warp as wp
 
 from tactemu.base.kernels import warp_kernel
 from tactemu.geometry.vector_io import vector_readers
-from tactemu.geometry.warp_collectives import ballot, lane_function, lanes_per_environment, largest_function
+from tactemu.geometry.warp_collectives import (
+    ballot_count,
+    gathered_function,
+    lane_function,
+    lanes_per_environment,
+    largest_function,
+)
 from tactemu.plan.launches import Launch
 from tactemu.sensors.point_cloud import CLUSTER_SIZE, spatial_order
 from tactemu.sensors.points.forces import force_functions, proximity_type, sums_type
@@ -46,16 +52,53 @@ def patches_type(real):
     return Patches
 
 
-@wp.func_native("""
+@functools.cache
+def visit_function(real, width: int):
+    """Return ``visit(sums, is_near, x, p, limit, noised)``: the sums with the points ``x`` of all lanes whose
+    ``is_near`` is true, in the order of lanes; all lanes must call it together.
+
+    ``sums`` are the total and the moment around ``p`` within ``limit`` and, if ``width`` is 8, both within ``noised``.
+    """
+    vec3, sums_type = wp.types.vector(3, real), wp.types.vector(width, real)
+    code = _VISIT.replace("NUMBER", real.__name__).replace("WIDTH", str(width))
+
+    @wp.func_native(code.replace("THREADS", str(THREADS_PER_BLOCK)))
+    def visit(sums: sums_type, is_near: bool, x: vec3, p: vec3, limit: real, noised: real) -> sums_type: ...
+
+    return visit
+
+
+_VISIT = """
+    auto add = [&](const auto& y) {
+        const wp::NUMBER dx = y.x - p[0], dy = y.y - p[1], dz = y.z - p[2];
+        const wp::NUMBER far = wp::sqrt(dx * dx + dy * dy + dz * dz);
+        for (int m = 0; m < WIDTH; m += 4) {
+            const wp::NUMBER overlap = wp::max((m ? noised : limit) - far, wp::NUMBER(0));
+            sums[m] += overlap;
+            sums[m + 1] += overlap * dx;
+            sums[m + 2] += overlap * dy;
+            sums[m + 3] += overlap * dz;
+        }
+    };
+    struct alignas(16) Point { wp::NUMBER x, y, z; };
 #if defined(__CUDA_ARCH__)
-    return __ffs(bits) - 1;
+    __shared__ Point listed[THREADS];
+    const int lane = threadIdx.x % 32;
+    Point* const points = listed + (threadIdx.x - lane);
+    const unsigned near = __ballot_sync(0xffffffffu, is_near);
+    if (is_near)
+        points[__popc(near & ((1u << lane) - 1u))] = Point{x[0], x[1], x[2]};
+    __syncwarp();
+    const int count = __popc(near);
+    for (int k = 0; k < count; ++k)
+        add(points[k]);
+    __syncwarp();
 #else
-    return __builtin_ctz(bits);
+    if (is_near)
+        add(Point{x[0], x[1], x[2]});
 #endif
-""")
-def first_bit(bits: int) -> int:
-    """Return the index of the lowest bit that is set; one must be."""
-    ...
+    return sums;
+"""
 
 
 @functools.cache
@@ -67,7 +110,9 @@ def patches_kernel(real, lanes: int, moving: bool, has_radius: bool, is_separate
     real_4, transform = wp.types.vector(4, real), wp.types.transformation(real)
     clusters_at_once, turns = max(1, lanes // CLUSTER_SIZE), max(1, CLUSTER_SIZE // lanes)
     sums_struct, readings = sums_type(real), wp.array3d(dtype=real)
-    largest, of_lane = largest_function(real), lane_function(real)
+    width = 8 if has_radius else 4
+    sums_vector, visit = wp.types.vector(width, real), visit_function(real, width)
+    largest, of_lane, gathered = largest_function(real), lane_function(wp.int32), gathered_function(THREADS_PER_BLOCK)
     add_body, write = force_functions(real, moving)
 
     @wp.func
@@ -104,10 +149,7 @@ def patches_kernel(real, lanes: int, moving: bool, has_radius: bool, is_separate
             at = s.pose[env, c.bodies[k]]
             q = wp.transform_get_rotation(at)
             p = wp.quat_rotate_inv(q, c.positions[i] - wp.transform_get_translation(at))
-            total = real(0.0)
-            moment = vec3(real(0.0))
-            noised_total = real(0.0)
-            noised_moment = vec3(real(0.0))
+            sums = sums_vector()
             end = int(0)
             if reaches(at, fetch(s.clouds.cloud_ball, k), low, high, reach):
                 end = s.clouds.cloud_start[k + 1]
@@ -115,39 +157,21 @@ def patches_kernel(real, lanes: int, moving: bool, has_radius: bool, is_separate
                 is_near = bool(False)
                 if base + lane < end:
                     is_near = reaches(at, fetch(s.clouds.ball, base + lane), low, high, reach)
-                near = ballot(is_near)
-                while near != 0:
-                    mine = int(-1)  # the cluster whose points this thread tests
-                    for turn in range(wp.static(clusters_at_once)):
-                        if near != 0:
-                            if turn == lane // CLUSTER_SIZE:
-                                mine = base + first_bit(near)
-                            near &= near - 1
+                n_near = ballot_count(is_near)
+                found = gathered(base + lane, is_near)
+                for first in range(0, n_near, wp.static(clusters_at_once)):
+                    at_once = first + lane // CLUSTER_SIZE
+                    mine = of_lane(found, wp.min(at_once, n_near - 1))  # the cluster whose points this thread tests
                     for turn in range(wp.static(turns)):
-                        x = real_4(real(0.0))
-                        is_near = bool(False)
-                        if mine >= 0:
-                            x = fetch(s.clouds.points, mine * CLUSTER_SIZE + lane % CLUSTER_SIZE + turn)
-                            is_near = reaches(at, x, low, high, reach)
-                        found = ballot(is_near)
-                        while found != 0:
-                            n = first_bit(found)
-                            found &= found - 1
-                            d = vec3(of_lane(x[0], n), of_lane(x[1], n), of_lane(x[2], n)) - p
-                            far = wp.sqrt(wp.dot(d, d))
-                            overlap = wp.max(limit - far, real(0.0))
-                            total += overlap
-                            moment += overlap * d
-                            if wp.static(has_radius):
-                                overlap = wp.max(noised - far, real(0.0))
-                                noised_total += overlap
-                                noised_moment += overlap * d
+                        x = fetch(s.clouds.points, mine * CLUSTER_SIZE + lane % CLUSTER_SIZE + turn)
+                        is_near = at_once < n_near and reaches(at, x, low, high, reach)
+                        sums = visit(sums, is_near, vec3(x[0], x[1], x[2]), p, limit, noised)
             if wp.isnan(p[0]):
-                total = real(wp.nan)
-                noised_total = real(wp.nan)
-            whole = add_body(whole, c, env, i, k, total, wp.quat_rotate(q, moment))
+                sums = sums_vector(real(wp.nan))
+            whole = add_body(whole, c, env, i, k, sums[0], wp.quat_rotate(q, vec3(sums[1], sums[2], sums[3])))
             if wp.static(has_radius):
-                measured = add_body(measured, c, env, i, k, noised_total, wp.quat_rotate(q, noised_moment))
+                moment = vec3(sums[5], sums[6], sums[7])
+                measured = add_body(measured, c, env, i, k, sums[4], wp.quat_rotate(q, moment))
         write(c, whole, real(1.0), env, i, truth)
         if wp.static(is_separate):
             gain = real(1.0)
