@@ -13,7 +13,7 @@ import numpy as np
 import warp as wp
 
 from tactemu.base.kernels import warp_kernel
-from tactemu.geometry.vector_io import vector_readers, vector_writer
+from tactemu.geometry.vector_io import vector_writer
 from tactemu.plan.launches import in_turn
 from tactemu.plan.plan import Context
 from tactemu.sensors.elastomer.dilation_kernels import (
@@ -94,10 +94,51 @@ def plane_terms(grid: Grid, options: DilationOptions, tolerance: float) -> list[
 
 
 @functools.cache
+def _sum_function(real, number_axes: int, block_axes: int):
+    """Return ``add(total, count, numbers, number, number_step, blocks, block, block_step)``.
+
+    It adds ``count`` products of a number and a block. The first are those at the flat indices ``number`` and
+    ``block``, the next are so many steps further. The arrays must be contiguous: with their strides, addresses took
+    more instructions and registers than the sum.
+    """
+    block_type = wp.types.vector(WIDTH, real)
+    number_array, block_array = wp.array(dtype=real, ndim=number_axes), wp.array(dtype=block_type, ndim=block_axes)
+
+    @wp.func_native(_SUM.replace("NUMBER", real.__name__).replace("WIDTH", str(WIDTH)))
+    def add(
+        total: block_type,
+        count: int,
+        numbers: number_array,
+        number: wp.int64,
+        number_step: int,
+        blocks: block_array,
+        block: wp.int64,
+        block_step: int,
+    ) -> block_type: ...
+
+    return add
+
+
+_SUM = """
+    struct alignas(16) Wide { wp::NUMBER numbers[WIDTH]; };
+    const wp::NUMBER* factor = numbers.data + number;
+    const Wide* from = reinterpret_cast<const Wide*>(blocks.data) + block;
+#pragma unroll 4
+    for (int k = 0; k < count; ++k, factor += number_step, from += block_step) {
+        const wp::NUMBER by = *factor;
+        const Wide given = *from;
+        for (int m = 0; m < WIDTH; ++m)
+            total[m] += by * given.numbers[m];
+    }
+    return total;
+"""
+
+
+@functools.cache
 def _kernels(real):
     vec3, grid_struct = wp.types.vector(3, real), dilated_grid_type(real)
     block, store = wp.types.vector(WIDTH, real), vector_writer(real, WIDTH)
-    _, load_2, load_4 = vector_readers(real, WIDTH)
+    add_rows, add_columns = _sum_function(real, 3, 2), _sum_function(real, 2, 4)
 
     @warp_kernel(launch_bounds=(BLOCK, 6))
     def sum_rows(
@@ -107,18 +148,17 @@ def _kernels(real):
         env += first_env
         if col < grid.box[env, 2] or col > grid.box[env, 3]:
             return
-        at = i_block * WIDTH + grid.depth.shape[1] - 1
         first = grid.box[env, 0]
-        last = grid.box[env, 1] + 1
-        depth = grid.depth  # arrays of a struct keep the compiler from unrolling the loops
-        power = grid.power
+        count = grid.box[env, 1] + 1 - first
+        rows = grid.depth.shape[1]
+        cols = grid.depth.shape[2]
+        source = (wp.int64(env) * wp.int64(rows) + wp.int64(first)) * wp.int64(cols) + wp.int64(col)
+        weight = wp.int64(term * row_blocks.shape[1] + i_block * WIDTH + rows - 1 - first)
         total = block()
         if term < 2 * grid.n_terms:
-            for k in range(first, last):
-                total += depth[env, k, col] * load_2(row_blocks, term, at - k)
+            total = add_rows(total, count, grid.depth, source, cols, row_blocks, weight, -1)
         else:
-            for k in range(first, last):
-                total += power[env, k, col] * load_2(row_blocks, term, at - k)
+            total = add_rows(total, count, grid.power, source, cols, row_blocks, weight, -1)
         store(partial, env, term, i_block, col, total)
 
     @warp_kernel(launch_bounds=(BLOCK, 4))
@@ -128,18 +168,26 @@ def _kernels(real):
         env, i_block, col = wp.tid()
         env += first_env
         first = grid.box[env, 2]
-        last = grid.box[env, 3] + 1
+        count = grid.box[env, 3] + 1 - first
         n_terms = grid.n_terms
-        at = col + partial.shape[3] - 1
+        cols = partial.shape[3]
+        weight = wp.int64(col + cols - 1 - first)
+        width = wp.int64(col_terms.shape[1])
+        source = wp.int64(env) * wp.int64(partial.shape[1])
+        source = (source * wp.int64(partial.shape[2]) + wp.int64(i_block)) * wp.int64(cols) + wp.int64(first)
+        size = wp.int64(partial.shape[2] * cols)
         u = block()
         v = block()
         w = block()
-        for term in range(n_terms):
-            for k in range(first, last):
-                u += col_terms[term, at - k] * load_4(partial, env, term, i_block, k)
-                v += col_terms[n_terms + term, at - k] * load_4(partial, env, n_terms + term, i_block, k)
-        for k in range(first, last):
-            w += col_terms[2 * n_terms, at - k] * load_4(partial, env, 2 * n_terms, i_block, k)
+        for _ in range(n_terms):
+            u = add_columns(u, count, col_terms, weight, -1, partial, source, 1)
+            weight += width
+            source += size
+        for _ in range(n_terms):
+            v = add_columns(v, count, col_terms, weight, -1, partial, source, 1)
+            weight += width
+            source += size
+        w = add_columns(w, count, col_terms, weight, -1, partial, source, 1)
         for m in range(WIDTH):
             row = i_block * WIDTH + m
             if row < grid.motion.shape[1]:
