@@ -30,7 +30,7 @@ from tactemu.session.options import ServeOptions  # noqa: E402
 from tactemu.wire.faults import DIRECTIONS, FAULTS  # noqa: E402
 from tactemu.wire.line_models import kinds_with, modelled_for  # noqa: E402
 
-_INHERITED = ("Sensor", "Simulation")
+_INHERITED = ("Sensor", "Served", "Simulation")
 """Classes whose methods are spread over base classes that have no entry of their own."""
 _DEVICE_LINK = re.compile(r"\[`(\w+)`\]\(\.\./firmware_protocols/devices/\w+\.py\)")
 """The file of a device in the repository; the site has a page of it."""

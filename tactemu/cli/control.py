@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 import json as json_module
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from typing import Annotated, Any, NoReturn
 
@@ -18,6 +18,7 @@ from tactemu.control.client import connect
 from tactemu.control.command_registry import EVENT_ARGUMENT, Argument, ControlCommand
 from tactemu.control.control_commands import CONTROL_COMMANDS
 from tactemu.control.endpoints import running
+from tactemu.wire.faults import parse
 
 HELP = """
 Press, move, break or read a running emulator.
@@ -134,8 +135,7 @@ def _command(verb: ControlCommand) -> Any:
         inspect.Parameter("name", inspect.Parameter.KEYWORD_ONLY, default=None, annotation=Annotated[str | None, NAME]),
         inspect.Parameter("json", inspect.Parameter.KEYWORD_ONLY, default=False, annotation=Annotated[bool, JSON]),
     ]
-    order = {name: k for k, name in enumerate(verb.words)}
-    parameters.sort(key=lambda parameter: order.get(parameter.name, len(order)))
+    parameters.sort(key=lambda parameter: _place(verb, parameter.name))
     parameters.append(inspect.Parameter("context", inspect.Parameter.KEYWORD_ONLY, annotation=typer.Context))
 
     def run(context: typer.Context, **given: Any) -> None:
@@ -145,6 +145,11 @@ def _command(verb: ControlCommand) -> Any:
     run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     run.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
     return run
+
+
+def _place(verb: ControlCommand, name: str) -> int:
+    """Return the place of an argument on a command line: those that stand there without their names come first."""
+    return verb.words.index(name) if name in verb.words else len(verb.words)
 
 
 def _shown(default: float | str) -> str:
@@ -193,17 +198,40 @@ def _run(verb: ControlCommand, *, name: str | None, json: bool, **given: Any) ->
         print(json_module.dumps({"ok": True, "result": result}))
     elif result is not None:
         _print(verb.name, result)
-    elif (duration := verb.arguments.get("seconds")) and verb.changes and duration.default is None:
-        print(_lasting(verb, checked))
+    elif verb.name != "wait":
+        print(_summary(verb, checked))
 
 
-def _lasting(verb: ControlCommand, given: dict[str, Any]) -> str:
-    """Return what a command has changed, and until when: ``set noise=0.1: every skin, for 2 s``."""
-    words = [verb.name, *(f"{name}={value}" for name, value in given.get("options", {}).items())]
-    words += [f"taxels {','.join(map(str, given['taxels']))}"] if "taxels" in given else []
-    until = verb.until.replace("`mend`", "`tactemu poke mend`")
-    ends = f"for {given['seconds']:g} s" if "seconds" in given else f"until {until}"
-    return f"{' '.join(words)}: {given.get('skin', 'every skin')}, {ends}"
+def _summary(verb: ControlCommand, given: dict[str, Any]) -> str:
+    """Return what a command has changed, and until when: ``dead 3,4: every skin, until the run ends``."""
+    duration, end = verb.end
+    is_limited = duration in given or (verb.name == "fault" and parse(given["fault"]).stop_ns is not None)
+    until = "" if is_limited or not end else f"until {end.replace('`', '`tactemu poke ', 1)}"
+    after = ", ".join(filter(None, (*_targets(verb, given), until)))
+    return " ".join(_words(verb, given)) + (f": {after}" if after else "")
+
+
+def _targets(verb: ControlCommand, given: dict[str, Any]) -> Iterator[str]:
+    """Yield the skin that a command is for, or that it is for every skin or every body."""
+    for name in ("skin", "body"):
+        if name == "skin" and name in given and name in verb.arguments:
+            yield given[name]
+        elif name in verb.arguments and name not in given and verb.arguments[name].about.endswith("default: all"):
+            yield f"every {name}"
+
+
+def _words(verb: ControlCommand, given: dict[str, Any]) -> Iterator[str]:
+    """Yield the words of a command that is carried out: the arguments that differ from their defaults."""
+    yield verb.name
+    for name, value in sorted(given.items(), key=lambda each: _place(verb, each[0])):
+        argument = verb.arguments.get(name)
+        if argument is None or isinstance(value, dict):  # keys of an event, options
+            table = value if isinstance(value, dict) else {name: value}
+            yield from (f"{key}={f'{each:g}' if isinstance(each, float) else each}" for key, each in table.items())
+        elif name not in ("skin", "wait") and value != argument.default:
+            text = ",".join(map(str, value)) if name == "taxels" else _numbers(value)
+            unit = argument.type.json.partition("[")[2].rstrip("]")
+            yield " ".join(filter(None, ("" if name in verb.words else _word(name), text, unit)))
 
 
 def _refuse(text: str) -> NoReturn:
@@ -254,6 +282,8 @@ def _print_state(state: dict[str, Any]) -> None:
 def _numbers(value: Any) -> str:
     if isinstance(value, list):
         return f"({', '.join(map(_numbers, value))})"
+    if isinstance(value, bool):
+        return "on" if value else "off"
     return value if isinstance(value, str) else f"{value:.6g}"
 
 

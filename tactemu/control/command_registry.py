@@ -38,8 +38,6 @@ class ControlCommand:
     """The arguments that stand on a command line without their names, in this order."""
     changes: bool
     """True for a command that changes the emulator: it is logged, and repeated when the log is replayed."""
-    until: str = ""
-    """The end of a change whose duration is not given, as in "until `mend`"; empty: a duration is needed, or none."""
 
     @property
     def method(self) -> str:
@@ -62,8 +60,6 @@ class ControlCommand:
         """The arguments by name."""
         hints = typing.get_type_hints(self.function, include_extras=True)
         texts = _argument_texts(self.function.__doc__ or "")
-        if self.until:
-            texts["seconds"] += f"; default: until {self.until}"
         found = {}
         for name, parameter in list(inspect.signature(self.function).parameters.items())[1:]:
             argument_type = _type_in(hints[name])
@@ -72,6 +68,14 @@ class ControlCommand:
                 default = None if needed else parameter.default
                 found[name] = Argument(name, argument_type, needed, default, texts.get(name, ""))
         return found
+
+    @property
+    def end(self) -> tuple[str, str]:
+        """The argument that ends the change, if there is one, and the end if it is not given: "`mend`", from
+        "default: until `mend`" of the argument, or from "until `mend`." of the first paragraph."""
+        ends = {each.name: each.about.partition("default: until ")[2] for each in self.arguments.values()}
+        own = self.about.partition(" until ")[2].partition(". ")[0].removesuffix(".")
+        return next(((name, end) for name, end in ends.items() if end), ("", own))
 
     def checked(self, given: Mapping[str, Any]) -> dict[str, Any]:
         """Return the arguments as plain data, without those that are ``None``.
@@ -117,19 +121,18 @@ EVENT_ARGUMENT = Argument("event", _type_in(Options), True, None, "keys of an en
 Method = TypeVar("Method", bound=Callable[..., Any])
 
 
-def control_command(*words: str, name: str = "", changes: bool = True, until: str = "") -> Callable[[Method], Method]:
+def control_command(*words: str, name: str = "", changes: bool = True) -> Callable[[Method], Method]:
     """Return a decorator that declares a method as a command.
 
     Args:
         words: arguments that stand on a command line without their names.
         name: the command's word on the socket and the command line; default: the method's name.
         changes: the command changes the emulator, and so is logged.
-        until: the end of the change if its argument ``seconds`` is not given.
     """
 
     def declare(function: Method) -> Method:
         declared = CONTROL_COMMANDS[name or function.__name__] = ControlCommand(
-            function, name or function.__name__, words, changes, until
+            function, name or function.__name__, words, changes
         )
         signature = inspect.signature(function)
 

@@ -80,7 +80,7 @@ class ControlCommands(ABC):
 
     @control_command("body")
     def release(self, body: Name | None = None, *, speed: Speed = Press.speed, wait: Flag = True) -> None:
-        """Lift a body to where it was over the skin, and hold it there.
+        """Lift a body to where it was over the skin, and hold it there until it is moved again.
 
         Args:
             body: the body; default: the one that pressed last
@@ -102,7 +102,8 @@ class ControlCommands(ABC):
         body: Name | None = None,
         wait: Flag = True,
     ) -> None:
-        """Move a body along a straight line. It goes to a place in the world, or by a distance.
+        """Move a body along a straight line to a place in the world, or by a distance. It stays there until it is moved
+        again.
 
         Args:
             position: position in the world; default: the present one
@@ -127,7 +128,7 @@ class ControlCommands(ABC):
         linear_velocity: Velocity | None = None,
         angular_velocity: AngularVelocity | None = None,
     ) -> None:
-        """Put a body at a pose. It is there from the next step of the simulation on.
+        """Put a body at a pose. It is there from the next step of the simulation on, until it is moved again.
 
         Args:
             body: the body, or its name
@@ -141,7 +142,7 @@ class ControlCommands(ABC):
 
     @control_command("body")
     def give_back(self, body: Name | None = None) -> None:
-        """Return a body to its own motion. It jumps to the pose that the motion has by now.
+        """Return a body to its own motion, until it is moved again. It jumps to the pose that the motion has by now.
 
         Args:
             body: the body; default: all
@@ -163,20 +164,20 @@ class ControlCommands(ABC):
 
     @control_command("fault")
     def fault(self, fault: Text, skin: Name | None = None) -> None:
-        """Inject a fault of bytes or frames from now on. `tactemu faults` lists them.
+        """Inject a fault of bytes or frames from now on, until `mend`. `tactemu faults` lists them.
 
         Args:
-            fault: the fault, such as 'drop 5% for 1s'
+            fault: the fault, such as 'drop 5%'; 'drop 5% for 1s' ends by itself
             skin: the skin whose wire has it; default: all
         """
         ...
 
-    @control_command(until="`mend`")
+    @control_command()
     def unplug(self, seconds: Seconds | None = None, skin: Name | None = None) -> None:
         """Remove the port, as if its cable were unplugged.
 
         Args:
-            seconds: duration
+            seconds: duration; default: until `mend`
             skin: the skin; default: all
         """
         ...
@@ -191,7 +192,7 @@ class ControlCommands(ABC):
         """
         ...
 
-    @control_command("options", until="the run ends")
+    @control_command("options")
     def set(
         self,
         options: Options,
@@ -205,12 +206,12 @@ class ControlCommands(ABC):
         Args:
             options: options of the sensor model and their values
             taxels: taxels to change; 3:7 are 3, 4, 5, 6; default: all
-            seconds: duration
+            seconds: duration; default: until the run ends
             skin: the skin; default: all
         """
         ...
 
-    @control_command("taxels", until="the run ends")
+    @control_command("taxels")
     def dead(
         self, taxels: Taxels, value: Number | None = None, seconds: Seconds | None = None, skin: Name | None = None
     ) -> None:
@@ -219,7 +220,7 @@ class ControlCommands(ABC):
         Args:
             taxels: their numbers; 3:7 are 3, 4, 5, 6
             value: the value that they return; default: their last reading
-            seconds: duration
+            seconds: duration; default: until the run ends
             skin: the skin; default: all
         """
         ...
@@ -245,7 +246,7 @@ class ControlCommands(ABC):
 
     @control_command(name="lines")
     def set_lines(self, *, dtr: Flag, rts: Flag, skin: Name | None = None) -> None:
-        """Set the modem lines of a pseudo terminal. Its driver cannot set them.
+        """Set the modem lines of a pseudo terminal, until they are set again. Its driver cannot set them.
 
         Args:
             dtr: data terminal ready

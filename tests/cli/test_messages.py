@@ -1,5 +1,7 @@
 """A mistake is one sentence: the nearest right word, and the next step."""
 
+import shlex
+
 import pytest
 
 import tactemu as tt
@@ -137,18 +139,32 @@ def test_a_fault_without_a_share_says_that_it_hits_every_frame():
 @pytest.mark.parametrize(
     ("words", "line"),
     [
-        ("unplug --for 500ms", "unplug: every skin, for 0.5 s\n"),
-        ("unplug --for 500", "unplug: every skin, for 500 s\n"),
-        ("unplug --for 5m", "unplug: every skin, for 300 s\n"),
+        ("unplug --for 500ms", "unplug for 0.5 s: every skin\n"),
+        ("unplug --for 500", "unplug for 500 s: every skin\n"),
+        ("unplug --for 5m", "unplug for 300 s: every skin\n"),
         ("unplug", "unplug: every skin, until `tactemu poke mend`\n"),
         ("set gain=0.9 --taxels 1:3", "set gain=0.9 taxels 1,2: every skin, until the run ends\n"),
-        ("dead 3,4 --skin anyskin --for 1s", "dead taxels 3,4: anyskin, for 1 s\n"),
-        ("hang --for 1s", "hang: every skin, for 1 s\n"),
+        ("dead 3,4 --skin anyskin --for 1s", "dead 3,4 for 1 s: anyskin\n"),
+        ("hang --for 1s", "hang for 1 s: every skin\n"),
+        ("fault 'drop 5%'", "fault drop 5%: every skin, until `tactemu poke mend`\n"),
+        ("fault 'drop 5% for 1s' --skin anyskin", "fault drop 5% for 1s: anyskin\n"),
+        ("mend", "mend: every skin\n"),
+        ("reset", "reset: every skin\n"),
+        ("happen dead=[3] until=2", "happen dead=[3] until=2\n"),
+        ("press --depth 1mm --no-wait", "press depth 0.001 m: until `tactemu poke release`\n"),
+        ("press anyskin --depth 1mm --dwell 1ms", "press depth 0.001 m dwell 0.001 s: anyskin\n"),
+        ("release --no-wait", "release: until it is moved again\n"),
+        ("move ball 0 0 25mm --for 1ms", "move ball (0, 0, 0.025) m for 0.001 s: until it is moved again\n"),
+        ("pose ball 0 0 25mm", "pose ball (0, 0, 0.025) m: until it is moved again\n"),
+        ("give_back", "give_back: every body, until it is moved again\n"),
+        ("wait 1ms", ""),
+        ("wait 1ms --json", '{"ok": true, "result": null}\n'),
+        ("fault drop --json", '{"ok": true, "result": null}\n'),
     ],
 )
 def test_a_command_that_lasts_says_until_when(words, line):
     with tt.serve("anyskin", "memory:", adjustable=["gain", "dead"], name="lasting"):
-        done = here("poke", *words.split(), "--name", "lasting")
+        done = here("poke", *shlex.split(words), "--name", "lasting")
     assert (done.returncode, done.stdout) == (0, line), done.stderr
 
 

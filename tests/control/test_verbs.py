@@ -72,3 +72,21 @@ def test_numbers_have_units():
     read = CONTROL_COMMANDS["set"].arguments["options"].type.read
     assert read(["gain=0.9", "bias=[0, 1]", "noise=5%"]) == {"gain": 0.9, "bias": [0, 1], "noise": 0.05}  # type: ignore[arg-type]
     assert plain({"a": (1, 2)}) == {"a": [1, 2]}
+
+
+@pytest.mark.parametrize(
+    ("name", "end"),
+    [
+        ("press", ("dwell", "`release`")),
+        ("unplug", ("seconds", "`mend`")),
+        ("set", ("seconds", "the run ends")),
+        ("dead", ("seconds", "the run ends")),
+        ("fault", ("", "`mend`")),
+        ("pose", ("", "it is moved again")),
+        ("reset", ("", "")),
+    ],
+)
+def test_a_docstring_says_until_when_a_change_lasts(name, end):
+    verb = CONTROL_COMMANDS[name]
+    assert verb.end == end
+    assert end[1] in (inspect.getdoc(getattr(tt.Connection, verb.method)) or "")
