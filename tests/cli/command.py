@@ -1,4 +1,4 @@
-"""Running the command line: in a process of its own, with a time limit, or quicker in this one."""
+"""Running the command line: in a process of its own, which is forked, or quicker in this one."""
 
 import contextlib
 import io
@@ -10,16 +10,20 @@ from pathlib import Path
 from unittest import mock
 
 from tactemu.cli import main
+from tests.cli.fork_server import ForkedCommand
 
 ROOT = Path(__file__).parents[2]
 
 
 def tactemu(*arguments: str, cwd: Path | None = None, timeout: float = 60) -> subprocess.CompletedProcess[str]:
     """Run ``tactemu`` and wait for it."""
-    return subprocess.run(
-        [sys.executable, "-m", "tactemu", *arguments], capture_output=True, text=True, timeout=timeout, cwd=cwd,
-        env=environment(), check=False,
-    )  # fmt: skip
+    with start(*arguments, cwd=cwd) as process:
+        try:
+            out, errors = process.communicate(timeout=timeout)
+        except BaseException:
+            process.kill()
+            raise
+    return subprocess.CompletedProcess(process.args, process.returncode, out, errors)
 
 
 def here(*arguments: str, cwd: Path = ROOT, columns: int = 120) -> subprocess.CompletedProcess[str]:
@@ -37,10 +41,10 @@ def here(*arguments: str, cwd: Path = ROOT, columns: int = 120) -> subprocess.Co
 
 def start(*arguments: str, **options) -> subprocess.Popen[str]:
     """Start ``tactemu`` with its output in pipes."""
-    return subprocess.Popen(
-        [sys.executable, "-m", "tactemu", *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-        env=environment(), **options,
-    )  # fmt: skip
+    options |= {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, "env": environment()}
+    if "preexec_fn" in options:
+        return subprocess.Popen([sys.executable, "-m", "tactemu", *arguments], **options)
+    return ForkedCommand(arguments, **options)
 
 
 def environment() -> dict[str, str]:
