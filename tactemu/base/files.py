@@ -74,13 +74,17 @@ def check_writable(path: str | Path | None, what: str, *signs: str) -> None:
     check_overwriting(path, *signs)
 
 
-def check_folder(path: str | Path | None, what: str) -> None:
+def check_folder(path: str | Path | None, what: str, names: Iterable[str] = (), sign: str = "") -> None:
     """Raise if files cannot be written to a folder; make nothing. The folder need not exist, and gets its parents.
 
-    ``None`` passes: no folder is wanted.
+    Args:
+        path: the folder; ``None``: none is wanted.
+        what: its content, for the message.
+        names: names of the files that may be written there, or patterns such as ``*.jsonl``.
+        sign: as a sign of :func:`check_overwriting`, of all these files.
 
     Raises:
-        TactemuError: a part of the path is no folder, or permission is missing.
+        TactemuError: a part of the path is no folder, permission is missing, or such a file is of another program.
     """
     if path is None:
         return
@@ -91,6 +95,9 @@ def check_folder(path: str | Path | None, what: str) -> None:
         tempfile.TemporaryFile(dir=there).close()
     except OSError as error:
         raise TactemuError(f"{path}: cannot write {what}: {there}: {reason_of(error)}") from None
+    for name in names:
+        for file in sorted(Path(path).glob(name)):
+            check_overwriting(file, sign)
 
 
 @contextmanager

@@ -27,7 +27,7 @@ from tactemu.judge.outcome import ABOUT, FAILING, Outcome
 from tactemu.judge.processes import age_s
 from tactemu.judge.report import Report, written
 from tactemu.judge.success import as_data, as_text, read_script, success_curve
-from tactemu.judge.trial_choice import check_names
+from tactemu.judge.trial_choice import check_names, planned_names
 from tactemu.judge.trial_runner import Judge, JudgeOptions
 from tactemu.judge.verdicts import judge_record
 
@@ -108,7 +108,8 @@ class ReportFiles:
         """Raise TactemuError for a report that could not be written, or would overwrite a file of another program."""
         for path, sign in ((self.html, PAGE_SIGN), (self.junit, '"tactemu judge'), (self.json, '"tactemu":')):
             check_writable(path, "the report", sign)
-        check_folder(self.cases, "the cases")
+        names = map(smallest_case.file_name, planned_names() if self.cases is not None else ())
+        check_folder(self.cases, "the cases", names, smallest_case.SIGN)
 
 
 def judge_driver(target: str, command: Sequence[str], options: JudgeOptions, files: ReportFiles) -> int:
@@ -214,7 +215,7 @@ def _write(report: Report, files: ReportFiles) -> None:
     if files.cases is not None and report.cases:
         files.cases.mkdir(parents=True, exist_ok=True)
         for case in report.cases:
-            smallest_case.write(case, files.cases / f"{case['trial'].replace(' ', '-')}.json")
+            smallest_case.write(case, files.cases / smallest_case.file_name(case["trial"]))
 
 
 def judge_success(

@@ -19,7 +19,7 @@ from tactemu.judge.outcome import CleanRun
 from tactemu.judge.plan import LineFacts, Trial
 from tactemu.judge.row_tracking import RowTracker, left_times, recovered
 from tactemu.judge.trial_counts import shortened, without_tracebacks
-from tactemu.judge.trial_record import TrialRecord
+from tactemu.judge.trial_record import SIGN, TrialRecord
 
 POLL_PERIOD_S = 0.02
 """Time between two checks of the driver's output [s]."""
@@ -62,7 +62,7 @@ class DriverSession:
         self._numbers = 0
 
     def __enter__(self) -> Self:
-        check_folder(self.options.record, "the recorded trials")
+        check_folder(self.options.record, "the recorded trials", ("[0-9]*-*.jsonl",), SIGN)
         if self.options.columns is not None and not self.options.columns.exists():
             check_writable(self.options.columns, "the columns")
         self.rig.__enter__()

@@ -31,6 +31,8 @@ MAX_CUT_DIGITS = 36
 NEXT_PIECE = "\n" + 11 * " "
 """The line break and indent before another piece of a frame."""
 VERSION = 1
+SIGN = '"finding":'
+"""A text in the head of every case."""
 _CAN_HEAD = re.compile(r"([0-9A-Fa-f]+#(#[0-9A-Fa-f])?)?")
 """A pattern of the identifier and flags of a CAN frame; it matches "" at the begin of other frames."""
 
@@ -141,13 +143,18 @@ def _case(
 # -- as files ----------------------------------------------------------------------------------------------------------
 
 
+def file_name(trial: str) -> str:
+    """Return the name of the file of a trial's case."""
+    return f"{trial.replace(' ', '-')}.json"
+
+
 def write(case: dict[str, Any], path: Path) -> None:
     """Write a case for ``--replay``.
 
     Raises:
         TactemuError: the file cannot be written, or is of another program.
     """
-    check_overwriting(path, '"finding":')
+    check_overwriting(path, SIGN)
     try:
         path.write_text(json.dumps(case, indent=1) + "\n", encoding="utf-8")
     except OSError as error:
@@ -234,4 +241,4 @@ def _cut(head: str, data: str, start: int, most: int, changed: tuple[int, int]) 
     return f"{head}{left}{shown}{right}{where}"
 
 
-__all__ = ["find", "in_words", "marked", "may_be", "read", "trial_of", "write"]
+__all__ = ["SIGN", "file_name", "find", "in_words", "marked", "may_be", "read", "trial_of", "write"]

@@ -19,12 +19,16 @@ LINES = (
 """Lines whose plans have all trials between them, except those of forged answers and of a device's own counters."""
 
 
+def planned_names() -> list[str]:
+    """Return the names of all trials, except those of forged answers and of a device's own counters."""
+    return list(dict.fromkeys(trial.name for facts in LINES for trial in Plan(facts).trials()))
+
+
 def check_names(names: Sequence[str]) -> None:
     """Raise TactemuError for a name of --only that no plan can have, before anything is run."""
     if not names:  # plans take a while to make
         return
-    planned = (trial.name for facts in LINES for trial in Plan(facts).trials())
-    known = list(dict.fromkeys((*planned, *forged_replies.NAMES)))
+    known = list(dict.fromkeys((*planned_names(), *forged_replies.NAMES)))
     for name in names:
         words = {*name.split()}
         if name != CLEAN and not any(words <= {*each.split()} for each in known) and "wraps" not in words:

@@ -23,6 +23,8 @@ from tactemu.truth.entries import Entry, Injection, Passage, PortEvent, Sample
 from tactemu.truth.jsonl_format import entry_of, row_of
 
 VERSION = 2
+SIGN = '"kind": "trial"'
+"""A text in the head of every record."""
 Row = Mapping[str, float]
 _NO_READING = np.zeros(0)
 """The readings of a sample in a record, which has the counts of all skins in one array."""
@@ -101,7 +103,7 @@ class TrialRecord:
         Raises:
             TactemuError: the file cannot be written, or is of another program.
         """
-        check_overwriting(path, '"kind": "trial"')
+        check_overwriting(path, SIGN)
         try:
             with open(path, "w", encoding="utf-8") as file:
                 for line in self.lines():

@@ -66,6 +66,19 @@ def test_a_request_that_would_judge_nothing_does_not_pass(options, status, says)
     assert done.returncode == status and says in " ".join(done.stderr.split()), done.stderr
 
 
+@pytest.mark.parametrize("name", ["cases/byte-lost.json", "record/03-flipped.jsonl"])
+def test_a_folder_with_a_file_of_another_program_is_refused_before_the_driver_starts(name, tmp_path):
+    path = tmp_path / name
+    path.parent.mkdir()
+    path.write_text("an hour of work")
+    (path.parent / "package.json").write_text("no trial has this name")
+    started = tmp_path / "started"
+    driver = ["--", "touch", str(started), "{port}"]
+    done = here("judge", "optoforce", f"--{path.parent.name}={path.parent}", *driver)
+    assert done.returncode == 2 and f"{path}: was not written by tactemu and is not overwritten" in done.stderr
+    assert path.read_text() == "an hour of work" and not started.exists()
+
+
 @pytest.mark.nightly
 def test_a_case_is_tried_alone_and_a_baseline_forgives_it(tmp_path):
     base = [sys.executable, "-m", "tactemu", "judge", "optoforce"]
