@@ -21,9 +21,9 @@ from firmware_protocols.layouts import PATCH_COLOURS
 
 SERIES = PATCH_COLOURS
 """The colours of curves and points, in the order in which they are used."""
-BLUE, VERMILION, GREEN, PURPLE = SERIES
-IDEAL, MEASURED, SENT = BLUE, VERMILION, GREEN
-"""The colours of a reading without imperfections, with them, and as the driver receives it."""
+BLUE, VERMILION, _, PURPLE = SERIES
+IDEAL, MEASURED = BLUE, VERMILION
+"""The colours of a reading without imperfections, and with them."""
 RAMP = ("#363861", "#5a3e88", "#8a4096", "#c23f83", "#e6536b", "#fe7353", "#ff9b44", "#ffc454", "#fcea7e")
 """The scale of readings at equal steps from 0 to the largest: dark violet, red, orange, pale yellow.
 

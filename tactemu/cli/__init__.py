@@ -48,10 +48,11 @@ def main() -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(OUTPUT_CLOSED)
     except OSError as error:  # such as a full disk, a missing folder, no permission
+        from tactemu.base.errors import reason_of
         from tactemu.cli.fitting import print_error
 
         where = error.filename or "cannot write the output"
-        print_error(f"tactemu: {where}: {error.strerror or error}")
+        print_error(f"tactemu: {where}: {reason_of(error, error.filename)}")
         if error.filename is None:  # the output itself
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(EXEC_FAILED if sys.argv[1:2] == ["exec"] else 2)

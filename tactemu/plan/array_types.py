@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 
 import warp as wp
@@ -28,5 +28,3 @@ DeviceNumbers: TypeAlias = NDArray[Any] | WarpArray | DlpackArray
 """An array that a user gives: of NumPy, Warp or another library."""
 Numbers: TypeAlias = ArrayLike | DeviceNumbers
 """Numbers that a user gives: a list or an array."""
-Environments: TypeAlias = Sequence[int] | NDArray[Any] | WarpArray | DlpackArray
-"""Environments that a user chooses: indices, or a mask."""

@@ -29,6 +29,16 @@ def test_an_output_that_is_full_is_one_sentence(command):
     assert (done.returncode, done.stderr) == (2, "tactemu: cannot write the output: No space left on device\n")
 
 
+def test_a_path_that_no_command_has_checked_is_one_sentence(monkeypatch):
+    def run():
+        open("/no/report.json")
+
+    monkeypatch.setattr("tactemu.cli._run", run)
+    done = here("faults")
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr == "tactemu: /no/report.json: there is no folder /no; make it first\n"
+
+
 @pytest.mark.parametrize(
     ("path", "why"), [("/tmp/" + "a" * 400, "File name too long"), ("/tmp/\\u0000x", "embedded null byte")]
 )

@@ -8,18 +8,6 @@ from typing import Any
 
 import numpy as np
 
-METRICS = {
-    # name: what it is
-    "normal force": "total normal force, relative",
-    "tangential force": "total tangential force, relative to mu times the normal force",
-    "pressure": "pressure, RMSE over the taxels relative to the truth's RMS",
-    "contact area": "number of taxels of which any part touches, relative",
-    "overlap of areas": "1 - intersection over union of the taxels in contact",
-    "centre": "centre of pressure [mm]",
-    "normal motion": "motion of the surface along the normal, RMSE relative to the truth's RMS",
-    "tangential motion": "motion of the surface along the skin, likewise",
-}
-
 
 @dataclass
 class Observation:
@@ -119,7 +107,18 @@ def fit_gains(got: Observation, truth: Observation, names: tuple[str, ...]) -> d
 
 
 def errors(got: Observation, truth: Observation, positions: np.ndarray, area: float, friction: float) -> dict:
-    """Return each metric that the model offers (:data:`METRICS`), None if the truth has no value to compare with.
+    """Return each metric that the model offers, None if the truth has no value to compare with.
+
+    ::
+
+        normal force        total normal force, relative
+        tangential force    total tangential force, relative to friction times the normal force
+        pressure            pressure, RMSE over the taxels relative to the truth's RMS
+        contact area        number of taxels of which any part touches, relative
+        overlap of areas    1 - intersection over union of the taxels in contact
+        centre              centre of pressure [mm]
+        normal motion       motion of the surface along the normal, RMSE relative to the truth's RMS
+        tangential motion   motion of the surface along the skin, likewise
 
     Args:
         got: the calibrated observation of the model.

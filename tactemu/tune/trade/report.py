@@ -21,7 +21,7 @@ class Measure(NamedTuple):
     """A figure of the table and the picture: an error over the cases that it is about."""
 
     metric: str
-    """The error of a case, of :data:`~tactemu.tune.trade.errors.METRICS`."""
+    """The error of a case, of :func:`~tactemu.tune.trade.errors.errors`."""
     covers: Callable[[str], bool]
     """True for the name of a case that counts."""
 
