@@ -83,7 +83,8 @@ def _check_sum(made: FrameClass, contents: Sequence[bytes], verdicts: Verdicts) 
     tried = contents[:: max(1, len(contents) // MAX_SUMS)]
     share = made.sum.share(tried)
     if share >= HOLDS:
-        verdicts.agrees.append(f"{made.label}: {words(made.sum)}")
+        partly = "" if share == 1 else f", in {share:.1%} of {len(tried)} frames"
+        verdicts.agrees.append(f"{made.label}: {words(made.sum)}{partly}")
     elif share < 0.5:
         verdicts.find("sum", made.label, sum_text(made, tried))
     else:
@@ -94,7 +95,9 @@ def sum_text(made: FrameClass, contents: Sequence[bytes]) -> str:
     """Return the difference of the sums in words."""
     assert made.sum is not None
     instead = find_instead(made.sum, contents)
-    what = f"{words(instead)} holds instead" if instead is not None else "no known sum holds instead"
+    what = "no known sum holds instead"
+    if instead is not None:
+        what = f"{words(instead)} holds in {instead.share(contents):.0%}"
     return f"the model's {words(made.sum)} holds in {made.sum.share(contents):.0%} of {len(contents)} frames; {what}"
 
 

@@ -20,8 +20,11 @@ def words(found: FrameSum) -> str:
     """Return a sum in words."""
     order = {"": "", "<": " low byte first", ">": " high byte first"}[found.order]
     name, constant = found.kit_name, ""
-    if name is None:
-        name, constant = replace(found, constant=0).kit_name, f", combined with {found.constant:0{2 * found.width}X}"
+    if name is None:  # with a constant that the kit has not
+        name = replace(found, constant=0).kit_name or f"negative sum{8 * found.width}"
+        number = f"{found.constant:0{2 * found.width}X}"
+        added = f"plus {number}" if found.name in ("sum", "neg") else f"XOR {number}"
+        constant = f", {added}" if found.constant else ""
     return f"{name} from byte {found.start}{order}{constant}"
 
 

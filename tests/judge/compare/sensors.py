@@ -132,7 +132,10 @@ PLANTS: dict[str, Plant] = {
     "late answer": Plant("weiss_wts", edited("weiss_wts", late), "latency", "`matrix`: after"),
     "taxels": Plant("eflesh_binary", edited("eflesh_binary", swapped_taxels), "taxel order", "1 and 3", presses=True),
     "checksum": Plant(
-        "eflesh_binary", edited("eflesh_binary", lambda f: f[:-1] + bytes([f[-1] ^ 0x5A])), "sum", "combined with 5A"
+        "eflesh_binary",
+        edited("eflesh_binary", lambda f: f[:-1] + bytes([f[-1] ^ 0x5A])),
+        "sum",
+        ", XOR 5A holds in 100%",
     ),
     "silent": Plant("weiss_wts", edited("weiss_wts", lambda f: [] if f[3] == 0x37 else f), "silent", "`gain`: none"),
     "constant": Plant(

@@ -10,6 +10,7 @@ import firmware_protocols as fp
 from firmware_protocols import Rollover
 from firmware_protocols.sums import crc16_modbus, sum8
 from tactemu.base.errors import TactemuError
+from tactemu.base.sum_search import FrameSum
 from tactemu.judge.compare import presses as pressing
 from tactemu.judge.compare import sum_rules
 from tactemu.judge.compare.answer_check import heads_of
@@ -51,12 +52,33 @@ def test_no_sum_is_found_where_there_is_none():
     ("frames", "words"),
     [
         (frames_with(sum8, 1, "big", 3), "sum8 from byte 3"),
-        (frames_with(sum8, 1, "big", 2, change=0x21), "combined with 21"),
+        (frames_with(sum8, 1, "big", 2, change=0x21), "sum8 from byte 2, plus 21"),
     ],
 )
 def test_the_sum_that_holds_instead_is_named(frames, words):
     model = sum_rules.find(frames_with(sum8, 1, "big", 2))
     assert words in sum_rules.words(sum_rules.find_instead(model, frames))
+
+
+def test_a_sum_that_holds_in_some_frames_is_named_with_their_share():
+    frames = frames_with(sum8, 1, "big", 2, n=100)
+    made = FrameClass("frames", size=len(frames[0]), sum=sum_rules.find(frames))
+    damaged = [frame[:-1] + bytes([frame[-1] ^ 0xFF]) for frame in frames[50:54]] + frames[:50] + frames[54:]
+    check_frames(made, frames, [], whole := Verdicts())
+    check_frames(made, damaged, [], noisy := Verdicts())
+    assert whole.agrees == ["frames: sum8 from byte 2"]
+    assert noisy.agrees == ["frames: sum8 from byte 2, in 96.0% of 100 frames"]
+    other = frames_with(sum8, 1, "big", 3, n=100)
+    check_frames(made, other[:98] + damaged[:2], [], differs := Verdicts())
+    assert "; sum8 from byte 3 holds in 98%" in str(differs.protocol)
+
+
+@pytest.mark.parametrize(
+    ("name", "constant", "words"),
+    [("sum", 0, "sum16"), ("neg", 0, "negative sum16"), ("neg", 0x1234, "negative sum16 from byte 2, plus 1234")],
+)
+def test_a_sum_of_two_bytes_has_a_name(name, constant, words):
+    assert sum_rules.words(FrameSum(-2, 2, 2, -2, name, constant=constant)).startswith(words)
 
 
 def test_a_stream_is_cut_into_frames_and_what_is_between_them():
