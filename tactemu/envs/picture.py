@@ -8,7 +8,7 @@ import numpy as np
 
 from firmware_protocols.layouts import Layout, Patch
 from tactemu.base.style import colours
-from tactemu.view.conversions.display import cells
+from tactemu.session.heatmap import cells
 
 if TYPE_CHECKING:
     from tactemu.envs.observations import SkinField

@@ -17,8 +17,8 @@ from tactemu.base.style import colours
 SHADES = "·░▒▓█"
 GAP = 3
 """Characters between two patches."""
-MAX_COLUMNS = 40
-"""Maximum width of a free layout [cells]."""
+MAX_COLUMNS = 24
+"""Maximum number of columns, and of rows, of the picture of a patch that is no grid."""
 
 
 def taxel_magnitudes(layout: Layout, senses: str, values: np.ndarray) -> np.ndarray:
@@ -37,10 +37,10 @@ def draw(layout: Layout, values: np.ndarray, peak: float, *, patch: Patch | None
     Blocks of ``pool`` by ``pool`` cells are drawn as one.
     """
     patch = patch or layout.patches[0]
-    cells = _cells(layout, patch) // pool
+    places = cells(layout, patch) // pool
     level = np.clip(values[patch.taxels] / peak, 0.0, 1.0) if peak > 0 else np.zeros(len(values[patch.taxels]))
-    picture = np.full(cells.max(axis=0) + 1, EMPTY)
-    np.maximum.at(picture, tuple(cells.T), np.rint(level * (LEVELS - 1)).astype(int))  # a block has its largest value
+    picture = np.full(places.max(axis=0) + 1, EMPTY)
+    np.maximum.at(picture, tuple(places.T), np.rint(level * (LEVELS - 1)).astype(int))  # a block has its largest value
     text = Text(no_wrap=True)
     for number, row in enumerate(picture.tolist()):
         text.append("\n" if number else "")
@@ -56,7 +56,7 @@ def draw_all(layout: Layout, values: np.ndarray, peak: float, width: int, height
 
     If even one character per patch is too large, the first patches are drawn and the others counted.
     """
-    sizes = [_cells(layout, patch).max(axis=0) + 1 for patch in layout.patches]
+    sizes = [cells(layout, patch).max(axis=0) + 1 for patch in layout.patches]
     pool, most = 1, max(int(size.max()) for size in sizes)
     rows = _rows(layout, sizes, pool, width)
     while pool < most and (_height(rows) > height or any(block.width > width for row in rows for block in row)):
@@ -109,14 +109,14 @@ def _height(rows: list[list[_Block]]) -> int:
     return sum(max(block.height for block in row) for row in rows)
 
 
-def _cells(layout: Layout, patch: Patch) -> np.ndarray:
-    """Return row and column of each taxel of a patch, shape ``(n, 2)``."""
+def cells(layout: Layout, patch: Patch) -> np.ndarray:
+    """Return row and column of each taxel of a patch in its picture, shape ``(n, 2)``."""
     if patch.rows:
         return np.stack(np.divmod(np.arange(patch.rows * patch.cols), patch.cols), axis=1)
     flat = flattened(layout.positions[patch.taxels], layout.normals[patch.taxels])
     flat -= flat.min(axis=0)
-    pitch = max(layout.pitches.min(), flat[:, 0].max() / (MAX_COLUMNS - 1), 1e-9)
-    columns, rows = np.rint(flat / pitch).astype(int).T
+    step = max(patch.pitch, float(flat.max(initial=0.0)) / (MAX_COLUMNS - 1), 1e-9)
+    columns, rows = np.rint(flat / step).astype(int).T
     return np.stack([rows.max() - rows, columns], axis=1)
 
 

@@ -31,6 +31,18 @@ def test_a_free_layout_is_drawn_by_position():
     assert [row.strip(" ") != "" for row in picture] == [True] * 3
 
 
+@pytest.mark.parametrize(
+    ("device", "name", "size"),
+    [("fulai_glove", "palm", (3, 14)), ("brainco_revo3", "thumb pad", (10, 6)), ("ghand5", "index", (7, 5))],
+)
+def test_a_free_patch_is_drawn_at_its_own_pitch(device, name, size):
+    """Other patches of the device may be finer: at their pitch, rows and columns would stay empty."""
+    layout = fp.create(device).layout
+    (patch,) = (each for each in layout.patches if each.name == name)
+    picture = rows(draw(layout, np.ones(len(layout)), 1.0, patch=patch))
+    assert (len(picture), len(picture[0]) // 2) == size
+
+
 def test_seen_from_outside_right_is_right():
     """A patch that faces down, seen from below: x still to the right, so y turns round."""
     positions, normals = np.array([(0.01, 0.02, 0.0)]), np.array([(0.0, 0.0, -1.0)])

@@ -1,4 +1,4 @@
-"""The places, sizes and lines of text by which viewers show the entries of a log."""
+"""The sizes and lines of text by which viewers show the entries of a log."""
 
 from __future__ import annotations
 
@@ -6,31 +6,15 @@ import math
 
 import numpy as np
 
-from firmware_protocols.layouts import Layout, Patch
 from tactemu.base.frame_text import text
 from tactemu.scene.description import PartDescription
-from tactemu.session.heatmap import flattened
 from tactemu.truth.entries import BodyPose, Entry, Injection, Passage, PortEvent, Sample
-
-MAX_COLUMNS = 24
-"""Maximum number of columns, and of rows, of the picture of a patch that is no grid."""
 
 _PREFIXED = frozenset({"N", "Nm", "Pa", "m", "T", "F", "Ohm", "V", "A"})
 """The SI units that take a prefix."""
 _PREFIXES = {-4: "p", -3: "n", -2: "µ", -1: "m", 0: "", 1: "k", 2: "M", 3: "G"}
 _WRITTEN = {"degC": "°C", "uT": "µT", "m/s^2": "m/s²", "Ohm": "Ω", "um": "µm"}
 """The signs for the units that devices declare in ASCII."""
-
-
-def cells(layout: Layout, patch: Patch) -> np.ndarray:
-    """Return row and column of each taxel of a patch in its picture, shape ``(n, 2)``."""
-    if patch.rows:
-        return np.stack(np.divmod(np.arange(patch.rows * patch.cols), patch.cols), axis=1)
-    flat = flattened(layout.positions[patch.taxels], layout.normals[patch.taxels])
-    flat -= flat.min(axis=0)
-    step = max(patch.pitch, float(flat.max(initial=0.0)) / (MAX_COLUMNS - 1), 1e-9)
-    columns, rows = np.rint(flat / step).astype(int).T
-    return np.stack([rows.max() - rows, columns], axis=1)
 
 
 def in_contact(sample: Sample) -> np.ndarray:

@@ -13,8 +13,8 @@ from PIL import Image
 
 from firmware_protocols.layouts import Patch
 from tactemu.base.style import NAN, RAMP, colours
+from tactemu.session.heatmap import cells
 from tactemu.truth.entries import Sample
-from tactemu.view.conversions.display import cells
 from tactemu.view.page.feed import PageSkin, deviation_unit, magnitudes
 from tactemu.view.page.ranges import NO_CONTACT, Range, Ranges
 

@@ -12,9 +12,10 @@ from firmware_protocols.declared import tables_of
 from firmware_protocols.tables import Frame
 from tactemu.control.description import _device
 from tactemu.scene.description import SceneContext
+from tactemu.session.heatmap import cells
 from tactemu.truth import COMMAND
 from tactemu.truth.entries import Sample
-from tactemu.view.conversions.display import cells, prefixed, written
+from tactemu.view.conversions.display import prefixed, written
 from tactemu.view.page.feed import Baseline, DescribedRun, PageSkin, deviation_unit
 
 pytest.importorskip("viser", reason="the page comes with the extra web")
