@@ -13,6 +13,8 @@ from numpy.typing import ArrayLike
 
 PATCH_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7")
 """The colours of patches in drawings, in turn: of Okabe and Ito's palette those that show on white and on black."""
+MAX_LENGTH_ERROR = 1.1e-5
+"""The largest difference of a normal's length from 1."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,11 +70,11 @@ class Layout:
     def __post_init__(self):
         positions = np.atleast_2d(np.asarray(self.positions, float)).reshape(-1, 3)
         n = len(positions)
-        normals = np.broadcast_to(np.asarray(self.normals, float), (n, 3))
-        if n and not np.allclose(np.linalg.norm(normals, axis=1), 1.0, atol=1e-6):
+        normals = _per_taxel(np.asarray(self.normals, float), n)
+        if not (abs(np.linalg.norm(normals, axis=1) - 1.0) <= MAX_LENGTH_ERROR).all():
             raise ValueError("Layout.normals: every normal must have length 1")
         order = np.arange(n) if self.wire_order is None else np.asarray(self.wire_order, int)
-        if not np.array_equal(np.sort(order), np.arange(n)):
+        if order.shape != (n,) or not (np.sort(order) == np.arange(n)).all():
             raise ValueError(f"Layout.wire_order: expected a permutation of 0..{n - 1}, got {order}")
         x_axes = _default_x_axes(normals) if self.x_axes is None else np.asarray(self.x_axes, float)
         patches = self.patches or ((Patch(name="all", start=0, rows=0, cols=n),) if n else ())
@@ -82,7 +84,7 @@ class Layout:
         store = object.__setattr__
         store(self, "positions", positions)
         store(self, "normals", normals)
-        store(self, "x_axes", np.broadcast_to(x_axes, (n, 3)))
+        store(self, "x_axes", _per_taxel(x_axes, n))
         store(self, "wire_order", order)
         store(self, "patches", patches)
 
@@ -184,6 +186,15 @@ class Layout:
             f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {size[0]:.2f} {size[1]:.2f}" role="img" '
             f'style="width:100%;max-width:{width_px}px;max-height:{height:.0f}px">{"".join(dots)}</svg>'
         )
+
+
+def _per_taxel(vectors: np.ndarray, n: int) -> np.ndarray:
+    """Return ``np.broadcast_to(vectors, (n, 3))``, which takes 20 µs even where nothing is to be done."""
+    if vectors.shape != (n, 3):
+        return np.broadcast_to(vectors, (n, 3))
+    view = vectors.view()
+    view.flags.writeable = False
+    return view
 
 
 def _default_x_axes(normals: np.ndarray) -> np.ndarray:

@@ -12,7 +12,7 @@ import functools
 import importlib
 import sys
 from collections import Counter, defaultdict, deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import fields, is_dataclass
 from types import FunctionType
 from typing import Any
@@ -202,26 +202,30 @@ class Reader:
             return self._named(value["as"], FunctionType)
         return self.make(kind, value)
 
+    def _read_all(self, values: Iterable[Any]) -> Iterator[Any]:
+        """Return the objects that plain data stand for, without a call for each number and text."""
+        read = self._read
+        return (read(each) if isinstance(each, dict) else each for each in values)
+
     def make(self, kind: str, value: dict[str, Any]) -> Any:
         """Return the array, container or object that plain data stand for."""
+        if kind == "object":
+            return self._object(value)
         if kind in ("bytearray", "array"):
             made = bytearray(memoryview(value["value"])) if kind == "bytearray" else value["value"].copy()
             return self.keep(value, made)
-        if kind == "object":
-            return self._object(value)
         if kind in ("dict", "Counter", "defaultdict"):
             made = self.keep(value, _empty_dict(kind, value))
             made.update({self._read(k): self._read(v) for k, v in value["items"]})
             return made
         if kind in ("list", "deque", "set"):
-            empty = {"list": [], "deque": deque(maxlen=value.get("maxlen")), "set": set()}[kind]
+            empty = [] if kind == "list" else set() if kind == "set" else deque(maxlen=value.get("maxlen"))
             made = self.keep(value, empty)
-            for item in value["items"]:
-                (made.add if isinstance(made, set) else made.append)(self._read(item))
+            (made.update if kind == "set" else made.extend)(self._read_all(value["items"]))
             return made
         if kind == "marked":
             return self.keep(value, self._class(value["class"], bytes)(value["value"]))
-        items = [self._read(item) for item in value["items"]]
+        items = self._read_all(value["items"])
         if kind == "record":
             return self.keep(value, self._class(value["class"], tuple)(*items))
         return self.keep(value, {"tuple": tuple, "frozenset": frozenset}[kind](items))
@@ -229,17 +233,19 @@ class Reader:
     def _object(self, value: dict[str, Any]) -> Any:
         cls = self._class(value["class"], object)
         made = self.keep(value, object.__new__(cls))
-        state = {name: self._read(each) for name, each in value["state"].items()}
-        if has_own_state(cls):
+        read, store = self._read, object.__setattr__
+        state = {name: read(each) if isinstance(each, dict) else each for name, each in value["state"].items()}
+        sets_its_state, init_fields, checks_its_fields = _traits(cls)
+        if sets_its_state:
             made.__setstate__(state)
             return made
-        if missing := _init_fields(cls) - state.keys():
+        if not init_fields <= state.keys():
+            missing = init_fields - state.keys()
             raise ValueError(f"a {value['class']} without {', '.join(sorted(missing))}")
         for name, each in state.items():
-            object.__setattr__(made, name, each)
-        frozen = is_dataclass(cls) and cls.__dataclass_params__.frozen  # pyright: ignore[reportAttributeAccessIssue]
-        if frozen and hasattr(made, "__post_init__"):
-            made.__post_init__()  # a frozen dataclass checks its fields there; others may reset their state there
+            store(made, name, each)
+        if checks_its_fields:
+            made.__post_init__()
         return made
 
     def _class(self, name: str, kind: type) -> Any:
@@ -270,9 +276,17 @@ class Reader:
 
 
 @functools.lru_cache(maxsize=512)
-def _init_fields(cls: type) -> frozenset[str]:
-    """Return the names of the fields that make an object of a dataclass; none for another class."""
-    return frozenset(each.name for each in fields(cls) if each.init) if is_dataclass(cls) else frozenset()
+def _traits(cls: type) -> tuple[bool, frozenset[str], bool]:
+    """Return if a class has its own ``__setstate__``, the fields that make an object, and if it checks its fields.
+
+    A frozen dataclass checks its fields in ``__post_init__``; others may reset their state there. A class that is no
+    dataclass has no fields.
+    """
+    if not is_dataclass(cls):
+        return has_own_state(cls), frozenset(), False
+    is_frozen = cls.__dataclass_params__.frozen  # pyright: ignore[reportAttributeAccessIssue]
+    init_fields = frozenset(each.name for each in fields(cls) if each.init)
+    return has_own_state(cls), init_fields, is_frozen and hasattr(cls, "__post_init__")
 
 
 def _own_modules(device: Any) -> dict[str, Any]:

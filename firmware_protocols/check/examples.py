@@ -24,6 +24,7 @@ the pitch squared) [Pa], ``vibration`` all pushes over all areas [Pa]; quantitie
 
 from __future__ import annotations
 
+import functools
 import inspect
 import json
 from collections.abc import Iterator, Mapping, Sequence
@@ -106,7 +107,13 @@ def read(path: Path) -> list[Example]:
     Raises:
         ValueError: the file is no JSON, or a vector is invalid.
     """
-    return [Example.of({"device": path.stem, **vector}) for vector in json.loads(path.read_text())["vectors"]]
+    return list(_read(path.stem, path.read_text()))
+
+
+@functools.lru_cache(maxsize=512)
+def _read(device: str, text: str) -> tuple[Example, ...]:
+    """Return the examples in the text of a file; the checks of all devices read all files of the tree."""
+    return tuple(Example.of({"device": device, **vector}) for vector in json.loads(text)["vectors"])
 
 
 def examples_of(cls: type[Device]) -> Iterator[tuple[Path, Example]]:
