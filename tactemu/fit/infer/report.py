@@ -16,13 +16,15 @@ from tactemu.fit.infer.segments import LEAST_ROWS
 
 MAX_TABLES = 12
 MAX_LISTED = 8
+MAX_ALIKE = 4
+"""Largest number of other devices that are named."""
 
 
 def report_lines(draft: Draft, coverage: Coverage, match: Match | None = None, shown: Sequence[str] = ()) -> list[str]:
     """Return the report as lines."""
     lines = []
     if match is not None:
-        lines.append(f"these are the bytes of {match.name}: {match.share:.0%} of them are in messages like its own")
+        lines.append(_catalogue_line(match))
     lines += _framing_lines(draft)
     groups = sorted(draft.groups, key=lambda group: -group.rows.size)
     known = [group for group in groups if len(group.rows) >= LEAST_ROWS]
@@ -36,6 +38,17 @@ def report_lines(draft: Draft, coverage: Coverage, match: Match | None = None, s
         )
     lines += ["", *_channel_lines(draft), *shown, *_coverage_lines(draft, coverage), *_decision_lines(draft)]
     return lines
+
+
+def _catalogue_line(match: Match) -> str:
+    more = f" and {len(match.alike) - MAX_ALIKE} more" if len(match.alike) > MAX_ALIKE else ""
+    alike = f"; as well they may be of {', '.join(match.alike[:MAX_ALIKE])}{more}" if match.alike else ""
+    if match.is_recognised:
+        return f"these are the bytes of {match.name}: {match.share:.0%} of them are in messages like its own{alike}"
+    return (
+        f"no device of the catalogue is recognised; nearest is {match.name}: {match.share:.0%} of the bytes are in "
+        f"messages like its own{alike}; `tactemu compare {match.name} --from CAPTURE` tells what differs"
+    )
 
 
 def _framing_lines(draft: Draft) -> list[str]:
@@ -113,7 +126,8 @@ def as_dict(draft: Draft, coverage: Coverage, match: Match | None = None) -> dic
     cut = framing.cut
     return {
         "kind": "can" if draft.is_can else "serial",
-        "catalogue": None if match is None else {"device": match.name, "share": match.share},
+        "catalogue": _match_dict(match) if match is not None and match.is_recognised else None,
+        "nearest": _match_dict(match) if match is not None and not match.is_recognised else None,
         "framing": {
             "kind": framing.kind,
             "text": str(framing),
@@ -131,6 +145,10 @@ def as_dict(draft: Draft, coverage: Coverage, match: Match | None = None) -> dic
         "groups": [_group_dict(group) for group in draft.groups],
         "coverage": vars(coverage),
     }
+
+
+def _match_dict(match: Match) -> dict[str, Any]:
+    return {"device": match.name, "share": match.share, "alike": list(match.alike)}
 
 
 def _group_dict(group: Group) -> dict[str, Any]:

@@ -2,19 +2,24 @@
 
 import json
 import struct
+from dataclasses import replace
 
 import cantools
 import numpy as np
 import pytest
 
+import firmware_protocols as fp
 from firmware_protocols import sums
 from firmware_protocols.check import check
+from firmware_protocols.check.host import Host, Subject
 from tactemu.base.errors import TactemuError
 from tactemu.fit.infer.analysis import infer
 from tactemu.fit.infer.captures import Capture, Chunk
-from tactemu.fit.infer.catalogue import match_catalogue
+from tactemu.fit.infer.catalogue import Match, match_catalogue
 from tactemu.fit.infer.commands import InferFiles, run_infer
 from tactemu.fit.infer.device_file import device_file
+from tactemu.fit.infer.frame_texts import Coverage
+from tactemu.fit.infer.report import as_dict, report_lines
 from tactemu.fit.infer.running import read_and_infer
 from tests.cli.command import here
 from tests.fit.infer.captures import dialogue, slow, stream
@@ -115,18 +120,56 @@ def test_what_the_vendors_program_showed_names_its_field(tmp_path):
     assert line.startswith("Fx: byte 4 of")
 
 
-def test_the_catalogue_knows_its_own_bytes():
-    import firmware_protocols as fp
-    from firmware_protocols.check.host import Host, Subject
-
-    host = Host(Subject("eflesh_binary", fp.device_class("eflesh_binary")).make())
-    frames = []
+def _warm_and_pressed(name, seed=1):
+    """Return the chunks of a device that streams, warmed and pressed as its own catalogue's model is not."""
+    host = Host(Subject(name, fp.device_class(name)).make())
+    rng, chunks = np.random.default_rng(seed), []
     for k in range(200):
         host.t_ns += 5_000_000
-        host.pushes = 1 + np.sin(k / 9)
-        frames += host.convert()
-    match = match_catalogue(infer(stream(frames)))
-    assert match is not None and match.name == "eflesh_binary"
+        host.pushes = 1 + np.sin(k / 9 + np.arange(len(host.device.layout))) + 0.02 * rng.standard_normal()
+        for name in host.device.periods:
+            senses = host.device.senses_of(name)
+            warm = {sense.key: 31 + k / 200 for sense in senses if sense.quantity == "temperature"}
+            host.measure(name, **warm)
+            for frame in host.streamed(name):
+                is_can = isinstance(frame, fp.CanFrame)
+                identifier = frame.arbitration_id if is_can else None
+                chunks.append(Chunk(host.t_ns, "tx", bytes(frame.data) if is_can else frame, identifier))
+    return chunks
+
+
+@pytest.mark.parametrize("name", ["contactile_papillarray", "eflesh_binary", "nibotics_prvs01", "optoforce_can"])
+def test_the_catalogue_recognises_a_warm_and_pressed_sensor(name):
+    match = match_catalogue(infer(_warm_and_pressed(name)))
+    assert match is not None and match.is_recognised and match.name == name
+
+
+def test_devices_that_send_the_same_are_named_together():
+    match = Match("orca_touch", 1.0, 6, ("a", "b", "c", "d", "e"))
+    line = report_lines(infer(stream(_frames())), Coverage(), match)[0]
+    assert line == (
+        "these are the bytes of orca_touch: 100% of them are in messages like its own; "
+        "as well they may be of a, b, c, d and 1 more"
+    )
+
+
+def test_the_nearest_device_is_named_where_none_is_recognised():
+    """Half of the bytes have identifiers of no device."""
+    own = _warm_and_pressed("optoforce_can")
+    chunks = [each for chunk in own for each in (chunk, replace(chunk, id=0x7C0 + (chunk.id or 0) % 8))]
+    draft = infer(chunks)
+    match = match_catalogue(draft)
+    assert match is not None and not match.is_recognised and match.name == "optoforce_can"
+    line = report_lines(draft, Coverage(), match)[0]
+    assert line.startswith(f"no device of the catalogue is recognised; nearest is optoforce_can: {match.share:.0%} of ")
+    assert line.endswith("; `tactemu compare optoforce_can --from CAPTURE` tells what differs")
+    report = as_dict(draft, Coverage(), match)
+    assert report["catalogue"] is None and report["nearest"]["device"] == "optoforce_can"
+
+
+def test_bytes_of_no_device_are_near_none():
+    rng = np.random.default_rng(3)
+    assert match_catalogue(infer(stream([b"\xd3\x91" + rng.bytes(17) for _ in range(200)]))) is None
 
 
 def test_captures_that_are_none_say_why(tmp_path):
