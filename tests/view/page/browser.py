@@ -13,6 +13,7 @@ ARGUMENTS = [
     "--use-angle=swiftshader",
     "--enable-unsafe-swiftshader",
     "--disable-background-networking",
+    "--disable-gpu-compositing",  # without a graphics card each look at the panels would be drawn by shaders
 ]
 
 CANVAS = "canvas[data-engine]"
