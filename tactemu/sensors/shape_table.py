@@ -10,6 +10,7 @@ import warp as wp
 from tactemu.geometry.bodies import Body
 from tactemu.geometry.shapes.band_building import band_row
 from tactemu.geometry.shapes.distance import ShapeFunctions, shape_functions
+from tactemu.geometry.shapes.face_tree import upload_trees
 from tactemu.geometry.shapes.mesh import MESH
 from tactemu.geometry.shapes.nearest_feature import upload_surfaces
 from tactemu.geometry.shapes.shape import FAR, Row, ShapeKind, kind_codes, table_type, textures_type
@@ -120,6 +121,7 @@ def pack(rows: list[Row], context: Context) -> ShapeTable:
     table.size = upload([row.size for row in rows], vec3)
     table.bound = upload([row.bound for row in rows], real)
     table.mesh = upload([0 if row.mesh is None else row.mesh.id for row in rows], wp.uint64)
+    table.trees = upload_trees([row.tree for row in rows], device)
     table.mesh_unit = upload([row.mesh_unit for row in rows], real)
     table.mesh_middle = upload([row.middle for row in rows], vec3)
     parts = list({id(row.features): row.features for row in rows if row.features is not None}.values())

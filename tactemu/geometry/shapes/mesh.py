@@ -48,11 +48,12 @@ class Mesh(Shape):
         triangles = self._triangles(name)
         query = build_query(triangles, device)
         return Row(
-            OPEN_MESH if query.wound else MESH,
+            OPEN_MESH if query.tree is None else MESH,
             bound=triangles.bound,
             middle=tuple(query.middle),
             half=tuple(query.half),
             mesh=query.mesh,
+            tree=query.tree,
             mesh_unit=query.unit,
             features=query.features,
             grid=VoxelGrid(values=query.values, origin=query.origin, cell=query.cell),

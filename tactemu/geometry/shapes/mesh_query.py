@@ -1,15 +1,15 @@
 """The exact distance to a triangle mesh.
 
-A bounding volume hierarchy (Warp's, which is float32) finds the nearest face. The nearest point on it, and from it
-distance and normal, are computed in the scene's own float type. Both use coordinates relative to the middle of the
-mesh, so that its distance from the body's origin does not matter; the hierarchy holds the mesh scaled to unit size, so
-that neither does its scale.
+A tree over the faces in float32 (:mod:`~tactemu.geometry.shapes.face_tree`) finds the nearest one. The nearest point on
+it, and from it distance and normal, are computed in the scene's own float type. Both use coordinates relative to the
+middle of the mesh, so that its distance from the body's origin does not matter; the tree holds the mesh scaled to unit
+size, so that neither does its scale.
 
 Each mesh has a coarse grid of distances. As the distance changes by no more than the point moves, the nearest node
 bounds the search (a query near the surface then costs a fifth), excludes far points, and gives the sign wherever that
 is not in doubt. Elsewhere the sign follows from the normal of the feature on which the nearest point lies: face, edge
 or vertex (:mod:`~tactemu.geometry.shapes.mesh_features`). For a surface with holes, or with faces within its solid, it
-follows from the winding number.
+follows from the winding number, and Warp's hierarchy finds the face.
 """
 
 # pyright: reportArgumentType=false, reportAssignmentType=false, reportGeneralTypeIssues=false
@@ -24,6 +24,7 @@ import numpy as np
 import warp as wp
 
 from tactemu.base.kernels import warp_kernel
+from tactemu.geometry.shapes.face_tree import FaceTree, build_tree, nearest_face_function, trees_type, upload_trees
 from tactemu.geometry.shapes.mesh_features import Features, features_of
 from tactemu.geometry.shapes.nearest_feature import feature_functions, normal_function, surfaces_type, upload_surfaces
 from tactemu.geometry.shapes.shape import table_type
@@ -46,10 +47,10 @@ class MeshQuery:
     """A mesh on the device."""
 
     mesh: wp.Mesh
+    tree: FaceTree | None
+    """The tree that finds the nearest face; None: the winding number gives the sign, and Warp's hierarchy the face."""
     unit: float
     """Metres that one stored unit stands for."""
-    wound: bool
-    """True if the winding number gives the sign."""
     features: Features
     middle: np.ndarray
     """Centre of the box around it, body frame [m]."""
@@ -63,7 +64,7 @@ class MeshQuery:
 
 
 def build_query(triangles: Triangles, device) -> MeshQuery:
-    """Return a mesh on the device with its hierarchy, features and bounding grid."""
+    """Return a mesh on the device with its hierarchy, tree of faces, features and bounding grid."""
     used = triangles.vertices[np.unique(triangles.faces)]
     low, high = used.min(0), used.max(0)
     middle, half = 0.5 * (low + high), 0.5 * (high - low)
@@ -74,14 +75,18 @@ def build_query(triangles: Triangles, device) -> MeshQuery:
     if not wound and (kept := _without_interior_faces(triangles, mesh, device)) is not triangles:
         wound, triangles = True, kept
         mesh = _hierarchy(points, triangles, device)
+    tree = None
     if not wound:
         mesh = _without_winding_numbers(mesh)
+        tree = build_tree((triangles.vertices - middle) / unit, triangles.faces)
     features = features_of(triangles, middle)
     cell = 2.0 * unit / (NODES_PER_LONGEST_SIDE - 3)
     nodes = np.ceil(2.0 * half / cell).astype(int) + 3
     origin = -half - cell
-    values = _node_values(mesh, unit, wound, features, origin, cell, tuple(map(int, nodes)), device)
-    return MeshQuery(mesh, unit, wound, features, middle, half, values, origin, cell)
+    values, nearest = _node_values(mesh, tree, unit, features, origin, cell, tuple(map(int, nodes)), device)
+    if tree is not None:
+        tree = replace(tree, seeds=tree.index_of(nearest.reshape(-1)))
+    return MeshQuery(mesh, tree, unit, features, middle, half, values, origin, cell)
 
 
 def _hierarchy(points: wp.array, triangles: Triangles, device) -> wp.Mesh:
@@ -153,16 +158,18 @@ def _node_kernel(wound: bool):
     """Return a kernel in which a thread computes the distances of a row of nodes: each bounds the next search."""
     real, vec3 = wp.float64, wp.vec3d
     _foot, nearest = feature_functions(real)
-    normal_of = normal_function(real)
+    normal_of, nearest_face = normal_function(real), nearest_face_function()
 
     @warp_kernel
     def node_distances(
         mesh: wp.uint64,
+        trees: trees_type(),
         surfaces: surfaces_type(real),
         origin: vec3,
         cell: real,
         unit: real,
         out: wp.array3d(dtype=real),
+        faces: wp.array3d(dtype=wp.int32),
     ):
         i, j = wp.tid()
         first = wp.vec2i(0, 0)
@@ -177,24 +184,26 @@ def _node_kernel(wound: bool):
                 sign = real(hit.sign)
                 found = hit.face
             else:
-                found = wp.mesh_query_point_no_sign(mesh, q, farthest).face
+                found = nearest_face(trees, 0, q, farthest, -1)
             face, gap, feature = nearest(surfaces, mesh, first, found, p)
             if not wp.static(wound):
                 n = normal_of(surfaces, mesh, first, face, feature)
                 sign = wp.where(wp.dot(gap, n) < real(0.0), real(-1.0), real(1.0))
             d = wp.length(gap)
             out[i, j, k] = sign * d
+            faces[i, j, k] = face
             farthest = 1.0001 * wp.float32((d + cell) / unit)
 
     return node_distances
 
 
-def _node_values(mesh, unit, wound, features: Features, origin, cell, nodes, device) -> np.ndarray:
-    out = wp.zeros(nodes, dtype=wp.float64, device=device)
+def _node_values(mesh, tree, unit, features: Features, origin, cell, nodes, device) -> tuple[np.ndarray, np.ndarray]:
+    """Return the signed distance and the nearest face of each node."""
+    out, faces = (wp.zeros(nodes, dtype=dtype, device=device) for dtype in (wp.float64, wp.int32))
     surfaces = upload_surfaces([features], wp.float64, device)
-    inputs = [mesh.id, surfaces, wp.vec3d(*map(float, origin)), cell, unit]
-    wp.launch(_node_kernel(wound), dim=nodes[:2], inputs=inputs, outputs=[out], device=device)
-    return out.numpy()
+    inputs = [mesh.id, upload_trees([tree], device), surfaces, wp.vec3d(*map(float, origin)), cell, unit]
+    wp.launch(_node_kernel(tree is None), dim=nodes[:2], inputs=inputs, outputs=[out, faces], device=device)
+    return out.numpy(), faces.numpy()
 
 
 class MeshFunctions(NamedTuple):
@@ -214,11 +223,12 @@ def mesh_functions(real, closed: bool) -> MeshFunctions:
     """Return the functions for one float type; ``closed``: for meshes that are closed and have no faces inside."""
     vec3, shapes_type = wp.types.vector(3, real), table_type(real)
     _foot, nearest = feature_functions(real)
-    normal_of = normal_function(real)
+    normal_of, nearest_face = normal_function(real), nearest_face_function()
     least = 1.0e-15 if real is wp.float64 else 2.5e-7  # in units of the mesh: a gap too short to have a direction
 
     @wp.func
-    def nearest_node(shapes: shapes_type, b: int, p: vec3):
+    def node_near(shapes: shapes_type, b: int, p: vec3):
+        """Return the index of the nearest node in its grid, and the most by which its distance differs."""
         n = shapes.grid_nodes[b]
         cell = shapes.grid_cell[b][0]
         from_origin = p - shapes.mesh_middle[b] - shapes.grid_origin[b]
@@ -226,9 +236,14 @@ def mesh_functions(real, closed: bool) -> MeshFunctions:
         i = wp.clamp(int(wp.rint(g[0])), 0, n[0] - 1)
         j = wp.clamp(int(wp.rint(g[1])), 0, n[1] - 1)
         k = wp.clamp(int(wp.rint(g[2])), 0, n[2] - 1)
-        at = shapes.grid_start[b] + wp.int64((i * n[1] + j) * n[2] + k)
         slack = real(1.0e-5) * shapes.mesh_unit[b]
-        return shapes.grid_values[at], wp.length(from_origin - cell * vec3(real(i), real(j), real(k))) + slack
+        away = wp.length(from_origin - cell * vec3(real(i), real(j), real(k))) + slack
+        return (i * n[1] + j) * n[2] + k, away
+
+    @wp.func
+    def nearest_node(shapes: shapes_type, b: int, p: vec3):
+        at, away = node_near(shapes, b, p)
+        return shapes.grid_values[shapes.grid_start[b] + wp.int64(at)], away
 
     @wp.func
     def lower_bound(shapes: shapes_type, b: int, p: vec3):
@@ -239,7 +254,8 @@ def mesh_functions(real, closed: bool) -> MeshFunctions:
     def distance(shapes: shapes_type, b: int, p: vec3):
         mesh = shapes.mesh[b]
         unit = shapes.mesh_unit[b]
-        node, away = nearest_node(shapes, b, p)
+        at, away = node_near(shapes, b, p)
+        node = shapes.grid_values[shapes.grid_start[b] + wp.int64(at)]
         from_middle = p - shapes.mesh_middle[b]
         scaled = from_middle / unit
         q = wp.vec3(wp.float32(scaled[0]), wp.float32(scaled[1]), wp.float32(scaled[2]))
@@ -247,8 +263,7 @@ def mesh_functions(real, closed: bool) -> MeshFunctions:
         sign = real(1.0)
         found = int(-1)
         if wp.static(closed):
-            hit = wp.mesh_query_point_no_sign(mesh, q, farthest)
-            found = wp.where(hit.result, hit.face, -1)
+            found = nearest_face(shapes.trees, b, q, farthest, at)
         else:
             wound = wp.mesh_query_point_sign_winding_number(mesh, q, farthest)
             sign = real(wound.sign)

@@ -11,7 +11,7 @@ import warp as wp
 from tactemu.geometry.shapes.mesh_features import Features
 
 MAX_NEIGHBOUR_STEPS = 24
-"""Most faces around a vertex that are compared with the face that the hierarchy found."""
+"""Most faces around a vertex that are compared with the face that the search found."""
 
 
 @functools.cache
@@ -101,7 +101,7 @@ def feature_functions(real):
         at = int(face)
         where = int(feature)
         turns = int(0)
-        # The hierarchy's float32 may have found a neighbour of the nearest face, over a side or around a corner. Of two
+        # The search, in float32, may have found a neighbour of the nearest face, over a side or around a corner. Of two
         # faces the one is nearer on which the foot is less of a corner, whatever rounding does to the lengths.
         while where > 0 and turns < wp.static(MAX_NEIGHBOUR_STEPS):
             turns += 1

@@ -72,6 +72,8 @@ class Row:
     """Half the extents of that box [m]."""
     mesh: Any = None
     """A ``wp.Mesh`` on the device, about its middle and scaled to unit size."""
+    tree: Any = None
+    """The tree of the mesh's faces (:class:`~tactemu.geometry.shapes.face_tree.FaceTree`)."""
     mesh_unit: float = 1.0
     """Metres that one stored unit of the mesh stands for."""
     features: Any = None
@@ -164,6 +166,7 @@ def table_type(real: Any) -> Any:
     """Return the Warp struct that holds all shapes of a scene, one row per body."""
     import warp as wp
 
+    from tactemu.geometry.shapes.face_tree import trees_type
     from tactemu.geometry.shapes.nearest_feature import surfaces_type
 
     vec3, vec4 = wp.types.vector(3, real), wp.types.vector(4, real)
@@ -175,6 +178,7 @@ def table_type(real: Any) -> Any:
         size: wp.array(dtype=vec3)  # box: half extents; others: radius, half length
         bound: wp.array(dtype=real)  # radius of a ball around the origin that contains the shape
         mesh: wp.array(dtype=wp.uint64)
+        trees: trees_type()  # of closed meshes
         mesh_unit: wp.array(dtype=real)  # meshes are stored with unit size: metres per stored unit
         mesh_middle: wp.array(
             dtype=vec3

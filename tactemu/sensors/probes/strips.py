@@ -140,6 +140,12 @@ def record_strips(
     task = task_type(context.real, numbers_type)()
     task.sensed, task.probes, task.numbers, task.truth, task.raw = site.sensed, probe_arrays(site), numbers, truth, raw
     task.gain, task.radius = none if gain is None else gain, none if radius is None else radius
+    return _record(site, formula, task)
+
+
+def _record(site: Site, formula: Formula, task) -> Launch:
+    """Return the recorded launch of the kernel that is fastest on the device."""
+    context = site.context
     if context.device.is_cpu and is_ball_formula(formula):
         return context.record(ball_kernel(formula), context.n_envs, [task, probe_lanes(site)], [])
     if context.device.is_cpu:
