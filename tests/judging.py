@@ -120,11 +120,17 @@ def device_of(item: pytest.Item) -> str:
 
 
 @functools.cache
+def ports_of(device: str) -> tuple[type, ...]:
+    """The kinds of its ports; devices are made for it once, as some take 10 ms."""
+    return tuple(map(type, fp.create(device).ports))
+
+
+@functools.cache
 def standing() -> frozenset[str]:
     """One device, the first, on each kind of line."""
-    first: dict[tuple[str, ...], str] = {}
+    first: dict[tuple[type, ...], str] = {}
     for name in fp.names():
-        first.setdefault(tuple(type(port).__name__ for port in fp.create(name).ports), name)
+        first.setdefault(ports_of(name), name)
     return frozenset(first.values())
 
 

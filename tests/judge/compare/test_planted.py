@@ -8,10 +8,11 @@ import firmware_protocols as fp
 from firmware_protocols import Dds, WebSocket
 from tests.judge.compare.captures import compared, model_of
 from tests.judge.compare.sensors import PLANTS, SPECIMEN
+from tests.judging import ports_of
 
 model = functools.cache(model_of)
 
-COMPARABLE = [name for name in fp.names() if not isinstance(fp.create(name).ports[0], Dds | WebSocket)]
+COMPARABLE = [name for name in fp.names() if not issubclass(ports_of(name)[0], Dds | WebSocket)]
 
 
 @pytest.mark.parametrize("name", PLANTS)
