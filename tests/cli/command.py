@@ -52,7 +52,7 @@ def here(*arguments: str, cwd: Path = ROOT, columns: int = 120) -> subprocess.Co
 def start(*arguments: str, **options) -> subprocess.Popen[str]:
     """Start ``tactemu`` with its output in pipes."""
     options |= {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, "env": environment()}
-    if "preexec_fn" in options:
+    if "preexec_fn" in options or sys.platform != "linux":
         return subprocess.Popen([sys.executable, "-m", "tactemu", *arguments], **options)
     return ForkedCommand(arguments, **options)
 
