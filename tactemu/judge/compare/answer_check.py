@@ -94,7 +94,7 @@ def check_answers(
     answers: dict[str, Answer],
     answered: dict[str, Answered],
     bounds: Sequence[tuple[float, float]],
-    streams: bool,
+    streamed: Sequence[FrameClass],
     buffering_s: float,
     verdicts: Verdicts,
 ) -> None:
@@ -104,7 +104,7 @@ def check_answers(
         answers: those of the model, by command.
         answered: those of the sensor, by command.
         bounds: the range of each channel of the counts.
-        streams: True if the sensor also sends unasked frames, a part of which may stick to an answer.
+        streamed: the classes of frames that the sensor sends unasked; a part of these may stick to an answer.
         buffering_s: time for which an adapter may keep bytes back [s].
         verdicts: receives the findings.
     """
@@ -115,8 +115,11 @@ def check_answers(
         if answer.starts:
             continue
         if answer.made is None:
-            if len(given) > len(got.contents) // 2 and not streams:
+            if len(given) > len(got.contents) // 2 and not streamed:
                 verdicts.find("unexpected answer", where, f"{_shown(given[0])}; the model is silent")
+            continue
+        if not given and any(_is_like(answer.made, each) for each in streamed):
+            verdicts.unjudged.append(f"{where}: it has the identifier of frames that come unasked")
             continue
         if not given:
             verdicts.find("silent", where, f"none in {len(got.contents)} tries; the model answers")
@@ -126,6 +129,16 @@ def check_answers(
         if _check_shape(answer, given, where, verdicts):
             check_frames(answer.made, _of_size(answer.made, given), bounds, verdicts)
         check_latency(answer, got.waits_s, buffering_s, verdicts)
+
+
+def _is_like(answer: FrameClass, unasked: FrameClass) -> bool:
+    """Return True if an answer on CAN has the identifier and flags of unasked frames."""
+    if unasked.identity is None:
+        return False
+    number, is_extended, is_fd = unasked.identity
+    empty = CanFrame(arbitration_id=number, is_extended_id=is_extended, is_fd=is_fd)
+    head = join([empty])[:-1]  # without the length
+    return all(answer.const.get(at) == value for at, value in enumerate(head))
 
 
 def _of_size(made: FrameClass, given: Sequence[bytes]) -> list[bytes]:

@@ -109,7 +109,8 @@ def compare(
     if answered and any(each.kind == "framing" for each in verdicts.protocol):
         verdicts.unjudged.append("the answers: they cannot be told from the frames that come unasked")
     else:
-        check_answers(model.answers, answered, bounds, bool(stream.contents), buffering_s, verdicts)
+        streamed = [each for each in stream.classes if stream.contents.get(each.label)]
+        check_answers(model.answers, answered, bounds, streamed, buffering_s, verdicts)
     after = [entry for exchange in exchanges for entry in exchange.entries]
     began = _frames_in(after, model.started)
     for made in model.started:

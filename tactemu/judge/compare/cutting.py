@@ -55,6 +55,8 @@ def cut(data: bytes, classes: Sequence[FrameClass]) -> list[Piece]:
     sized = [
         each for each in classes if each.size is not None and each.envelope == "plain" and (each.fixed or each.sum)
     ]
+    if len(classes) == 1 and classes[0].is_unmarked:
+        return list(_cut_unmarked(data, classes[0]))
     return list(_cut_plain(data, sized))
 
 
@@ -68,6 +70,14 @@ def _split(data: bytes, classes: Sequence[FrameClass], envelope: str) -> Iterato
             made = next((each for each in classes if _fits(each, content)), None)
             yield Piece(at, stop + 1, made, content)
         at = stop + 1
+
+
+def _cut_unmarked(data: bytes, made: FrameClass) -> Iterator[Piece]:
+    """Yield frames that nothing marks: they follow each other from the first byte on."""
+    assert made.size is not None
+    for at in range(0, len(data), made.size):
+        content = data[at : at + made.size]
+        yield Piece(at, at + len(content), made if len(content) == made.size else None, content)
 
 
 def _fits(made: FrameClass, content: bytes) -> bool:

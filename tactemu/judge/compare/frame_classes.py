@@ -110,6 +110,8 @@ class FrameClass:
     """The names of the fields of the frame's table, by the place of each byte."""
     fixed: set[int] = field(default_factory=set)
     """The places of :attr:`const` that the table, the documented answer, head or tail declare to be constant."""
+    is_unmarked: bool = False
+    """True for the only frames on a line, if they have neither a constant nor a sum to find them by."""
     rate_hz: float = 0.0
     """Frames per second of a model that is not asked."""
     sample_hz: float = 0.0

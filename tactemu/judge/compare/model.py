@@ -169,6 +169,11 @@ def _sort_unasked(model: Model, heard: Sequence[Record], device: Device) -> None
         each.rate_hz, each.sample_hz = _rates_hz(each, late)
         (model.unasked if each.rate_hz else model.started).append(each)
     tell_apart(model.unasked)
+    if len(model.unasked) == 1 and not model.started:
+        (only,) = model.unasked
+        only.is_unmarked = (
+            bool(only.size) and only.envelope == "plain" and not (only.identity or only.fixed or only.sum)
+        )
 
 
 def _rates_hz(made: FrameClass, records: Sequence[Record]) -> tuple[float, float]:

@@ -268,3 +268,20 @@ def test_a_port_that_cannot_be_reached_is_one_sentence():
 def test_frames_of_varying_length_are_not_judged_by_their_contents():
     result = compared(model_of("matsense"), lambda: fp.create("matsense"), SPECIMEN)
     assert result.verdicts.protocol == [] and "vary in length" in str(result.verdicts.unjudged)
+
+
+def test_frames_that_nothing_marks_follow_each_other():
+    model = model_of("resense_hex")
+    (only,) = model.unasked
+    assert only.is_unmarked
+    pieces = cut(bytes(2 * 28 + 3), [only])
+    assert [(each.start, each.end, each.made is only) for each in pieces] == [
+        (0, 28, True), (28, 56, True), (56, 59, False),
+    ]  # fmt: skip
+
+
+def test_an_answer_with_the_identifier_of_a_stream_cannot_be_judged():
+    model = model_of("linker_hand_o20")
+    found = compared(model, lambda: fp.create("linker_hand_o20"), SPECIMEN).verdicts
+    assert not found.protocol
+    assert "answer to `thumb's touch`: it has the identifier of frames that come unasked" in found.unjudged
