@@ -280,6 +280,7 @@ def test_frames_that_nothing_marks_follow_each_other():
     ]  # fmt: skip
 
 
+@pytest.mark.nightly
 def test_an_answer_with_the_identifier_of_a_stream_cannot_be_judged():
     model = model_of("linker_hand_o20")
     found = compared(model, lambda: fp.create("linker_hand_o20"), SPECIMEN).verdicts
